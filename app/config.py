@@ -1,0 +1,331 @@
+"""Every option of SlipScope: frozen settings read from one commented TOML file, and checked on the way in.
+
+The structs below are the only place where an option is declared: name, default, unit, limits and the sentence that explains
+it. `default_toml` writes them out, `load` reads them back.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Meta, Struct
+
+
+class ConfigError(ValueError):
+    """The settings can not be used; the message names the key, what was found and what is allowed."""
+
+
+class Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of every table of the settings file."""
+
+
+def _f(text: str, unit: str = "", **limits: Any) -> Meta:
+    return Meta(description=text, extra={"unit": unit}, **limits)
+
+
+class Run(Section, frozen=True):
+    """The loading experiment."""
+
+    normal_force: Annotated[float, _f("Normal force P the contact is pressed to", "N", gt=0, le=10)] = 0.5
+    velocity: Annotated[float, _f("Velocity asked of the actuator", "um/s", gt=0, le=1000)] = 5.0
+    travel: Annotated[float, _f("Stage travel of the drive; the actuator is never asked for more", "um", gt=0, le=20000)] = 190.0
+    background_time: Annotated[
+        float,
+        _f(
+            "Images of the free block are taken for this long before contact; 0: none, the apparent radius is not measured",
+            "s",
+            ge=0,
+            le=60,
+        ),
+    ] = 1.0
+    contact_timeout: Annotated[float, _f("How long the operator has to press the contact to P", "s", gt=0, le=3600)] = 120.0
+    settle_time: Annotated[float, _f("P must stay within settle_tolerance for this long", "s", gt=0, le=600)] = 1.0
+    settle_tolerance: Annotated[float, _f("Allowed distance of P from normal_force, as a fraction of it", "", gt=0, le=0.5)] = 0.02
+    shear_tolerance: Annotated[
+        float, _f("Allowed initial |Q|, as a fraction of P; above it the contact must be renewed", "", gt=0, le=1)
+    ] = 0.01
+    reference_time: Annotated[float, _f("Rest under load in which the reference image is taken, before the drive", "s", gt=0, le=60)] = 0.5
+
+
+class Forces(Section, frozen=True):
+    """The DAQ board and the two capacitive sensors."""
+
+    source: Annotated[str, _f("Driver of the DAQ board", "name")] = "sim"
+    sample_rate: Annotated[int, _f("Sampling rate: the clock of everything", "Hz", ge=100, le=100000)] = 1000
+    block: Annotated[int, _f("Samples read at a time", "samples", ge=1, le=10000)] = 50
+    sensitivity_normal: Annotated[float, _f("Displacement per volt of the normal sensor", "um/V", gt=0, le=10000)] = 300.0
+    sensitivity_shear: Annotated[float, _f("Displacement per volt of the shear sensor", "um/V", gt=0, le=10000)] = 22.0
+    stiffness_normal: Annotated[float, _f("Stiffness k_N of the normal cantilever", "N/m", gt=0, le=1e7)] = 689.0
+    stiffness_shear: Annotated[float, _f("Stiffness K_T of the tangential cantilever", "N/m", gt=0, le=1e7)] = 9579.0
+    zero: Annotated[tuple[float, float], _f("Sensor readings at no force (normal, shear)", "V")] = (0.0, 0.0)
+    coupling: Annotated[
+        tuple[tuple[float, float], tuple[float, float]],
+        _f("Cross-coupling: reading = coupling x (P, Q); undone by its inverse", "1"),
+    ] = ((1.0, 0.004), (0.008, 1.0))
+
+
+class Camera(Section, frozen=True):
+    """The triggered camera."""
+
+    source: Annotated[str, _f("Driver of the camera", "name")] = "sim"
+    divisor: Annotated[int, _f("Samples per trigger: 125 is 8 frames/s at 1 kHz, 250 is 4", "samples", ge=1, le=1000000)] = 125
+    max_rate: Annotated[float, _f("Fastest trigger rate the camera follows", "frames/s", gt=0, le=10000)] = 24.0
+    width: Annotated[int, _f("Image width", "px", ge=64, le=16384)] = 1600
+    height: Annotated[int, _f("Image height", "px", ge=64, le=16384)] = 1200
+    pixel: Annotated[float, _f("Size of a pixel on the interface", "um", gt=0, le=1000)] = 7.04
+    exposure: Annotated[float, _f("Exposure time", "ms", gt=0, le=1000)] = 10.0
+
+
+class Actuator(Section, frozen=True):
+    """The DC actuator that drives the block."""
+
+    source: Annotated[str, _f("Driver of the actuator", "name")] = "sim"
+
+
+class Limits(Section, frozen=True):
+    """Beyond these the actuator stops and the run ends by name."""
+
+    shear_force: Annotated[float, _f("Greatest |Q|", "N", gt=0, le=100)] = 1.9
+    normal_force: Annotated[float, _f("Greatest P", "N", gt=0, le=100)] = 1.9
+    travel: Annotated[float, _f("Greatest stage travel from the start of the drive", "um", gt=0, le=20000)] = 500.0
+
+
+class Sample(Section, frozen=True):
+    """The block, the lens, and what holds them."""
+
+    young_modulus: Annotated[float, _f("Young's modulus E of the block", "MPa", gt=0, le=1e6)] = 3.43
+    poisson: Annotated[float, _f("Poisson's ratio of the block", "", ge=0, le=0.5)] = 0.5
+    lens_radius: Annotated[float, _f("Radius of curvature R of the lens", "mm", gt=0, le=1e5)] = 128.8
+    roughness: Annotated[float, _f("Standard deviation h of the heights of the rough surface", "um", ge=0, le=1000)] = 0.595
+    lens_compliance: Annotated[float, _f("Displacement of the lens holder per newton of Q", "um/N", ge=0, le=100)] = 0.68
+
+
+class Dic(Section, frozen=True):
+    """Digital image correlation of each frame with the reference."""
+
+    box: Annotated[int, _f("Side of the correlation box", "px", ge=4, le=200)] = 20
+    step: Annotated[int, _f("Pitch of the grid of boxes", "px", ge=1, le=200)] = 10
+    search: Annotated[int, _f("Half-width of the search where there is no previous field", "px", ge=1, le=100)] = 16
+    min_correlation: Annotated[float, _f("A point whose correlation peak is lower is lost", "", ge=0, lt=1)] = 0.5
+    min_contrast: Annotated[float, _f("A box whose grey levels vary less (standard deviation) is not correlated", "grey levels", ge=0)] = (
+        2.0
+    )
+    threads: Annotated[int, _f("Threads that share a field; the result does not depend on it", "", ge=1, le=64)] = 2
+
+
+class Recording(Section, frozen=True):
+    """The session file."""
+
+    flush_interval: Annotated[float, _f("Time between flushes to disk", "s", gt=0, le=0.5)] = 0.4
+    queue: Annotated[float, _f("Data the recorder's queue holds before the run ends by name", "s", gt=0, le=60)] = 4.0
+
+
+class Sim(Section, frozen=True):
+    """The simulated bench: one world, seen by all simulated devices."""
+
+    seed: Annotated[int, _f("Seed of everything random; same seed, same bits", "", ge=0)] = 1
+    friction: Annotated[float, _f("Friction coefficient mu of the interface", "", gt=0, le=5)] = 0.93
+    renderer: Annotated[
+        str, _f("'fast' keeps up with the camera; 'exact' sums analytic blobs", "fast | exact", pattern="^(fast|exact)$")
+    ] = "fast"
+    force_noise: Annotated[float, _f("Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000)] = 1.0
+    read_noise: Annotated[float, _f("Standard deviation of the camera's read noise", "grey levels", ge=0, le=50)] = 1.0
+    full_well: Annotated[float, _f("Electrons at full scale (sets the shot noise); 0: no shot noise", "electrons", ge=0)] = 20000.0
+    press_time: Annotated[float, _f("When the simulated operator begins to press the contact", "s", ge=0, le=3600)] = 1.25
+    slow_actuator: Annotated[bool, _f("The stage really moves 2 to 5 % slower than asked, as in the paper", "")] = True
+
+
+class Config(Section, frozen=True):
+    """A bench and what to do with it."""
+
+    run: Run = Run()
+    forces: Forces = Forces()
+    camera: Camera = Camera()
+    actuator: Actuator = Actuator()
+    limits: Limits = Limits()
+    sample: Sample = Sample()
+    dic: Dic = Dic()
+    recording: Recording = Recording()
+    sim: Sim = Sim()
+
+
+def _meta(hint: Any) -> tuple[Any, Meta | None]:
+    if get_origin(hint) is Annotated:
+        base, *rest = get_args(hint)
+        return base, next((m for m in rest if isinstance(m, Meta)), None)
+    return hint, None
+
+
+def options(section: type[Section]) -> dict[str, tuple[Any, Meta]]:
+    """Name -> (type, Meta) of every option of a table, in order."""
+    found = {}
+    for name, hint in get_type_hints(section, include_extras=True).items():
+        base, meta = _meta(hint)
+        found[name] = (base, meta or Meta())
+    return found
+
+
+def _limits_text(meta: Meta) -> str:
+    low = f"{meta.ge:g} or more" if meta.ge is not None else f"more than {meta.gt:g}" if meta.gt is not None else ""
+    high = f"{meta.le:g} or less" if meta.le is not None else f"less than {meta.lt:g}" if meta.lt is not None else ""
+    text = " and ".join(part for part in (low, high) if part)
+    unit = (meta.extra or {}).get("unit", "")
+    return f"{text} {unit}".strip()
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return msgspec.json.encode(value).decode()
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+    return repr(value)
+
+
+def to_toml(config: Config, comments: bool = True) -> str:
+    """The settings as a TOML text, each option with its meaning, unit and limits."""
+    lines = ["# SlipScope settings. Delete what you do not change: every option has this default.", ""] if comments else []
+    for table, (kind, _) in options(Config).items():
+        if comments and kind.__doc__:
+            lines.append(f"# {kind.__doc__.strip()}")
+        lines.append(f"[{table}]")
+        for name, (_, meta) in options(kind).items():
+            if comments and meta.description:
+                limits = _limits_text(meta)
+                lines.append(f"# {meta.description}." + (f" {limits[0].upper() + limits[1:]}." if limits else ""))
+            lines.append(f"{name} = {_toml_value(getattr(getattr(config, table), name))}")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def default_toml() -> str:
+    """The commented default settings file."""
+    return to_toml(Config())
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.0)
+    return f"the nearest known one is '{close[0]}'" if close else "none is known here"
+
+
+def _check_keys(data: dict[str, Any], where: str) -> None:
+    tables = options(Config)
+    for table, content in data.items():
+        if table not in tables:
+            raise ConfigError(f"{where}: unknown table or key '{table}'; {_nearest(table, list(tables))}")
+        if not isinstance(content, dict):
+            raise ConfigError(f"{where}: '{table}' is a table of options, found {content!r}; write [{table}] above its options")
+        known = options(tables[table][0])
+        for key, value in content.items():
+            if key not in known:
+                raise ConfigError(f"{where}: unknown key '{table}.{key}'; {_nearest(key, list(known))}")
+            _check_finite(value, f"{where}: {table}.{key}")
+
+
+def _check_finite(value: Any, where: str) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{where}: a finite number is needed, found {value!r}")
+    if isinstance(value, list):
+        for item in value:
+            _check_finite(item, where)
+
+
+def _explain(error: msgspec.ValidationError, data: dict[str, Any], where: str) -> ConfigError:
+    match = re.search(r"at `\$\.(\w+)\.(\w+)", str(error))
+    if not match:
+        return ConfigError(f"{where}: {error}")
+    table, key = match.groups()
+    base, meta = options(options(Config)[table][0])[key]
+    found = data[table][key]
+    kind = getattr(base, "__name__", str(base))
+    limits = _limits_text(meta)
+    wanted = f"{kind} {limits}".strip()
+    return ConfigError(f"{where}: {table}.{key} must be {wanted}; found {found!r}")
+
+
+def from_data(data: dict[str, Any], where: str) -> Config:
+    """Settings from nested plain dicts; `where` names the source in error sentences."""
+    _check_keys(data, where)
+    try:
+        config = msgspec.convert(data, Config)
+    except msgspec.ValidationError as error:
+        raise _explain(error, data, where) from None
+    _check_together(config, where)
+    return config
+
+
+def _check_together(config: Config, where: str) -> None:
+    """The limits that one option sets on another."""
+    rate = config.forces.sample_rate / config.camera.divisor
+    if rate > config.camera.max_rate:
+        least = math.ceil(config.forces.sample_rate / config.camera.max_rate)
+        raise ConfigError(
+            f"{where}: camera.divisor = {config.camera.divisor} asks {rate:.3g} frames/s, {config.camera.max_rate:g} is the camera's limit;"
+            f" use a divisor of {least} or more"
+        )
+    if exposure_samples(config) > config.camera.divisor:
+        raise ConfigError(
+            f"{where}: camera.exposure = {config.camera.exposure:g} ms is longer than the trigger period of {1e3 / rate:.4g} ms; shorten it or raise camera.divisor"
+        )
+    if config.run.travel > config.limits.travel:
+        raise ConfigError(f"{where}: run.travel = {config.run.travel:g} um is beyond limits.travel = {config.limits.travel:g} um")
+    if config.run.normal_force >= config.limits.normal_force:
+        raise ConfigError(
+            f"{where}: run.normal_force = {config.run.normal_force:g} N is not below limits.normal_force = {config.limits.normal_force:g} N"
+        )
+    (a, b), (c, d) = config.forces.coupling
+    if abs(a * d - b * c) < 1e-6:
+        raise ConfigError(f"{where}: forces.coupling has no inverse; its determinant is {a * d - b * c:g}")
+    if config.dic.box >= min(config.camera.width, config.camera.height):
+        raise ConfigError(f"{where}: dic.box = {config.dic.box} px does not fit the {config.camera.width} x {config.camera.height} image")
+
+
+def exposure_samples(config: Config) -> int:
+    """Exposure time in whole samples, one at least."""
+    return max(1, round(config.camera.exposure * 1e-3 * config.forces.sample_rate))
+
+
+def parse_override(text: str) -> tuple[str, str, Any]:
+    """``run.travel=150`` -> ("run", "travel", 150); a bare word is a string."""
+    key, separator, raw = text.partition("=")
+    table, dot, name = key.strip().partition(".")
+    if not separator or not dot:
+        raise ConfigError(f"--set: '{text}' is not table.key=value, e.g. run.travel=150")
+    try:
+        value = tomllib.loads(f"v = {raw}")["v"]
+    except tomllib.TOMLDecodeError:
+        value = raw.strip()
+    return table, name, value
+
+
+def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
+    """Settings from a TOML file (or the defaults), with ``table.key=value`` overrides on top.
+
+    Raises
+    ------
+    ConfigError
+        The file can not be read, is no TOML, or holds something not allowed.
+    """
+    data: dict[str, Any] = {}
+    where = "settings"
+    if path is not None:
+        where = str(path)
+        try:
+            data = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"{path}: the settings file can not be read: {error.strerror}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path}: not a TOML file: {error}") from None
+    for text in overrides:
+        table, name, value = parse_override(text)
+        content = data.setdefault(table, {})
+        if isinstance(content, dict):
+            content[name] = value
+    return from_data(data, where)

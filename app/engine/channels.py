@@ -1,0 +1,144 @@
+"""The two ways from one thread to another: lossless to the disk, newest-wins to the analysis. Both bounded, both counted."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class ChannelFull(RuntimeError):
+    """A lossless channel has no room left: the receiver is slower than the data."""
+
+
+class ChannelClosed(RuntimeError):
+    """The receiver is gone; nothing can be handed over any more."""
+
+
+class LosslessChannel(Generic[T]):
+    """A queue bounded in bytes that never drops: a sender waits for room, or is told that there is none.
+
+    Parameters
+    ----------
+    capacity_bytes : int
+        Data held at most.
+    sender_waits : bool
+        True where the source can wait (a free-running simulation), False where it can not (hardware, real time).
+    """
+
+    def __init__(self, capacity_bytes: int, *, sender_waits: bool) -> None:
+        self.capacity_bytes = capacity_bytes
+        self.sender_waits = sender_waits
+        self._items: deque[tuple[T, int]] = deque()
+        self._bytes = 0
+        self._ended = False
+        self._broken = False
+        self._changed = threading.Condition()
+
+    def put(self, item: T, nbytes: int) -> None:
+        """Hand `item` over.
+
+        Raises
+        ------
+        ChannelFull
+            There is no room and the sender can not wait.
+        ChannelClosed
+            The receiver gave up, or the channel was ended.
+        """
+        with self._changed:
+            while self._bytes and self._bytes + nbytes > self.capacity_bytes and not (self._ended or self._broken):
+                if not self.sender_waits:
+                    raise ChannelFull(f"{self._bytes / 2**20:.0f} MiB wait and {self.capacity_bytes / 2**20:.0f} MiB is the queue's limit")
+                self._changed.wait()
+            if self._ended or self._broken:
+                raise ChannelClosed
+            self._items.append((item, nbytes))
+            self._bytes += nbytes
+            self._changed.notify_all()
+
+    def get(self, timeout_s: float) -> T | None:
+        """The oldest item, or None when none came in `timeout_s` or the channel is at its end."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._ended, timeout_s)
+            if not self._items:
+                return None
+            item, nbytes = self._items.popleft()
+            self._bytes -= nbytes
+            self._changed.notify_all()
+            return item
+
+    def end(self) -> None:
+        """No more items will be put; those that wait are still delivered."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def break_off(self) -> None:
+        """The receiver can take no more: senders get `ChannelClosed`."""
+        with self._changed:
+            self._broken = True
+            self._changed.notify_all()
+
+    @property
+    def is_drained(self) -> bool:
+        """Ended, and everything delivered."""
+        with self._changed:
+            return self._ended and not self._items
+
+    @property
+    def fill(self) -> float:
+        """Share of the capacity in use, 0 to 1."""
+        return min(1.0, self._bytes / self.capacity_bytes)
+
+
+class LatestChannel(Generic[T]):
+    """A short queue where the newest wins: what does not fit pushes out the oldest, which is counted as skipped.
+
+    `depth` may be changed while the channel is in use. With `sender_waits` nothing is ever pushed out.
+    """
+
+    def __init__(self, depth: int, *, sender_waits: bool) -> None:
+        self.depth = depth
+        self.sender_waits = sender_waits
+        self.skipped = 0
+        self._items: deque[T] = deque()
+        self._ended = False
+        self._changed = threading.Condition()
+
+    def put(self, item: T) -> None:
+        """Offer `item`; after the end it is counted as skipped."""
+        with self._changed:
+            if self.sender_waits:
+                self._changed.wait_for(lambda: len(self._items) < self.depth or self._ended)
+            if self._ended:
+                self.skipped += 1
+                return
+            self._items.append(item)
+            while len(self._items) > self.depth:
+                self._items.popleft()
+                self.skipped += 1
+            self._changed.notify_all()
+
+    def get(self, timeout_s: float) -> T | None:
+        """The oldest item that was not pushed out, or None when none came in `timeout_s` or the channel is at its end."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._ended, timeout_s)
+            if not self._items:
+                return None
+            item = self._items.popleft()
+            self._changed.notify_all()
+            return item
+
+    def end(self) -> None:
+        """No more items will be put; those that wait are still delivered."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    @property
+    def is_drained(self) -> bool:
+        """Ended, and everything delivered."""
+        with self._changed:
+            return self._ended and not self._items

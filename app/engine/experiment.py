@@ -1,0 +1,150 @@
+"""The course of a loading experiment as decisions on what was just measured: no threads, no devices, no clock but samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import Config
+from app.results import Phase
+
+TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
+REFERENCE_PATIENCE_S = 5.0
+STALL_PATIENCE_S = 5.0
+
+
+class ExperimentFailed(Exception):
+    """The experiment can not go on; the message is the reason the run ends with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What is known at the end of a block: its forces (n, 2) in newtons, the stage, and whether the reference image was taken."""
+
+    end_sample: int
+    forces: NDArray[np.float64]
+    travel_m: float
+    is_moving: bool
+    has_reference: bool
+
+
+class Experiment:
+    """The phases of a loading experiment: free block, contact, reference at rest, drive, end.
+
+    `advance` is called once per block and answers the phase from that block's end on. Entering `Phase.DRIVE` is the caller's
+    order to move the actuator by `travel_m`, and no further; `Phase.END` its order to stop.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.rate = config.forces.sample_rate
+        self.phase = Phase.BACKGROUND if config.run.background_time > 0 else Phase.CONTACT
+        self.advice = ""
+        self._since = 0
+        self._settled_since: int | None = None
+
+    @property
+    def travel_m(self) -> float:
+        """Travel of the drive."""
+        return self.config.run.travel * 1e-6
+
+    @property
+    def velocity_m_s(self) -> float:
+        """Velocity asked of the actuator."""
+        return self.config.run.velocity * 1e-6
+
+    def advance(self, now: Measured) -> Phase:
+        """The phase after a block.
+
+        Raises
+        ------
+        ExperimentFailed
+            A limit was passed, or a phase can not be completed.
+        """
+        self._check_limits(now)
+        before = self.phase
+        self.phase = getattr(self, f"_{before}")(now)
+        if self.phase is not before:
+            self._since = now.end_sample
+            self.advice = ""
+        return self.phase
+
+    def progress(self, now: Measured) -> float:
+        """Share of the experiment that is done, 0 to 1: 10 % up to the drive, then by travel."""
+        if self.phase in (Phase.DRIVE, Phase.END):
+            return min(1.0, 0.1 + 0.9 * now.travel_m / self.travel_m)
+        return 0.1 * list(Phase).index(self.phase) / 3
+
+    def _seconds(self, now: Measured) -> float:
+        return (now.end_sample - self._since) / self.rate
+
+    def _check_limits(self, now: Measured) -> None:
+        limits = self.config.limits
+        normal, shear = float(now.forces[:, 0].max()), float(np.abs(now.forces[:, 1]).max())
+        if not np.isfinite(now.forces).all():
+            raise ExperimentFailed("forces: a reading is not a number; check the sensors")
+        if normal > limits.normal_force:
+            raise ExperimentFailed(f"limit: the normal force reached {normal:.3f} N, limits.normal_force is {limits.normal_force:g} N")
+        if shear > limits.shear_force:
+            raise ExperimentFailed(f"limit: the shear force reached {shear:.3f} N, limits.shear_force is {limits.shear_force:g} N")
+        if now.travel_m > limits.travel * 1e-6:
+            raise ExperimentFailed(f"limit: the stage went {now.travel_m * 1e6:.1f} um, limits.travel is {limits.travel:g} um")
+
+    def _background(self, now: Measured) -> Phase:
+        normal = float(now.forces[:, 0].mean())
+        if normal > TOUCH_FRACTION * self.config.run.normal_force:
+            raise ExperimentFailed(
+                f"background: the normal force reads {normal:.3f} N while the block should hang free;"
+                " lift it, or set run.background_time = 0"
+            )
+        return Phase.CONTACT if self._seconds(now) >= self.config.run.background_time else Phase.BACKGROUND
+
+    def _contact(self, now: Measured) -> Phase:
+        run = self.config.run
+        normal, shear = (float(f) for f in now.forces.mean(axis=0))
+        far = abs(normal - run.normal_force) > run.settle_tolerance * run.normal_force
+        sheared = not far and abs(shear) > run.shear_tolerance * normal
+        if far or sheared:
+            self._settled_since = None
+            self.advice = (
+                f"press the contact to {run.normal_force:g} N (P is {normal:.3f} N)"
+                if far
+                else f"renew the contact: Q is {shear * 1e3:.1f} mN, more than {run.shear_tolerance:.0%} of P"
+            )
+            if self._seconds(now) > run.contact_timeout:
+                raise ExperimentFailed(f"contact: not ready after run.contact_timeout = {run.contact_timeout:g} s; {self.advice}")
+            return Phase.CONTACT
+        self.advice = "the contact settles"
+        if self._settled_since is None:
+            self._settled_since = now.end_sample - len(now.forces)
+        return Phase.REFERENCE if now.end_sample - self._settled_since >= run.settle_time * self.rate else Phase.CONTACT
+
+    def _reference(self, now: Measured) -> Phase:
+        waited = self._seconds(now)
+        if waited >= self.config.run.reference_time and now.has_reference:
+            return Phase.DRIVE
+        if waited > self.config.run.reference_time + REFERENCE_PATIENCE_S:
+            raise ExperimentFailed(f"reference: no image could be taken as reference in {waited:.1f} s; check the camera and its trigger")
+        return Phase.REFERENCE
+
+    def _drive(self, now: Measured) -> Phase:
+        if not now.is_moving:
+            if now.travel_m < 0.98 * self.travel_m:
+                raise ExperimentFailed(
+                    f"actuator: it stopped after {now.travel_m * 1e6:.1f} of {self.config.run.travel:g} um;"
+                    " check it for a stall or an end of run"
+                )
+            return Phase.END
+        expected = self.travel_m / self.velocity_m_s
+        if self._seconds(now) > 1.2 * expected + STALL_PATIENCE_S:
+            raise ExperimentFailed(
+                f"actuator: {now.travel_m * 1e6:.1f} of {self.config.run.travel:g} um after {self._seconds(now):.0f} s,"
+                f" {expected:.0f} s were expected; check it for a stall"
+            )
+        return Phase.DRIVE
+
+    def _end(self, now: Measured) -> Phase:
+        del now
+        return Phase.END

@@ -1,0 +1,127 @@
+"""What the bench has measured so far, by sample: the place where a frame finds its forces, its travel and its phase."""
+
+from __future__ import annotations
+
+import threading
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.results import Phase
+
+KEPT_SECONDS = 60.0  # full-rate forces kept for frames still to be analysed; far longer than any queue before the analysis
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """The state of the bench during one exposure.
+
+    `time_s` is the middle of the exposure from the start of the drive (NaN before it); forces are means over the exposure.
+    """
+
+    phase: Phase
+    time_s: float
+    normal_force_n: float
+    shear_force_n: float
+    travel_m: float
+
+
+class History:
+    """Forces, stage positions and phases on the sample clock; written by one thread, read by any.
+
+    The forces are kept in a ring (the last minute at full rate) and as one mean per block (the whole run, for plots).
+    """
+
+    def __init__(self, sample_rate_hz: float, exposure_samples: int) -> None:
+        self.sample_rate_hz = sample_rate_hz
+        self.exposure_samples = exposure_samples
+        self._ring = np.full((int(KEPT_SECONDS * sample_rate_hz), 2), np.nan)
+        self._end = 0
+        self._means: list[tuple[int, float, float]] = []
+        self._position_samples: list[int] = []
+        self._positions: list[float] = []
+        self._phase_samples: list[int] = []
+        self._phases: list[Phase] = []
+        self._ended = False
+        self._changed = threading.Condition()
+
+    @property
+    def end(self) -> int:
+        """Number of samples so far."""
+        return self._end
+
+    def append(self, first: int, forces: NDArray[np.float64], position_m: float) -> None:
+        """Add one block of forces, shape (n, 2) in newtons (P, Q), and the stage position read at its end."""
+        with self._changed:
+            end = first + len(forces)
+            self._ring[np.arange(first, end) % len(self._ring)] = forces
+            self._means.append((first + len(forces) // 2, float(forces[:, 0].mean()), float(forces[:, 1].mean())))
+            self._position_samples.append(end)
+            self._positions.append(position_m)
+            self._end = end
+            self._changed.notify_all()
+
+    def begin(self, phase: Phase, sample: int) -> None:
+        """From `sample` on the experiment is in `phase`."""
+        with self._changed:
+            self._phase_samples.append(sample)
+            self._phases.append(phase)
+
+    def finish(self) -> None:
+        """No more samples will come."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def wait_for(self, sample: int) -> bool:
+        """Whether everything up to `sample` is known, once it is or once no more samples will come."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._end >= sample or self._ended)
+            return self._end >= sample
+
+    def wait_for_end(self) -> None:
+        """Return when no more samples will come."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended)
+
+    def phase_start(self, phase: Phase) -> int | None:
+        """Sample on which `phase` began, None if it did not."""
+        with self._changed:
+            return self._phase_samples[self._phases.index(phase)] if phase in self._phases else None
+
+    def phase_at(self, sample: int) -> Phase:
+        """Phase that `sample` belongs to."""
+        with self._changed:
+            return self._phases[max(0, bisect_right(self._phase_samples, sample) - 1)]
+
+    def conditions(self, sample: int) -> Conditions:
+        """The state of the bench during the exposure that starts at `sample`; it must be known by now (`wait_for`)."""
+        with self._changed:
+            last = sample + self.exposure_samples
+            if self._end - sample > len(self._ring):
+                raise RuntimeError(f"history: sample {sample} was asked {self._end - sample} samples later; {len(self._ring)} are kept")
+            mean = self._ring[np.arange(sample, last) % len(self._ring)].mean(axis=0)
+        phase = self.phase_at(sample)
+        middle = sample + self.exposure_samples / 2
+        drive = self.phase_start(Phase.DRIVE)
+        time_s = (middle - drive) / self.sample_rate_hz if drive is not None and sample >= drive else float("nan")
+        return Conditions(phase, time_s, float(mean[0]), float(mean[1]), self._travel(middle))
+
+    def _travel(self, sample: float) -> float:
+        """Stage displacement since the first reading, linear between the readings."""
+        with self._changed:
+            after = min(bisect_left(self._position_samples, sample), len(self._positions) - 1)
+            before = max(0, after - 1)
+            s0, s1 = self._position_samples[before], self._position_samples[after]
+            x0, x1 = self._positions[before], self._positions[after]
+        share = (sample - s0) / (s1 - s0) if s1 > s0 else 0.0
+        return x0 + (x1 - x0) * min(1.0, max(0.0, share)) - self._positions[0]
+
+    def block_means(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """About `n` points of the whole run for a plot: samples, P, Q (means over a block, every k-th block)."""
+        with self._changed:
+            kept = self._means[:: max(1, len(self._means) // max(1, n))]
+        table = np.array(kept, dtype=np.float64).reshape(-1, 3)
+        return table[:, 0].astype(np.int64), table[:, 1], table[:, 2]

@@ -1,0 +1,211 @@
+"""One frame in, one snapshot out: the analysis that live runs and replays share, step by step and without side effects elsewhere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.calibration.forces import SensorChain
+from analysis.contact.apparent import apparent_contact
+from analysis.contact.rings import central_mean, ring_means
+from analysis.dic import DirectTracker, Grid
+from analysis.friction.onset import sliding_onset
+from analysis.friction.stick import fit_stick_radius
+from analysis.mechanics import hertz
+from app.config import Config
+from app.engine.history import Conditions
+from app.results import ContactResult, Phase, Snapshot, Summary
+
+CENTRE_SHARE = 0.15  # u_x at the centre is the mean over this share of a
+_NO_FIELD = np.empty((0, 0), np.float32)
+_NO_STATUS = np.empty((0, 0), np.uint8)
+_NO_RINGS = np.empty(0)
+
+
+def sensor_chain(config: Config) -> SensorChain:
+    """Volts to newtons with the constants of the settings."""
+    f = config.forces
+    return SensorChain(
+        sensitivity_m_per_v=(f.sensitivity_normal * 1e-6, f.sensitivity_shear * 1e-6),
+        stiffness_n_per_m=(f.stiffness_normal, f.stiffness_shear),
+        zero_v=f.zero,
+        coupling=f.coupling,
+    )
+
+
+def hertz_radius_m(config: Config, normal_force_n: float) -> float:
+    """Hertz contact radius of the settings' sample at a normal force, NaN for none."""
+    s = config.sample
+    if not normal_force_n > 0:
+        return math.nan
+    return float(hertz.contact_radius(normal_force_n, s.young_modulus * 1e6, s.poisson, s.lens_radius * 1e-3))
+
+
+class Pipeline:
+    """Background, reference, displacement field, ring means, stick radius: the state of the analysis of one session.
+
+    Frames must come in order. The result of a frame depends on the background and reference frames; the frame analysed before it only
+    starts its search.
+    """
+
+    def __init__(self, config: Config, image_shape: tuple[int, int]) -> None:
+        self.config = config
+        self.grid = Grid.cover(image_shape, config.dic.box, config.dic.step)
+        self.contact: ContactResult | None = None
+        self.reference_frame: int | None = None
+        self.notes: list[str] = []
+        self._background: NDArray[np.generic] | None = None
+        self._tracker: DirectTracker | None = None
+        self._reference_shear_n = 0.0
+        self._x_m, self._y_m = (axis * self._pixel_m for axis in np.meshgrid(self.grid.x_px, self.grid.y_px))
+
+    @property
+    def _pixel_m(self) -> float:
+        return self.config.camera.pixel * 1e-6
+
+    def close(self) -> None:
+        """Let the tracker's threads go."""
+        if self._tracker is not None:
+            self._tracker.close()
+
+    def step(self, index: int, sample: int, image: NDArray[np.generic], now: Conditions) -> Snapshot:
+        """The snapshot of one frame, given what the bench measured during its exposure."""
+        if now.phase is Phase.BACKGROUND:
+            self._background = image
+        elif now.phase is Phase.REFERENCE and self._tracker is None:
+            self._take_reference(index, image, now)
+        if self._tracker is None:
+            return self._snapshot(index, sample, now)
+        return self._measure(index, sample, image, now)
+
+    def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
+        dic = self.config.dic
+        self._tracker = DirectTracker(
+            image,
+            dic.box,
+            dic.step,
+            search=dic.search,
+            min_correlation=dic.min_correlation,
+            min_contrast=dic.min_contrast,
+            threads=dic.threads,
+        )
+        self._reference_shear_n = now.shear_force_n
+        self.reference_frame = index
+        self._find_contact(image)
+
+    def _find_contact(self, image: NDArray[np.generic]) -> None:
+        """Centre and apparent radius from the background difference; without one the picture's middle, and a note that says so."""
+        rows, columns = image.shape
+        middle = ((columns - 1) / 2, (rows - 1) / 2)
+        if self._background is None:
+            self.notes.append("contact: no background image was taken, so a is not measured and rings are drawn about the picture's middle")
+            self.contact = ContactResult(middle, math.nan, math.nan, (math.nan, math.nan), _NO_RINGS, _NO_RINGS)
+            return
+        found = apparent_contact(self._background, image)
+        centre = found.centre_px
+        if not all(map(math.isfinite, centre)):
+            self.notes.append("contact: none is seen in the background difference, so rings are drawn about the picture's middle")
+            centre = middle
+        self.contact = ContactResult(
+            centre,
+            found.radius_px * self._pixel_m,
+            found.radius_sd_px * self._pixel_m,
+            found.shift_px,
+            found.profile_radius_px,
+            found.profile_grey,
+        )
+
+    def _measure(self, index: int, sample: int, image: NDArray[np.generic], now: Conditions) -> Snapshot:
+        assert self._tracker is not None
+        assert self.contact is not None
+        field = self._tracker.track(image)
+        lens_m = self.config.sample.lens_compliance * 1e-6 * (now.shear_force_n - self._reference_shear_n)
+        ux_m = field.ux_px * np.float64(self._pixel_m)
+        centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
+        # distances from the lens where the material is now, not where it was at t = 0
+        x = self._x_m + ux_m - centre_x - lens_m
+        y = self._y_m + field.uy_px * np.float64(self._pixel_m) - centre_y
+        r = np.hypot(x, y)
+        sliding_ux = ux_m - lens_m
+        rings = ring_means(r, sliding_ux, self.config.dic.step * self._pixel_m, self._whole_rings_m())
+        hertz_m = hertz_radius_m(self.config, now.normal_force_n)
+        inner_m = CENTRE_SHARE * (self.contact.apparent_radius_m if math.isfinite(self.contact.apparent_radius_m) else hertz_m)
+        stick_m = stick_sd_m = math.nan
+        if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
+            fit = fit_stick_radius(rings.radius, rings.mean, rings.standard_error, hertz_m)
+            stick_m, stick_sd_m = fit.stick_radius, fit.stick_radius_sd
+        return self._snapshot(
+            index,
+            sample,
+            now,
+            ux_px=field.ux_px,
+            uy_px=field.uy_px,
+            zncc=field.zncc,
+            status=field.status,
+            ring_radius_m=rings.radius,
+            ring_ux_m=rings.mean,
+            ring_sd_m=rings.standard_error,
+            centre_ux_m=float(central_mean(r, sliding_ux, inner_m)),
+            stick_radius_m=stick_m,
+            stick_radius_sd_m=stick_sd_m,
+        )
+
+    def _whole_rings_m(self) -> float:
+        """Radius of the largest ring about the contact's centre that lies inside the grid: cut rings would not average u_y's part out."""
+        assert self.contact is not None
+        cx, cy = self.contact.centre_px
+        x, y = self.grid.x_px, self.grid.y_px
+        return float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy)) * self._pixel_m
+
+    @staticmethod
+    def _snapshot(index: int, sample: int, now: Conditions, **found: object) -> Snapshot:
+        empty: dict[str, object] = {
+            "ux_px": _NO_FIELD,
+            "uy_px": _NO_FIELD,
+            "zncc": _NO_FIELD,
+            "status": _NO_STATUS,
+            "ring_radius_m": _NO_RINGS,
+            "ring_ux_m": _NO_RINGS,
+            "ring_sd_m": _NO_RINGS,
+            "centre_ux_m": math.nan,
+            "stick_radius_m": math.nan,
+            "stick_radius_sd_m": math.nan,
+        }
+        return Snapshot(
+            frame=index,
+            sample=sample,
+            phase=now.phase,
+            time_s=now.time_s,
+            normal_force_n=now.normal_force_n,
+            shear_force_n=now.shear_force_n,
+            travel_m=now.travel_m,
+            **{**empty, **found},  # type: ignore[arg-type]
+        )
+
+
+def summarise(config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]) -> Summary:
+    """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the drive."""
+    drive = [s for s in snapshots if s.phase is Phase.DRIVE]
+    time, centre, shear, normal = (
+        np.array([getattr(s, name) for s in drive], dtype=np.float64)
+        for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n")
+    )
+    force = float(normal.mean()) if drive else math.nan
+    onset = sliding_onset(time, centre, shear, normal)
+    return Summary(
+        normal_force_n=force,
+        apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
+        apparent_radius_sd_m=contact.apparent_radius_sd_m if contact else math.nan,
+        hertz_radius_m=hertz_radius_m(config, force),
+        onset_time_s=onset.time,
+        onset_time_sd_s=onset.time_sd,
+        static_force_n=onset.static_force,
+        mu_s=onset.mu_s,
+        mu_s_sd=onset.mu_s_sd,
+        mu_d=onset.mu_d,
+        mu_d_range=onset.mu_d_range,
+        sliding_velocity_m_s=onset.velocity,
+        notes=(*notes, *onset.notes),
+    )

@@ -1,0 +1,135 @@
+"""The way to the disk: everything that was measured, in the order it came, through one bounded queue that never drops."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from app.engine.channels import ChannelClosed, ChannelFull, LosslessChannel
+from app.results import ContactResult, Event, Outcome, Snapshot
+from drivers.protocols import Frame, LostFrame
+
+POLL_S = 0.1
+
+
+class SessionSink(Protocol):
+    """Where a run is recorded; called from one thread at a time."""
+
+    def append_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None: ...
+    def append_frame(self, index: int, sample: int, image: NDArray[Any]) -> None: ...
+    def append_lost_frame(self, index: int, sample: int, reason: str) -> None: ...
+    def append_position(self, sample: int, position_m: float) -> None: ...
+    def append_event(self, event: Event) -> None: ...
+    def append_snapshot(self, snapshot: Snapshot) -> None: ...
+    def write_contact(self, contact: ContactResult) -> None: ...
+    def finish(self, outcome: Outcome) -> None: ...
+    def flush(self) -> None: ...
+    def close(self) -> None: ...
+
+
+class RecorderFull(RuntimeError):
+    """The disk is slower than the bench and the queue has no room left."""
+
+
+class Recorder:
+    """Hands measurements from any thread to the sink, which only `work` touches.
+
+    Parameters
+    ----------
+    capacity_bytes : int
+        Data that may wait.
+    sender_waits : bool
+        True where the sources wait for the disk (free-running simulation).
+    on_failure : callable
+        Told one sentence, once, when the sink can not be written any more.
+    """
+
+    def __init__(
+        self, sink: SessionSink, capacity_bytes: int, flush_interval_s: float, *, sender_waits: bool, on_failure: Callable[[str], None]
+    ) -> None:
+        self.frames_recorded = 0
+        self.peak_memory_bytes = 0
+        self._sink = sink
+        self._flush_interval_s = flush_interval_s
+        self._on_failure = on_failure
+        self._queue: LosslessChannel[Callable[[], None]] = LosslessChannel(capacity_bytes, sender_waits=sender_waits)
+
+    @property
+    def fill(self) -> float:
+        """Share of the queue in use, 0 to 1."""
+        return self._queue.fill
+
+    def samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
+        """Record a block of readings and the forces they mean."""
+        self._put(lambda: self._sink.append_samples(first, volts, forces), volts.nbytes + forces.nbytes)
+
+    def position(self, sample: int, position_m: float) -> None:
+        """Record where the stage was at `sample`."""
+        self._put(lambda: self._sink.append_position(sample, position_m), 100)
+
+    def event(self, event: Event) -> None:
+        """Record an event."""
+        self._put(lambda: self._sink.append_event(event), 100)
+
+    def frame(self, frame: Frame) -> None:
+        """Record an image."""
+
+        def write() -> None:
+            self._sink.append_frame(frame.index, frame.sample, frame.image)
+            self.frames_recorded += 1
+
+        self._put(write, frame.image.nbytes)
+
+    def lost_frame(self, lost: LostFrame) -> None:
+        """Record that a trigger gave no image."""
+        self._put(lambda: self._sink.append_lost_frame(lost.index, lost.sample, lost.reason), 100)
+
+    def snapshot(self, snapshot: Snapshot) -> None:
+        """Record the results of a frame."""
+        self._put(lambda: self._sink.append_snapshot(snapshot), 3 * snapshot.ux_px.nbytes + snapshot.status.nbytes + 2000)
+
+    def contact(self, contact: ContactResult) -> None:
+        """Record the apparent contact."""
+        self._put(lambda: self._sink.write_contact(contact), contact.profile_grey.nbytes * 2)
+
+    def end(self) -> None:
+        """Nothing more will come; `work` returns when everything is written."""
+        self._queue.end()
+
+    def work(self) -> None:
+        """Write until the end, flushing at the interval. A failure closes the queue and is told; what was flushed is safe."""
+        process = psutil.Process()
+        flushed = time.monotonic()
+        try:
+            while not self._queue.is_drained:
+                write = self._queue.get(POLL_S)
+                if write is not None:
+                    write()
+                if time.monotonic() - flushed >= self._flush_interval_s:
+                    self._sink.flush()
+                    flushed = time.monotonic()
+                    self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
+            self._sink.flush()
+        except Exception as error:
+            self._queue.break_off()
+            self._on_failure(f"recorder: the session can not be written: {error}; everything flushed before is safe")
+
+    def _put(self, write: Callable[[], None], nbytes: int) -> None:
+        """Queue one write.
+
+        Raises
+        ------
+        RecorderFull
+            The queue is full and the sources can not wait.
+        """
+        try:
+            self._queue.put(write, nbytes)
+        except ChannelFull as error:
+            raise RecorderFull(f"recorder: the disk is too slow, {error}; what was recorded is safe") from None
+        except ChannelClosed:
+            pass  # the failure has been told already; the run is ending

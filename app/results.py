@@ -1,0 +1,166 @@
+"""What the analysis hands to the disk, the screen and the report: frozen, plain arrays, units in the names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+class Phase(StrEnum):
+    """The parts of a loading experiment, in their order on the sample clock."""
+
+    BACKGROUND = "background"  # the block hangs free: images without contact
+    CONTACT = "contact"  # the operator presses it on, the normal force settles
+    REFERENCE = "reference"  # t = 0: at rest under load, before any shear
+    DRIVE = "drive"  # the actuator pulls
+    END = "end"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened at a sample: a change of phase, a limit, a stop."""
+
+    sample: int
+    kind: str  # "phase", "reference", "stop", "error"
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ContactResult:
+    """The apparent contact on the reference frame (paper, section 2.3.1).
+
+    `centre_px` is (x, y). `profile_*` is the azimuthally averaged background difference. NaN: not measured.
+    """
+
+    centre_px: tuple[float, float]
+    apparent_radius_m: float
+    apparent_radius_sd_m: float
+    shift_px: tuple[float, float]
+    profile_radius_px: F64
+    profile_grey: F64
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything the pipeline found on one frame.
+
+    Attributes
+    ----------
+    frame, sample : int
+        Trigger number and the sample on which its exposure started.
+    phase : Phase
+    time_s : float
+        Middle of the exposure, counted from the start of the drive; NaN before it.
+    normal_force_n, shear_force_n : float
+        Means over the exposure.
+    travel_m : float
+        Stage displacement since the reference (delta of the paper's Fig. 5).
+    ux_px, uy_px, zncc : ndarray, shape (ny, nx), float32
+        Displacement from the reference (lens compliance not yet removed) and correlation at the peak; NaN where `status` is not 0.
+        Empty (0, 0) before there is a reference.
+    status : ndarray, shape (ny, nx), uint8
+        `analysis.dic.Status`.
+    ring_radius_m, ring_ux_m, ring_sd_m : ndarray, shape (nr,)
+        Azimuthal mean of u_x about the contact's centre, lens compliance removed, and its standard error.
+    centre_ux_m : float
+        u_x at the contact's centre (mean over the innermost 0.15 a).
+    stick_radius_m, stick_radius_sd_m : float
+        c from the Cattaneo-Mindlin profile fit; NaN where it can not be told.
+    """
+
+    frame: int
+    sample: int
+    phase: Phase
+    time_s: float
+    normal_force_n: float
+    shear_force_n: float
+    travel_m: float
+    ux_px: F32
+    uy_px: F32
+    zncc: F32
+    status: NDArray[np.uint8]
+    ring_radius_m: F64
+    ring_ux_m: F64
+    ring_sd_m: F64
+    centre_ux_m: float
+    stick_radius_m: float
+    stick_radius_sd_m: float
+
+
+def without_fields(snapshot: Snapshot) -> Snapshot:
+    """The snapshot's numbers and rings alone: what a long series can keep in memory."""
+    empty = np.empty((0, 0), np.float32)
+    return replace(snapshot, ux_px=empty, uy_px=empty, zncc=empty, status=np.empty((0, 0), np.uint8))
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a loading experiment comes down to; NaN where the run did not go far enough, with the reason in `notes`.
+
+    Radii and times in metres and seconds, forces in newtons; `*_sd` is a standard uncertainty, `mu_d_range` the least and
+    greatest Q/P during sliding (the paper's error bar).
+    """
+
+    normal_force_n: float
+    apparent_radius_m: float
+    apparent_radius_sd_m: float
+    hertz_radius_m: float
+    onset_time_s: float
+    onset_time_sd_s: float
+    static_force_n: float
+    mu_s: float
+    mu_s_sd: float
+    mu_d: float
+    mu_d_range: tuple[float, float]
+    sliding_velocity_m_s: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """The account of a run: every trigger has a fate, every sample is there."""
+
+    triggers: int = 0
+    frames_received: int = 0
+    frames_recorded: int = 0
+    frames_lost: int = 0
+    frames_analysed: int = 0
+    frames_skipped: int = 0  # received and recorded, not analysed live
+    samples: int = 0
+    samples_lost: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended: `state` is "done" or "failed", `reason` one sentence."""
+
+    state: str
+    reason: str
+    counts: Counts
+    summary: Summary | None
+    resources: dict[str, Any] = field(default_factory=dict)  # peak_memory_mib, cpu_s, wall_s of this process
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The state of a run at a glance: cheap to read, at any time, from any thread.
+
+    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can hold; `progress` runs from 0 to 1.
+    """
+
+    state: str
+    reason: str
+    phase: str
+    counts: Counts
+    queue_fill: float
+    queue_seconds: float
+    disk_free_bytes: int
+    sample: int
+    progress: float

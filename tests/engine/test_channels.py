@@ -1,0 +1,91 @@
+"""The two channels: what the disk gets is everything, what the analysis gets is the newest, and both say what they did."""
+
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.engine.channels import ChannelClosed, ChannelFull, LatestChannel, LosslessChannel
+
+
+@given(st.lists(st.integers(), max_size=50))
+def test_lossless_gives_everything_in_order(items):
+    channel = LosslessChannel(10_000, sender_waits=False)
+    for item in items:
+        channel.put(item, 10)
+    channel.end()
+    assert [channel.get(0) for _ in items] == items
+    assert channel.is_drained
+
+
+def test_lossless_refuses_when_full_and_keeps_what_it_has():
+    channel = LosslessChannel(100, sender_waits=False)
+    channel.put("a", 60)
+    with pytest.raises(ChannelFull, match="limit"):
+        channel.put("b", 60)
+    assert channel.fill == pytest.approx(0.6)
+    assert channel.get(0) == "a"
+
+
+def test_lossless_takes_an_item_larger_than_itself_when_empty():
+    channel = LosslessChannel(100, sender_waits=False)
+    channel.put("huge", 1000)
+    assert channel.fill == 1.0
+    assert channel.get(0) == "huge"
+
+
+def test_waiting_sender_continues_when_there_is_room():
+    channel = LosslessChannel(100, sender_waits=True)
+    channel.put(0, 100)
+    sender = threading.Thread(target=lambda: [channel.put(n, 100) for n in range(1, 20)])
+    sender.start()
+    assert [channel.get(10) for _ in range(20)] == list(range(20))
+    sender.join(10)
+    assert not sender.is_alive()
+
+
+def test_broken_channel_releases_a_waiting_sender():
+    channel = LosslessChannel(100, sender_waits=True)
+    channel.put(0, 100)
+    caught = []
+
+    def send():
+        try:
+            channel.put(1, 100)
+        except ChannelClosed:
+            caught.append(True)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    channel.break_off()
+    sender.join(10)
+    assert caught == [True]
+
+
+@given(st.integers(1, 5), st.lists(st.integers(), max_size=30))
+def test_latest_keeps_the_newest_and_counts_the_rest(depth, items):
+    channel = LatestChannel(depth, sender_waits=False)
+    for item in items:
+        channel.put(item)
+    kept = [channel.get(0) for _ in range(min(depth, len(items)))]
+    assert kept == items[-depth:] if items else kept == []
+    assert channel.skipped == max(0, len(items) - depth)
+
+
+def test_latest_with_a_waiting_sender_skips_nothing():
+    channel = LatestChannel(2, sender_waits=True)
+    sender = threading.Thread(target=lambda: [channel.put(n) for n in range(50)])
+    sender.start()
+    assert [channel.get(10) for _ in range(50)] == list(range(50))
+    sender.join(10)
+    assert channel.skipped == 0
+
+
+def test_after_the_end_offers_are_counted_as_skipped():
+    channel = LatestChannel(2, sender_waits=True)
+    channel.end()
+    channel.put(1)
+    assert channel.get(0) is None
+    assert channel.skipped == 1
+    assert channel.is_drained

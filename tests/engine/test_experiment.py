@@ -1,0 +1,116 @@
+"""The course of an experiment, block by block, with forces written by hand."""
+
+import numpy as np
+import pytest
+
+from app import config
+from app.engine.experiment import Experiment, ExperimentFailed, Measured
+from app.results import Phase
+
+BLOCK = 50
+
+
+class Bench:
+    """Drives an experiment with constant forces; keeps the sample count."""
+
+    def __init__(self, *overrides):
+        self.experiment = Experiment(config.load(None, list(overrides)))
+        self.sample = 0
+        self.travel_m = 0.0
+
+    def go(self, seconds, normal=0.0, shear=0.0, *, moving=False, reference=True, speed=0.0):
+        for _ in range(round(seconds * 1000 / BLOCK)):
+            self.sample += BLOCK
+            self.travel_m += speed * BLOCK / 1000
+            forces = np.tile([normal, shear], (BLOCK, 1))
+            phase = self.experiment.advance(Measured(self.sample, forces, self.travel_m, moving, reference))
+        return phase
+
+    def to_drive(self):
+        self.go(1.0)
+        self.go(1.0, 0.5)
+        assert self.go(0.5, 0.5) is Phase.DRIVE
+
+
+def test_the_phases_follow_in_order():
+    bench = Bench()
+    assert bench.go(0.95) is Phase.BACKGROUND
+    assert bench.go(0.05) is Phase.CONTACT
+    assert bench.go(2, 0.3) is Phase.CONTACT
+    assert bench.go(0.95, 0.5) is Phase.CONTACT
+    assert bench.go(0.05, 0.5) is Phase.REFERENCE
+    assert bench.go(0.45, 0.5) is Phase.REFERENCE
+    assert bench.go(0.05, 0.5) is Phase.DRIVE
+    assert bench.go(1, 0.5, 0.1, moving=True, speed=5e-6) is Phase.DRIVE
+    bench.travel_m = 190e-6
+    assert bench.go(0.05, 0.5, 0.4) is Phase.END
+
+
+def test_the_force_must_stay_at_its_value_to_settle():
+    bench = Bench()
+    bench.go(1)
+    bench.go(0.9, 0.5)
+    bench.go(0.05, 0.52)
+    assert bench.go(0.95, 0.5) is Phase.CONTACT
+    assert bench.go(0.05, 0.5) is Phase.REFERENCE
+
+
+def test_no_background_begins_with_the_contact():
+    bench = Bench("run.background_time=0")
+    assert bench.experiment.phase is Phase.CONTACT
+    assert bench.go(1.0, 0.5) is Phase.REFERENCE
+
+
+def test_an_initial_shear_force_asks_for_a_new_contact():
+    bench = Bench("run.contact_timeout=5")
+    bench.go(1)
+    assert bench.go(2, 0.5, 0.006) is Phase.CONTACT
+    assert "renew the contact" in bench.experiment.advice
+    with pytest.raises(ExperimentFailed, match=r"renew the contact: Q is 6\.0 mN"):
+        bench.go(5, 0.5, 0.006)
+
+
+def test_a_background_in_contact_is_refused():
+    with pytest.raises(ExperimentFailed, match="lift it"):
+        Bench().go(0.1, 0.4)
+
+
+def test_the_drive_waits_for_the_reference_and_not_for_ever():
+    bench = Bench()
+    bench.go(1.0)
+    bench.go(1.0, 0.5)
+    assert bench.go(2, 0.5, reference=False) is Phase.REFERENCE
+    with pytest.raises(ExperimentFailed, match="no image"):
+        bench.go(5, 0.5, reference=False)
+
+
+@pytest.mark.parametrize(
+    ("normal", "shear", "words"),
+    [(1.95, 0.0, "normal force reached 1.950 N"), (0.5, -1.95, "shear force reached 1.950 N"), (0.5, float("nan"), "not a number")],
+)
+def test_limits_end_the_run_by_name_in_any_phase(normal, shear, words):
+    for prepare in (lambda b: None, Bench.to_drive):
+        bench = Bench()
+        prepare(bench)
+        with pytest.raises(ExperimentFailed, match=words):
+            bench.go(0.05, normal, shear, moving=True)
+
+
+def test_too_much_travel_is_a_limit():
+    bench = Bench("limits.travel=200")
+    bench.to_drive()
+    bench.travel_m = 201e-6
+    with pytest.raises(ExperimentFailed, match=r"limits\.travel is 200 um"):
+        bench.go(0.05, 0.5, moving=True)
+
+
+def test_a_stage_that_stops_early_or_never_arrives_is_a_stall():
+    bench = Bench()
+    bench.to_drive()
+    bench.go(1, 0.5, moving=True, speed=5e-6)
+    with pytest.raises(ExperimentFailed, match=r"stopped after 5\.0 of 190 um"):
+        bench.go(0.05, 0.5, moving=False)
+    bench = Bench()
+    bench.to_drive()
+    with pytest.raises(ExperimentFailed, match="stall"):
+        bench.go(60, 0.5, moving=True)

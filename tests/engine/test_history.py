@@ -1,0 +1,65 @@
+"""A frame finds the forces of its exposure, the stage's travel and its phase, whatever else has happened since."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.engine.history import KEPT_SECONDS, History
+from app.results import Phase
+
+
+def filled(seconds, rate=100, block=10, exposure=4):
+    history = History(rate, exposure)
+    history.begin(Phase.BACKGROUND, 0)
+    for first in range(0, int(seconds * rate), block):
+        n = np.arange(first, first + block, dtype=float)
+        history.append(first, np.column_stack([n, -2 * n]), 1e-6 * (first + block))
+    return history
+
+
+def test_forces_are_means_over_the_exposure():
+    now = filled(2).conditions(73)
+    assert now.normal_force_n == 73 + 1.5
+    assert now.shear_force_n == -2 * (73 + 1.5)
+
+
+def test_travel_is_interpolated_to_the_middle_of_the_exposure_and_counted_from_the_first_reading():
+    assert filled(2).conditions(73).travel_m == pytest.approx(1e-6 * (75 - 10), rel=1e-12)
+
+
+def test_phase_and_time_count_from_the_drive():
+    history = filled(3)
+    history.begin(Phase.REFERENCE, 100)
+    history.begin(Phase.DRIVE, 200)
+    assert history.conditions(99).phase is Phase.BACKGROUND
+    assert history.conditions(100).phase is Phase.REFERENCE
+    assert math.isnan(history.conditions(199).time_s)
+    assert history.conditions(200).time_s == pytest.approx(2 / 100)
+
+
+@given(st.integers(0, 190), st.integers(0, 5))
+def test_conditions_do_not_depend_on_what_came_later(sample, extra):
+    early, late = filled(2), filled(2 + extra)
+    assert repr(early.conditions(sample)) == repr(late.conditions(sample))
+
+
+def test_a_sample_that_left_the_ring_is_an_error_not_another_number():
+    with pytest.raises(RuntimeError, match="are kept"):
+        filled(KEPT_SECONDS + 2).conditions(50)
+
+
+def test_waiting_ends_when_the_samples_do():
+    history = filled(1)
+    history.finish()
+    assert history.wait_for(100)
+    assert not history.wait_for(101)
+
+
+def test_block_means_cover_the_whole_run_in_about_n_points():
+    samples, normal, shear = filled(100).block_means(50)
+    assert 50 <= len(samples) <= 100
+    np.testing.assert_allclose(shear, -2 * normal)
+    assert samples[-1] > 9000
