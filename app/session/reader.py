@@ -1,0 +1,374 @@
+"""Reads a session back, also one that was cut short, and refuses whatever is not one with a sentence that says why.
+
+A file is material from outside: every size it claims is held against the size of the file before memory is taken, every dataset
+must be of the layout's type, and links that lead elsewhere are not followed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import UserError
+from app.results import ContactResult, Counts, Event, Snapshot, Summary
+from app.session import layout
+from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION, NO_ROW, TEXT
+
+SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond the size of the file
+_ITEMS = {item.path: item for item in layout.ITEMS}
+_NO_FIELD = np.empty((0, 0), np.float32)
+_DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError, NotImplementedError)
+
+
+class SessionReader:
+    """A session on disk; use it in a ``with`` statement. Nothing but small tables is kept in memory.
+
+    Raises
+    ------
+    UserError
+        From here and from every method: no such file, not a session, cut short, damaged, or written by a newer SlipScope.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._file = _open(self.path)
+        self._bytes = self.path.stat().st_size
+        self._datasets: dict[str, h5py.Dataset] = {}
+        try:
+            self._check_format()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file. May be called twice."""
+        self._file.close()
+
+    @cached_property
+    def config_toml(self) -> str:
+        """The settings used, as TOML."""
+        return self._text("/entry/settings/toml")
+
+    @cached_property
+    def sample_rate_hz(self) -> float:
+        """Rate of the DAQ sample clock."""
+        return float(self._read("/entry/clock/sample_rate"))
+
+    @cached_property
+    def exposure_samples(self) -> int:
+        """Samples per exposure."""
+        return int(self._read("/entry/clock/exposure"))
+
+    @cached_property
+    def divisor(self) -> int:
+        """Samples from one trigger to the next."""
+        return int(self._read("/entry/clock/divisor"))
+
+    @cached_property
+    def first_trigger(self) -> int:
+        """Sample of trigger 0."""
+        return int(self._read("/entry/clock/first_trigger"))
+
+    @cached_property
+    def pixel_m(self) -> float:
+        """Side of a pixel on the interface."""
+        return float(self._read("/entry/instrument/camera/pixel"))
+
+    @cached_property
+    def frame_shape(self) -> tuple[int, int]:
+        """Rows and columns of an image."""
+        rows, columns = self._dataset("/entry/instrument/camera/data").shape[1:]
+        return int(rows), int(columns)
+
+    @cached_property
+    def grid_x_px(self) -> NDArray[np.float64]:
+        """Centres of the correlation boxes along x, shape (nx,)."""
+        x: NDArray[np.float64] = self._read("/entry/fields/x")
+        return x
+
+    @cached_property
+    def grid_y_px(self) -> NDArray[np.float64]:
+        """Centres of the correlation boxes along y, shape (ny,)."""
+        y: NDArray[np.float64] = self._read("/entry/fields/y")
+        return y
+
+    @cached_property
+    def versions(self) -> dict[str, str]:
+        """Name -> version of what the run ran on."""
+        table = self._table("/entry/versions")
+        return dict(zip(table["name"], table["version"], strict=True))
+
+    @cached_property
+    def started(self) -> str:
+        """Time of day when the session was made, ISO 8601."""
+        return self._text("/entry/start_time")
+
+    @cached_property
+    def ended(self) -> str:
+        """Time of day when the run ended, ISO 8601; empty if it was not finished."""
+        return self._text("/entry/end_time")
+
+    @cached_property
+    def state(self) -> str:
+        """How the run ended: "done", "failed", or "unfinished" of a session cut short."""
+        return self._text("/entry/run/state")
+
+    @cached_property
+    def reason(self) -> str:
+        """Why the run ended, one sentence."""
+        return self._text("/entry/run/reason")
+
+    @cached_property
+    def resources(self) -> dict[str, Any]:
+        """Memory, processor and wall time of the run; empty if it was not finished."""
+        with self._reading("/entry/run/resources"):
+            return dict(json.loads(self._text("/entry/run/resources")))
+
+    def events(self) -> list[Event]:
+        """What happened, in order."""
+        table = self._table("/entry/events")
+        return [Event(int(s), kind, text) for s, kind, text in zip(table["sample"], table["kind"], table["text"], strict=True)]
+
+    def forces(self) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
+        """First sample, readings in volts and forces in newtons, both (n, 2): normal, shear. Rows of missing samples are NaN."""
+        table = self._table("/entry/forces")
+        volts = np.column_stack([table["normal_sensor"], table["shear_sensor"]])
+        return 0, volts, np.column_stack([table["normal_force"], table["shear_force"]])
+
+    def gaps(self) -> list[tuple[int, int]]:
+        """First sample and length of each gap in the forces."""
+        table = self._table("/entry/gaps")
+        return list(zip(table["first"].tolist(), table["count"].tolist(), strict=True))
+
+    def positions(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Samples at which the stage was read, and its positions in metres."""
+        table = self._table("/entry/instrument/actuator")
+        return table["sample"], table["position"]
+
+    def triggers(self) -> NDArray[np.void]:
+        """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was lost)."""
+        table = self._triggers
+        kinds: list[tuple[str, Any]] = [("index", "i8"), ("sample", "i8"), ("received", "?"), ("analysed", "?"), ("reason", object)]
+        rows = np.empty(len(table["index"]), dtype=kinds)
+        rows["received"] = table["image"] != NO_ROW
+        for name in ("index", "sample", "analysed", "reason"):
+            rows[name] = table[name]
+        return rows
+
+    def lost_frames(self) -> list[tuple[int, int, str]]:
+        """Index, sample and reason of each trigger without an image."""
+        return [(int(row["index"]), int(row["sample"]), row["reason"]) for row in self.triggers() if not row["received"]]
+
+    def frames(self) -> Iterator[tuple[int, int, NDArray[Any]]]:
+        """Index, sample and image of each frame received, in the order of the triggers."""
+        for index in self._frame_rows:
+            yield self.frame(index)
+
+    def frame(self, index: int) -> tuple[int, int, NDArray[Any]]:
+        """Index, sample and image of the frame of trigger `index`."""
+        if index not in self._frame_rows:
+            raise UserError(f"{self.path}: there is no image of trigger {index} in this session; `slipscope info` lists what there is")
+        row = self._frame_rows[index]
+        image = self._row("/entry/instrument/camera/data", int(self._triggers["image"][row]))
+        return index, int(self._triggers["sample"][row]), image
+
+    def analysed_frames(self) -> list[int]:
+        """Trigger numbers of the frames analysed during the run, in that order."""
+        return [int(index) for index in self._results["frame"]]
+
+    def snapshots(self) -> Iterator[Snapshot]:
+        """What was found on each analysed frame, in order."""
+        for i in range(len(self._results["frame"])):
+            yield self.snapshot(i)
+
+    def snapshot(self, i: int) -> Snapshot:
+        """What was found on the `i`-th analysed frame."""
+        n = len(self._results["frame"])
+        if not 0 <= i < n:
+            raise UserError(f"{self.path}: result {i} was asked, this session has {n}, counted from 0")
+        row = {name: column[i].item() for name, column in self._results.items()}
+        found = {attribute: row[name] for name, attribute in layout.RESULTS.items()}
+        if not 0 <= row["phase"] < len(layout.PHASES):
+            raise self._damaged("/entry/results/phase", f"{row['phase']} is no phase")
+        found["phase"] = layout.PHASES[row["phase"]]
+        return Snapshot(**found, **self._rings(i, row["ring_count"]), **self._field(row["field"]))
+
+    def contact(self) -> ContactResult | None:
+        """The apparent contact; None where it was not measured."""
+        if not self._has("/entry/contact"):
+            return None
+        values = {attribute: self._value(f"/entry/{name}") for name, attribute in layout.CONTACT.items()}
+        return ContactResult(**values)
+
+    def summary(self) -> Summary | None:
+        """What the experiment comes down to; None in a run that was not finished or failed."""
+        if not self._has("/entry/summary"):
+            return None
+        return Summary(**{attribute: self._value(f"/entry/summary/{name}") for name, attribute in layout.SUMMARY.items()})
+
+    def counts(self) -> Counts:
+        """The account of the run; of a session cut short, of what is in the file."""
+        if self._has("/entry/counts"):
+            return Counts(**{field.name: int(self._read(f"/entry/counts/{field.name}")) for field in dataclasses.fields(Counts)})
+        triggers, frames, analysed = len(self._triggers["index"]), len(self._frame_rows), len(set(self.analysed_frames()))
+        samples, lost = len(self._table("/entry/forces")["normal_force"]), sum(count for _, count in self.gaps())
+        return Counts(
+            triggers=triggers,
+            frames_received=frames,
+            frames_recorded=frames,
+            frames_lost=triggers - frames,
+            frames_analysed=analysed,
+            frames_skipped=frames - analysed,
+            samples=samples - lost,
+            samples_lost=lost,
+        )
+
+    @cached_property
+    def _triggers(self) -> dict[str, NDArray[Any]]:
+        return self._table("/entry/triggers")
+
+    @cached_property
+    def _frame_rows(self) -> dict[int, int]:
+        """Trigger number -> row of triggers, of the frames received."""
+        received = np.flatnonzero(self._triggers["image"] != NO_ROW)
+        return {int(self._triggers["index"][row]): int(row) for row in received}
+
+    @cached_property
+    def _results(self) -> dict[str, NDArray[Any]]:
+        return self._table("/entry/results")
+
+    def _rings(self, i: int, count: int) -> dict[str, Any]:
+        rings = {attribute: self._row(f"/entry/rings/{name}", i) for name, attribute in layout.RINGS.items()}
+        if not all(0 <= count <= len(row) for row in rings.values()):
+            raise self._damaged("/entry/results/ring_count", f"{count} rings are claimed")
+        return {attribute: row[:count] for attribute, row in rings.items()}
+
+    def _field(self, row: int) -> dict[str, Any]:
+        if row == NO_ROW:
+            return {"ux_px": _NO_FIELD, "uy_px": _NO_FIELD, "zncc": _NO_FIELD, "status": _NO_FIELD.astype(np.uint8)}
+        return {attribute: self._row(f"/entry/fields/{name}", row) for name, attribute in layout.FIELDS.items()}
+
+    def _check_format(self) -> None:
+        with self._reading("its format"):
+            version = self._file.attrs.get(FORMAT_ATTRIBUTE)
+        if not isinstance(version, np.integer):
+            raise UserError(f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that `slipscope run` wrote")
+        if version > FORMAT_VERSION:
+            raise UserError(
+                f"{self.path}: written by a newer SlipScope (format {version}, this one reads {FORMAT_VERSION}); bring SlipScope up to date"
+            )
+        for group in layout.GROUPS:
+            if group.path not in layout.LATER:
+                for item in layout.items_of(group.path):
+                    self._dataset(item.path)
+
+    def _has(self, group: str) -> bool:
+        with self._reading(group):
+            return group in self._file
+
+    def _dataset(self, path: str) -> h5py.Dataset:
+        """The dataset, once it is sure that it lies in this file, is what the layout says and claims no more than the file can hold."""
+        if path in self._datasets:
+            return self._datasets[path]
+        item = _ITEMS[path]
+        with self._reading(path):
+            place: Any = self._file
+            for part in path.strip("/").split("/"):
+                if not isinstance(place.get(part, getlink=True), h5py.HardLink):
+                    raise self._damaged(path, "it is missing or a link to elsewhere")
+                place = place[part]
+            if not isinstance(place, h5py.Dataset) or place.is_virtual or place.external:
+                raise self._damaged(path, "it is not a dataset of this file")
+            if place.ndim != len(item.shape) or not _is_of(place.dtype, item.dtype):
+                raise self._damaged(path, f"it is {place.ndim}-dimensional {place.dtype}")
+            if any(isinstance(side, int) and side != found for side, found in zip(item.shape, place.shape, strict=True)):
+                raise self._damaged(path, f"its shape is {place.shape}")
+            if place.size * max(1, place.dtype.itemsize) > self._bytes + SLACK_BYTES:
+                raise self._damaged(path, f"it claims the shape {place.shape} in a file of {self._bytes} bytes")
+        self._datasets[path] = place
+        return place
+
+    def _read(self, path: str) -> Any:
+        dataset = self._dataset(path)
+        with self._reading(path):
+            return dataset.asstr()[()] if _ITEMS[path].dtype == TEXT else dataset[()]
+
+    def _text(self, path: str) -> str:
+        return str(self._read(path))
+
+    def _value(self, path: str) -> Any:
+        """A number, a pair of numbers as a tuple, an array, or a tuple of texts, as the result types hold them."""
+        value, item = self._read(path), _ITEMS[path]
+        if item.dtype == TEXT or item.shape == (2,):
+            return tuple(value.tolist())
+        return value if item.shape else float(value)
+
+    def _row(self, path: str, row: int) -> NDArray[Any]:
+        dataset = self._dataset(path)
+        if not 0 <= row < dataset.shape[0]:
+            raise self._damaged(path, f"row {row} is needed, it has {dataset.shape[0]}")
+        with self._reading(path):
+            values: NDArray[Any] = dataset[row]
+            return values
+
+    def _table(self, group: str) -> dict[str, NDArray[Any]]:
+        """The columns of a group, cut to the shortest: a program that was killed may have lengthened only some."""
+        columns = {item.name: self._read(item.path) for item in layout.items_of(group) if len(item.shape) == 1}
+        rows = min(len(column) for column in columns.values())
+        return {name: column[:rows] for name, column in columns.items()}
+
+    @contextmanager
+    def _reading(self, path: str) -> Iterator[None]:
+        """Whatever HDF5 throws while reading damaged bytes, as one sentence."""
+        try:
+            yield
+        except _DAMAGE as error:
+            raise self._damaged(path, " ".join(str(error).split())) from error
+
+    def _damaged(self, path: str, found: str) -> UserError:
+        return UserError(f"{self.path}: the session is damaged at {path}: {found}; use a copy of it if there is one")
+
+
+def _is_of(found: np.dtype[Any], wanted: str) -> bool:
+    if wanted == TEXT:
+        return h5py.check_string_dtype(found) is not None
+    if wanted == layout.IMAGE:
+        return found.kind == "u" and found.itemsize <= 2
+    return found == np.dtype(wanted)
+
+
+def _open(path: Path) -> h5py.File:
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such session; check the name")
+    try:
+        with path.open("rb") as file:
+            file.read(1)
+        return h5py.File(path, "r")
+    except OSError as error:
+        cause = str(error)
+        if "signature not found" in cause:
+            raise UserError(f"{path}: not an HDF5 file; give a session that `slipscope run` wrote") from None
+        if "truncated file" in cause:
+            raise UserError(f"{path}: the file is cut short, as by a copy that was broken off; copy it again from where it came") from None
+        if "lock" in cause:
+            raise UserError(f"{path}: another program is writing to it; wait for its end") from None
+        cause = os.strerror(error.errno) if error.errno else cause
+        raise UserError(f"{path}: the session can not be read: {cause}") from None
+    except _DAMAGE as error:
+        raise UserError(f"{path}: the session is damaged at its beginning: {error}; use a copy of it if there is one") from None

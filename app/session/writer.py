@@ -1,0 +1,270 @@
+"""Writes a session while it happens: images at once, everything small in batches at each flush.
+
+Write, then count: an image goes to the file before the row that says it is there, and a write that fails is taken back, so that
+a full disk leaves a session without phantom rows. After `flush` the file on disk is complete in itself: a program that is killed
+loses what came after its last flush and nothing else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import errno
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import UserError
+from app.results import ContactResult, Event, Outcome, Snapshot
+from app.session import layout
+from app.session.columns import Table, append_chunks, make_group, storable
+from app.session.layout import GROUPS, LATER, NO_ROW
+
+RESERVE_BYTES = 32 << 20  # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if it can not
+LONGEST_GAP_S = 3600.0  # the missing samples are written as NaN; more than this is a wrong sample number, not a gap
+_LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark that would lock the file after a kill
+
+
+class SessionWriter:
+    """One session being recorded; made by `create`, used from one thread at a time."""
+
+    def __init__(self, file: h5py.File, sample_rate_hz: float) -> None:
+        self._file = file
+        self._folder = Path(file.filename).absolute().parent
+        self._images = file["/entry/instrument/camera/data"]
+        self._fields = [file[f"/entry/fields/{name}"] for name in layout.FIELDS]
+        self._samples = Table(file, "/entry/forces")
+        self._gaps = Table(file, "/entry/gaps")
+        self._triggers = Table(file, "/entry/triggers")
+        self._positions = Table(file, "/entry/instrument/actuator")
+        self._events = Table(file, "/entry/events")
+        self._results = Table(file, "/entry/results")
+        self._rings = Table(file, "/entry/rings")
+        self._field_frames = Table(file, "/entry/fields")
+        self._longest_gap = int(LONGEST_GAP_S * sample_rate_hz)
+        self._trigger_rows: dict[int, int] = {}  # of the frames received
+        self._analysed: list[int] = []  # rows of triggers, marked at the next flush
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        *,
+        config_toml: str,
+        sample_rate_hz: float,
+        frame_shape: tuple[int, int],
+        frame_dtype: np.dtype[Any],
+        exposure_samples: int,
+        divisor: int,
+        first_trigger: int,
+        pixel_m: float,
+        grid_x_px: NDArray[np.float64],
+        grid_y_px: NDArray[np.float64],
+        versions: Mapping[str, str],
+        overwrite: bool = False,
+    ) -> Self:
+        """A new session at `path`, ready to record.
+
+        Parameters
+        ----------
+        frame_shape : (int, int)
+            Rows and columns of an image.
+        first_trigger, divisor, exposure_samples : int
+            Sample of trigger 0, samples per trigger, samples per exposure.
+        grid_x_px, grid_y_px : ndarray, shape (nx,) and (ny,)
+            Centres of the correlation boxes.
+        versions : mapping
+            Name -> version of the programs and libraries in use.
+
+        Raises
+        ------
+        UserError
+            A session of that name exists and `overwrite` was not asked, or the file can not be made there.
+        """
+        path = Path(path)
+        sizes = {
+            "rows": frame_shape[0],
+            "columns": frame_shape[1],
+            "nx": len(grid_x_px),
+            "ny": len(grid_y_px),
+            "programs": len(versions),
+        }
+        values: dict[str, Any] = {
+            "/entry/title": "SlipScope loading experiment",
+            "/entry/program_name": "SlipScope",
+            "/entry/start_time": _now(),
+            "/entry/end_time": "",
+            "/entry/run/state": layout.UNFINISHED,
+            "/entry/run/reason": "the session was not closed: the program ended before the run did",
+            "/entry/run/resources": "{}",
+            "/entry/settings/toml": config_toml,
+            "/entry/versions/name": list(versions.keys()),
+            "/entry/versions/version": list(versions.values()),
+            "/entry/clock/sample_rate": sample_rate_hz,
+            "/entry/clock/first_trigger": first_trigger,
+            "/entry/clock/divisor": divisor,
+            "/entry/clock/exposure": exposure_samples,
+            "/entry/instrument/camera/pixel": pixel_m,
+            "/entry/fields/x": grid_x_px,
+            "/entry/fields/y": grid_y_px,
+        }
+        file = _new_file(path, overwrite)
+        try:
+            file.attrs.update(
+                {"NX_class": "NXroot", "default": "entry", "creator": "SlipScope", layout.FORMAT_ATTRIBUTE: layout.FORMAT_VERSION}
+            )
+            for group in GROUPS:
+                if group.path not in LATER:
+                    make_group(file, group, sizes, values, frame_dtype)
+            file["/entry"].attrs["default"] = "results"
+            file.flush()
+            return cls(file, sample_rate_hz)
+        except BaseException:
+            file.close()
+            path.unlink(missing_ok=True)
+            raise
+
+    def append_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
+        """Record consecutive samples from number `first` on: readings in volts and forces in newtons, both (n, 2), normal and shear.
+
+        Samples missing before them are recorded as a gap and as NaN.
+
+        Raises
+        ------
+        ValueError
+            `first` lies before a sample that is recorded already, or absurdly far after it.
+        """
+        expected = len(self._samples)
+        missing = first - expected
+        if not 0 <= missing <= self._longest_gap:
+            raise ValueError(f"session: samples from {first} on were given where {expected} comes next; they can not be placed")
+        if volts.shape != forces.shape or volts.shape[1:] != (2,):
+            raise ValueError(f"session: volts {volts.shape} and forces {forces.shape} must both be (n, 2)")
+        if missing:
+            self._gaps.append(first=expected, count=missing)
+            nothing = np.full((missing, 2), np.nan)
+            volts, forces = np.concatenate([nothing, volts]), np.concatenate([nothing, forces])
+        self._samples.extend(normal_force=forces[:, 0], shear_force=forces[:, 1], normal_sensor=volts[:, 0], shear_sensor=volts[:, 1])
+
+    def append_frame(self, index: int, sample: int, image: NDArray[Any]) -> None:
+        """Record the image of trigger `index`, exposed from `sample` on; it is written at once.
+
+        Raises
+        ------
+        ValueError
+            The image has another shape or dtype than the session.
+        OSError
+            It could not be written, or the disk is all but full; the session is as it was before and can be finished.
+        """
+        free = shutil.disk_usage(self._folder).free
+        if free < RESERVE_BYTES + image.nbytes:
+            raise OSError(errno.ENOSPC, f"{self._file.filename}: the disk is full, {free / 1e6:.0f} MB are left; make room")
+        row = append_chunks([self._images], [image])
+        self._trigger_rows[index] = len(self._triggers)
+        self._triggers.append(index=index, sample=sample, image=row, reason="", analysed=0)
+
+    def append_lost_frame(self, index: int, sample: int, reason: str) -> None:
+        """Record that trigger `index` gave no image, and why."""
+        self._triggers.append(index=index, sample=sample, image=NO_ROW, reason=reason, analysed=0)
+
+    def append_position(self, sample: int, position_m: float) -> None:
+        """Record where the stage was at `sample`."""
+        self._positions.append(sample=sample, position=position_m)
+
+    def append_event(self, event: Event) -> None:
+        """Record something that happened."""
+        self._events.append(sample=event.sample, kind=event.kind, text=event.text)
+
+    def append_snapshot(self, snapshot: Snapshot) -> None:
+        """Record what was found on a frame, which must be recorded already. Its field, if it has one, is written at once.
+
+        Raises
+        ------
+        ValueError
+            The frame is not in the session, or its field is not on the session's grid.
+        OSError
+            The field could not be written; the session is as it was before.
+        """
+        if snapshot.frame not in self._trigger_rows:
+            raise ValueError(f"session: results of frame {snapshot.frame} were given, but that frame is not recorded")
+        field = NO_ROW
+        if snapshot.ux_px.size:
+            field = append_chunks(self._fields, [getattr(snapshot, name) for name in layout.FIELDS.values()])
+            self._field_frames.append(frame=snapshot.frame)
+        self._analysed.append(self._trigger_rows[snapshot.frame])
+        self._rings.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.RINGS.items()})
+        row = {name: getattr(snapshot, attribute) for name, attribute in layout.RESULTS.items()}
+        row["phase"] = layout.PHASES.index(snapshot.phase)
+        self._results.append(**row, ring_count=len(snapshot.ring_radius_m), field=field)
+
+    def write_contact(self, contact: ContactResult) -> None:
+        """Record the apparent contact, once."""
+        values = {f"/entry/{name}": getattr(contact, attribute) for name, attribute in layout.CONTACT.items()}
+        self._make("/entry/profile", values, profile=len(contact.profile_grey))
+        self._make("/entry/contact", values)
+
+    def finish(self, outcome: Outcome) -> None:
+        """Record how the run ended, once."""
+        self._make("/entry/counts", {f"/entry/counts/{name}": value for name, value in dataclasses.asdict(outcome.counts).items()})
+        if outcome.summary is not None:
+            values = {f"/entry/summary/{name}": getattr(outcome.summary, attribute) for name, attribute in layout.SUMMARY.items()}
+            self._make("/entry/summary", values, notes=len(outcome.summary.notes))
+        self._write_text("/entry/run/resources", json.dumps(outcome.resources, default=str))
+        self._write_text("/entry/run/reason", outcome.reason)
+        self._write_text("/entry/end_time", _now())
+        self.flush()
+        self._write_text("/entry/run/state", outcome.state)
+        self._file.flush()
+
+    def flush(self) -> None:
+        """Bring everything recorded so far to the disk; the file is readable from there on, whatever happens to the program.
+
+        Raises
+        ------
+        OSError
+            It could not be written; what was flushed before stays readable, and no column is longer than another.
+        """
+        for table in (self._gaps, self._samples, self._triggers, self._positions, self._events):
+            table.flush()
+        for table in (self._rings, self._field_frames, self._results):
+            table.flush()
+        if self._analysed:
+            self._file["/entry/triggers/analysed"][sorted(set(self._analysed))] = 1
+            self._analysed.clear()
+        self._file.flush()
+
+    def close(self) -> None:
+        """Flush and let go of the file. May be called twice; a session that was not finished says so."""
+        if self._file:
+            try:
+                self.flush()
+            finally:
+                self._file.close()
+
+    def _make(self, path: str, values: Mapping[str, Any], **sizes: int) -> None:
+        group = next(group for group in GROUPS if group.path == path)
+        make_group(self._file, group, sizes, values)
+
+    def _write_text(self, path: str, text: str) -> None:
+        self._file[path][()] = storable(text)
+
+
+def _new_file(path: Path, overwrite: bool) -> h5py.File:
+    if path.exists() and not overwrite:
+        raise UserError(f"{path}: a session of that name exists; choose another name or ask to overwrite it")
+    try:
+        return h5py.File(path, "w" if overwrite else "x", libver=_LIBVER)
+    except OSError as error:
+        cause = os.strerror(error.errno) if error.errno else str(error)
+        raise UserError(f"{path}: the session can not be made there: {cause}; choose another folder or name") from None
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).astimezone().isoformat(timespec="seconds")

@@ -1,0 +1,112 @@
+"""A small session with everything in it, as values and as a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.results import ContactResult, Counts, Event, Outcome, Phase, Snapshot, Summary
+from app.session.writer import SessionWriter
+
+SHAPE = (12, 16)
+GRID_X, GRID_Y = np.array([4.5, 8.5, 12.5]), np.array([3.5, 7.5])
+NAN = float("nan")
+TOML = "[run]\nnormal_force = 0.5  # µ, ü and 力\n"
+VERSIONS = {"slipscope": "0.1.0", "numpy": "2.0.0"}
+SUMMARY = Summary(0.5, 2e-3, 1e-5, 2.1e-3, 31.25, NAN, 0.47, 0.94, 0.01, NAN, (0.9, NAN), 4.8e-6, ("µ_d: too short", "second note"))
+COUNTS = Counts(8, 7, 7, 1, 6, 1, 1000, 3)
+OUTCOME = Outcome("done", "the travel is done", COUNTS, SUMMARY, {"peak_memory_mib": 123.4, "cpu_s": 1.5})
+CONTACT = ContactResult((7.25, 5.125), 2.2e-3, NAN, (0.03, -0.01), np.array([1.0, 2.0, 3.5]), np.array([10.0, NAN, 12.0]))
+
+
+def make_writer(path: Path, **changed: Any) -> SessionWriter:
+    """A writer of small images, with anything changed by name."""
+    settings: dict[str, Any] = {
+        "config_toml": TOML,
+        "sample_rate_hz": 1000.0,
+        "frame_shape": SHAPE,
+        "frame_dtype": np.dtype(np.uint8),
+        "exposure_samples": 10,
+        "divisor": 125,
+        "first_trigger": 5,
+        "pixel_m": 7.04e-6,
+        "grid_x_px": GRID_X,
+        "grid_y_px": GRID_Y,
+        "versions": VERSIONS,
+    }
+    return SessionWriter.create(path, **(settings | changed))
+
+
+def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot:
+    """Results of a frame with random bits and NaN in every place that may hold one."""
+    rng = np.random.default_rng(frame)
+    shape = (len(GRID_Y), len(GRID_X)) if field else (0, 0)
+    ux, uy, zncc = (rng.normal(size=shape).astype(np.float32) for _ in range(3))
+    if field:
+        ux[0, 1] = uy[0, 1] = zncc[0, 1] = np.nan
+    ring_ux = rng.normal(size=rings)
+    ring_ux[-1:] = np.nan
+    return Snapshot(
+        frame=frame,
+        sample=5 + 125 * frame,
+        phase=Phase.DRIVE if field else Phase.BACKGROUND,
+        time_s=frame / 8 if field else NAN,
+        normal_force_n=float(rng.normal()),
+        shear_force_n=0.1 * frame,
+        travel_m=1e-6 * frame,
+        ux_px=ux,
+        uy_px=uy,
+        zncc=zncc,
+        status=rng.integers(0, 5, shape, np.uint8),
+        ring_radius_m=rng.uniform(size=rings),
+        ring_ux_m=ring_ux,
+        ring_sd_m=rng.uniform(size=rings),
+        centre_ux_m=float(rng.normal()),
+        stick_radius_m=float(rng.uniform()) if field else NAN,
+        stick_radius_sd_m=NAN,
+    )
+
+
+@dataclass
+class Session:
+    """What was written."""
+
+    path: Path
+    volts: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    images: dict[int, NDArray[np.uint8]]
+    snapshots: list[Snapshot]
+    events: list[Event]
+    positions: list[tuple[int, float]]
+
+
+def record(path: Path, *, flush_each: bool = True) -> tuple[SessionWriter, Session]:
+    """A session of 8 triggers (3 is lost), 1000 samples with 3 missing, results of 6 frames, not yet finished."""
+    rng = np.random.default_rng(7)
+    written = Session(path, rng.normal(size=(1003, 2)), rng.normal(size=(1003, 2)), {}, [], [], [])
+    written.volts[500:503] = written.forces[500:503] = np.nan
+    writer = make_writer(path)
+    blocks = [(0, 250), (250, 500), (503, 750), (750, 1003)]
+    for frame in range(8):
+        if frame % 2 == 0:
+            first, end = blocks[frame // 2]
+            writer.append_samples(first, written.volts[first:end], written.forces[first:end])
+            written.positions.append((end, 1e-3 + 1e-7 * frame))
+            writer.append_position(*written.positions[-1])
+        if frame == 3:
+            writer.append_lost_frame(3, 5 + 3 * 125, "no image within 0.5 s")
+            continue
+        written.images[frame] = rng.integers(0, 256, SHAPE, np.uint8)
+        writer.append_frame(frame, 5 + 125 * frame, written.images[frame])
+        if frame != 5:
+            written.snapshots.append(make_snapshot(frame, field=frame > 1, rings=0 if frame < 2 else 3 + frame % 3))
+            writer.append_snapshot(written.snapshots[-1])
+        written.events.append(Event(125 * frame, "phase", f"phase {frame} µ"))
+        writer.append_event(written.events[-1])
+        if flush_each:
+            writer.flush()
+    return writer, written

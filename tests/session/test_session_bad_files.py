@@ -1,0 +1,239 @@
+"""Whatever is not a whole session is refused with one sentence, or read as far as it goes; nothing is overwritten."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from session_material import CONTACT, OUTCOME, Session, make_writer, record
+
+from app.errors import UserError
+from app.session.layout import FORMAT_ATTRIBUTE
+from app.session.reader import SessionReader
+
+
+def read_all(path: Path) -> None:
+    """Ask everything that a session can be asked."""
+    with SessionReader(path) as read:
+        for name in dir(SessionReader):
+            thing = None if name.startswith("_") else getattr(read, name)
+            if callable(thing) and name not in {"close", "frame", "snapshot"}:
+                answer = thing()
+                if isinstance(answer, Iterator):
+                    list(answer)
+
+
+def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:
+    before = session.path.read_bytes()
+    with pytest.raises(UserError, match=r"session\.h5: a session of that name exists"):
+        make_writer(session.path)
+    assert session.path.read_bytes() == before
+    make_writer(session.path, overwrite=True).close()
+    with SessionReader(session.path) as read:
+        assert len(read.triggers()) == 0
+
+
+def test_session_that_is_being_recorded_is_not_overwritten(tmp_path: Path) -> None:
+    writer, written = record(tmp_path / "busy.h5")
+    with pytest.raises(UserError, match="can not be made there"):
+        make_writer(written.path, overwrite=True)
+    writer.close()
+    read_all(written.path)
+
+
+@pytest.mark.parametrize("place", ["no/such/folder/s.h5", "a_file/s.h5", "."])
+def test_place_that_can_not_be_written(tmp_path: Path, place: str) -> None:
+    (tmp_path / "a_file").write_text("x")
+    with pytest.raises(UserError, match="can not be made there"):
+        make_writer(tmp_path / place, overwrite=True)
+
+
+def _nothing(path: Path) -> None:
+    path.unlink()
+
+
+def _text(path: Path) -> None:
+    path.write_text("frame,x_px\n")
+
+
+def _folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def _cut(path: Path) -> None:
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def _foreign(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["entry/data"] = np.arange(3)
+
+
+def _foreign_version(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs[FORMAT_ATTRIBUTE] = "one"
+
+
+def _newer(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs[FORMAT_ATTRIBUTE] = 2
+
+
+def _missing_dataset(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["/entry/clock/divisor"]
+
+
+def _other_type(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["/entry/clock/divisor"]
+        file["/entry/clock/divisor"] = "125"
+
+
+def _other_rank(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["/entry/clock/divisor"]
+        file["/entry/clock/divisor"] = np.array([125])
+
+
+def _other_pair(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["/entry/contact/centre"]
+        file["/entry/contact/centre"] = np.array([1.0, 2.0, 3.0])
+
+
+def _link_to_another_file(path: Path) -> None:
+    other = path.with_name("other.h5")
+    shutil.copy(path, other)
+    with h5py.File(path, "r+") as file:
+        del file["/entry/settings"]
+        file["/entry/settings"] = h5py.ExternalLink(other.name, "/entry/settings")
+
+
+def _dataset_of_another_file(path: Path) -> None:
+    other = path.with_name("secret.txt")
+    other.write_bytes(bytes(16))
+    with h5py.File(path, "r+") as file:
+        del file["/entry/fields/y"]
+        file.create_dataset("/entry/fields/y", (2,), "f8", external=[(str(other), 0, 16)])
+
+
+def _virtual_dataset(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["/entry/fields/y"]
+        source = h5py.VirtualLayout((2,), "f8")
+        source[:] = h5py.VirtualSource("other.h5", "/entry/fields/y", (2,))
+        file.create_virtual_dataset("/entry/fields/y", source)
+
+
+def _absurd_size(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["/entry/forces/normal_force"].resize(2**50, axis=0)
+
+
+def _unknown_phase(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["/entry/results/phase"][3] = 77
+
+
+def _field_out_of_range(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["/entry/results/field"][3] = 4000
+
+
+def _rings_out_of_range(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["/entry/results/ring_count"][3] = -2
+
+
+def _image_out_of_range(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["/entry/triggers/image"][2] = 99
+
+
+def _broken_resources(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["/entry/run/resources"][()] = "{"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (_nothing, "there is no such session"),
+        (_folder, "there is no such session"),
+        (_text, "not an HDF5 file"),
+        (_cut, "cut short"),
+        (_foreign, "not a SlipScope session"),
+        (_foreign_version, "not a SlipScope session"),
+        (_newer, "newer SlipScope \\(format 2, this one reads 1\\)"),
+        (_missing_dataset, "damaged at /entry/clock/divisor: it is missing"),
+        (_other_type, "damaged at /entry/clock/divisor: it is 0-dimensional object"),
+        (_other_rank, "damaged at /entry/clock/divisor: it is 1-dimensional"),
+        (_other_pair, r"damaged at /entry/contact/centre: its shape is \(3,\)"),
+        (_link_to_another_file, "damaged at /entry/settings/toml: it is missing or a link to elsewhere"),
+        (_dataset_of_another_file, "damaged at /entry/fields/y: it is not a dataset of this file"),
+        (_virtual_dataset, "damaged at /entry/fields/y: it is not a dataset of this file"),
+        (_absurd_size, "damaged at /entry/forces/normal_force: it claims"),
+        (_unknown_phase, "damaged at /entry/results/phase: 77"),
+        (_field_out_of_range, "damaged at /entry/fields/ux: row 4000"),
+        (_rings_out_of_range, "damaged at /entry/results/ring_count: -2"),
+        (_image_out_of_range, "damaged at /entry/instrument/camera/data: row 99"),
+    ],
+)
+def test_bad_file_is_refused_with_a_sentence(session: Session, spoil: Callable[[Path], None], sentence: str) -> None:
+    spoil(session.path)
+    with pytest.raises(UserError, match=f"session\\.h5: .*{sentence}"):
+        read_all(session.path)
+
+
+def test_broken_resources_are_told(session: Session) -> None:
+    _broken_resources(session.path)
+    with SessionReader(session.path) as read, pytest.raises(UserError, match="damaged at /entry/run/resources"):
+        _ = read.resources
+
+
+def test_frames_and_results_that_are_not_there(session: Session) -> None:
+    with SessionReader(session.path) as read:
+        for index in (3, 8, -1):
+            with pytest.raises(UserError, match=f"no image of trigger {index}"):
+                read.frame(index)
+        for i in (-1, 6):
+            with pytest.raises(UserError, match=f"result {i} was asked, this session has 6"):
+                read.snapshot(i)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The bytes of a finished session."""
+    writer, written = record(tmp_path_factory.mktemp("whole") / "whole.h5")
+    writer.write_contact(CONTACT)
+    writer.finish(OUTCOME)
+    writer.close()
+    return written.path.read_bytes()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damaged_file_is_read_or_refused(data: st.DataObject, whole: bytes, tmp_path: Path) -> None:
+    """Cut anywhere, or with any bytes changed: never another exception than UserError."""
+    spoiled = bytearray(whole)
+    used = np.flatnonzero(np.frombuffer(whole, np.uint8)).tolist()  # most of a small file is empty chunks
+    if data.draw(st.booleans(), label="cut"):
+        del spoiled[data.draw(st.integers(0, len(whole) - 1)) :]
+    else:
+        for at in data.draw(st.lists(st.sampled_from(used), min_size=1, max_size=8), label="places"):
+            spoiled[at] ^= data.draw(st.integers(1, 255))
+    path = tmp_path / "spoiled.h5"
+    path.write_bytes(spoiled)
+    try:
+        read_all(path)
+    except UserError as error:
+        assert str(error).startswith(str(path))  # noqa: PT017  (either outcome is right)

@@ -1,0 +1,151 @@
+"""A session whose program was killed, or whose disk was full, has everything up to its last flush and no phantom rows."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from collections import namedtuple
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from session_material import COUNTS, SHAPE, make_snapshot, record
+
+from app.errors import UserError
+from app.results import Outcome
+from app.session import columns, layout
+from app.session import writer as writer_module
+from app.session.reader import SessionReader
+
+KILLED = """
+import os, sys
+from pathlib import Path
+import numpy as np
+from session_material import SHAPE, make_snapshot, record
+writer, _ = record(Path(sys.argv[1]))
+writer.flush()
+for frame in range(8, 40):  # not flushed
+    writer.append_frame(frame, 5 + 125 * frame, np.zeros(SHAPE, np.uint8))
+    writer.append_samples(1003 + 50 * (frame - 8), np.zeros((50, 2)), np.zeros((50, 2)))
+    writer.append_snapshot(make_snapshot(frame))
+print("ready", flush=True)
+if sys.argv[2] == "exit":
+    os._exit(3)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("end", ["exit", "kill"])
+def test_killed_program_leaves_everything_flushed(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "killed.h5"
+    root = Path(__file__).parents[2]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])}
+    command = [sys.executable, "-c", KILLED, str(path), end]
+    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+        if end == "kill":
+            with pytest.raises(UserError, match=r"killed\.h5: "):
+                SessionReader(path)  # it is being recorded
+            child.kill()
+        assert child.wait(30) != 0
+    _, written = record(tmp_path / "same.h5")
+    with SessionReader(path) as read:
+        assert read.state == layout.UNFINISHED
+        assert read.counts() == COUNTS
+        assert_array_equal(read.forces()[1], written.volts)
+        assert read.events() == written.events
+        for index, _, image in read.frames():
+            assert_array_equal(image, written.images[index])
+        for found, snapshot in zip(read.snapshots(), written.snapshots, strict=True):
+            assert_array_equal(found.ux_px, snapshot.ux_px)
+
+
+def test_columns_of_unequal_length_are_cut_to_the_shortest(tmp_path: Path) -> None:
+    """As a kill in the middle of a flush may leave them."""
+    writer, written = record(tmp_path / "torn.h5")
+    writer.close()
+    with h5py.File(written.path, "r+") as file:
+        file["/entry/triggers/index"].resize(9, axis=0)
+        file["/entry/forces/shear_sensor"].resize(900, axis=0)
+    with SessionReader(written.path) as read:
+        assert len(read.triggers()) == 8
+        assert len(read.forces()[1]) == 900
+
+
+class _FullDisk:
+    """A dataset that is real but for its direct writes, which fail as those to a full disk do."""
+
+    def __init__(self, real: h5py.Dataset) -> None:
+        self._real = real
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+    @property
+    def id(self) -> _FullDisk:
+        return self
+
+    def write_direct_chunk(self, *_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_failed_chunk_leaves_no_phantom(tmp_path: Path) -> None:
+    """An image that can not be written, and a field of which the second quantity can not."""
+    writer, written = record(tmp_path / "full.h5")
+    writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
+    writer._images = _FullDisk(writer._images)
+    writer._fields[1] = _FullDisk(writer._fields[1])
+    with pytest.raises(OSError, match="No space left"):
+        writer.append_frame(9, 1130, np.ones(SHAPE, np.uint8))
+    with pytest.raises(OSError, match="No space left"):
+        writer.append_snapshot(make_snapshot(8))
+    writer.finish(Outcome("failed", "disk full", COUNTS, None))
+    writer.close()
+    with SessionReader(written.path) as read:
+        assert [index for index, _, _ in read.frames()] == [0, 1, 2, 4, 5, 6, 7, 8]
+        assert len(list(read.snapshots())) == 6
+        assert read.triggers()["analysed"].tolist()[-2:] == [True, False]
+        assert read.state == "failed"
+    with h5py.File(written.path, "r") as file:
+        assert file["/entry/instrument/camera/data"].shape[0] == 8
+        assert {file[f"/entry/fields/{name}"].shape[0] for name in ("frame", "ux", "uy", "zncc", "status")} == {4}
+
+
+def test_failed_flush_takes_its_rows_back_and_can_be_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer, written = record(tmp_path / "flush.h5")
+    writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
+    writer.append_lost_frame(9, 1130, "late")
+    lengthen = columns._lengthen
+
+    def full_disk(column: h5py.Dataset, *rest: Any) -> None:
+        lengthen(column, *rest)
+        if column.name == "/entry/triggers/reason":
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(columns, "_lengthen", full_disk)
+        with pytest.raises(OSError, match="No space left"):
+            writer.flush()
+    assert {column.shape[0] for column in writer._triggers._columns.values()} == {8}
+    writer.close()
+    with SessionReader(written.path) as read:
+        assert read.triggers()["index"].tolist() == list(range(10))
+        assert read.lost_frames()[-1] == (9, 1130, "late")
+
+
+def test_last_of_the_disk_is_left_to_close_the_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer, written = record(tmp_path / "last.h5")
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(writer_module.shutil, "disk_usage", lambda _: usage(10**9, 10**9, writer_module.RESERVE_BYTES))
+    with pytest.raises(OSError, match="the disk is full, 34 MB are left"):
+        writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
+    writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
+    writer.close()
+    with SessionReader(written.path) as read:
+        assert (read.state, len(read.triggers())) == ("failed", 8)

@@ -1,0 +1,86 @@
+"""The file is what layout.py says, and a NeXus program finds its way in it."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+from nexusformat import nexus
+from numpy.testing import assert_array_equal
+from session_material import Session
+
+from app.results import Snapshot, Summary
+from app.session import layout
+
+
+def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
+    found: dict[str, h5py.Dataset] = {}
+    groups: dict[str, str] = {}
+
+    def look(name: str, thing: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(thing, h5py.Dataset):
+            found[f"/{name}"] = (thing.ndim, thing.dtype.kind, thing.attrs.get("units", ""), thing.attrs["long_name"])
+        else:
+            groups[f"/{name}"] = thing.attrs["NX_class"]
+
+    with h5py.File(session.path, "r") as file:
+        file.visititems(look)
+        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 1
+    kinds = {layout.TEXT: "O", layout.IMAGE: "u"}
+    expected = {i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning) for i in layout.ITEMS}
+    assert found == expected
+    assert groups == {group.path: group.nx_class for group in layout.GROUPS}
+
+
+def test_every_number_has_a_unit_and_no_text_has() -> None:
+    for item in layout.ITEMS:
+        assert bool(item.unit) == (item.dtype != layout.TEXT), item.path
+        assert item.meaning
+
+
+def test_uncertainties_are_beside_what_they_belong_to() -> None:
+    paths = {item.path: item for item in layout.ITEMS}
+    errors = [path for path in paths if path.endswith("_errors")]
+    assert len(errors) == 6
+    for path in errors:
+        base = paths[path.removesuffix("_errors")]
+        assert (paths[path].shape, paths[path].unit) == (base.shape, base.unit)
+
+
+def test_every_field_of_the_results_has_a_place() -> None:
+    stored = {*layout.RESULTS.values(), *layout.RINGS.values(), *layout.FIELDS.values()}
+    assert stored == set(Snapshot.__dataclass_fields__)
+    assert set(layout.SUMMARY.values()) == set(Summary.__dataclass_fields__)
+
+
+def test_default_plot_is_the_load_curve(session: Session) -> None:
+    data = nexus.nxload(session.path).plottable_data
+    assert (data.nxsignal.nxname, [axis.nxname for axis in data.nxaxes]) == ("shear_force", ["stage_displacement"])
+    assert (data.nxsignal.attrs["units"], data.nxaxes[0].attrs["units"]) == ("N", "m")
+    assert_array_equal(data.nxsignal.nxvalue, [s.shear_force_n for s in session.snapshots])
+    assert_array_equal(data.nxaxes[0].nxvalue, [s.travel_m for s in session.snapshots])
+
+
+@pytest.mark.parametrize(
+    ("group", "signal", "shape"),
+    [("forces", "shear_force", (1003,)), ("fields", "ux", (4, 2, 3)), ("rings", "ux", (6, 5)), ("profile", "grey", (3,))],
+)
+def test_every_plot_resolves(session: Session, group: str, signal: str, shape: tuple[int, ...]) -> None:
+    data = nexus.nxload(session.path)["entry"][group].plottable_data
+    assert (data.nxsignal.nxname, data.nxsignal.shape) == (signal, shape)
+    assert [len(axis) for axis in data.nxaxes] == list(shape)
+
+
+def test_images_are_raw_chunks_that_any_program_opens(session: Session) -> None:
+    with h5py.File(session.path, "r") as file:
+        images = file["/entry/instrument/camera/data"]
+        assert images.chunks == (1, 12, 16)
+        assert images.id.get_create_plist().get_nfilters() == 0
+        assert images.id.get_num_chunks() == len(session.images)
+        assert_array_equal(images[3], session.images[4])  # trigger 3 gave no image
+
+
+def test_markdown_names_every_dataset() -> None:
+    table = layout.markdown().splitlines()
+    assert len(table) == 2 + len(layout.ITEMS)
+    assert all(line.count(" | ") == 4 for line in table[2:])
