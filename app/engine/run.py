@@ -35,7 +35,7 @@ from drivers.protocols import Actuator, Camera, ForceSource, Frame, LostFrame, S
 
 READ_TIMEOUT_S = 2.0
 POLL_S = 0.1
-CAMERA_PATIENCE_S = 3.0  # of samples without an answer to a trigger, then the camera is given up
+CAMERA_PATIENCE_S = 3.0  # without an answer to a trigger, then the camera is given up
 REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
 UNHURRIED_DEPTH = 8  # frames kept for the analysis before the drive, when none should be skipped
 
@@ -108,6 +108,7 @@ class Run:
         self._stop, self._ended, self._reference_taken = threading.Event(), threading.Event(), threading.Event()
         self._final_sample: int | None = None
         self._received = self._lost = self._analysed = 0
+        self._answered_at = 0.0  # wall clock of the camera's last answer
         self._snapshots: list[Snapshot] = []
         self._latest_image: NDArray[Any] | None = None
         self._outcome: Outcome | None = None
@@ -178,22 +179,21 @@ class Run:
     # ------------------------------------------------------------------ stopping
 
     def _stop_with(self, reason: str, *, failed: bool) -> None:
-        """First the actuator, then everything else. The first reason stays; a failure outranks an orderly end."""
-        problem = ""
+        """Name the end, then stop the actuator, before anything else is done. The first reason stays; a failure outranks an orderly end."""
+        self._note_end(reason, failed=failed)
         if self._state in ("running", "stopping"):
             try:
                 self._bench.actuator.stop()
             except Exception as error:  # the run must end whatever the actuator says
-                problem = f"; the actuator did not confirm its stop: {error}"
-                failed = True
+                self._note_end(f"the actuator did not confirm its stop: {error}", failed=True)
+
+    def _note_end(self, reason: str, *, failed: bool) -> None:
         with self._lock:
-            if self._outcome is not None:
-                return
-            if not self._stop.is_set():
-                self._reason, self._failed = reason + problem, failed
-                self._stop.set()
-            elif failed and not self._failed:
-                self._reason, self._failed = f"{reason}{problem} (while ending: {self._reason})", True
+            if self._outcome is None and not self._stop.is_set():
+                self._reason, self._failed = reason, failed
+            elif self._outcome is None and failed and not self._failed:
+                self._reason, self._failed = f"{reason} (while ending: {self._reason})", True
+            self._stop.set()
 
     def _spawn(self, name: str, work: Callable[[], None]) -> threading.Thread:
         """A thread whose exceptions end the run by name."""
@@ -276,7 +276,7 @@ class Run:
             self._bench.camera.start(self._train)
             self._bench.forces.start(self._train)
             self._start_m = self._bench.actuator.position_m()
-            self._state = "running"
+            self._state, self._answered_at = "running", time.monotonic()
             workers = [self._spawn("camera", self._receive), self._spawn("analysis", self._analyse)]
             self._measure()
         except Exception as error:
@@ -295,7 +295,12 @@ class Run:
             if before is Phase.REFERENCE and self._reference_is_due(measured):
                 self._reference_taken.wait(REFERENCE_WAIT_S)
                 measured = replace(measured, has_reference=self._reference_taken.is_set())
-            phase = self._experiment.advance(measured)
+            try:
+                phase = self._experiment.advance(measured)
+            except ExperimentFailed:
+                if self._stop.is_set():
+                    return  # the stage stands because somebody stopped it
+                raise
             self._progress = self._experiment.progress(measured)
             if phase is not before:
                 self._begin_phase(phase, measured.end_sample)
@@ -345,11 +350,11 @@ class Run:
     def _watch_camera(self) -> None:
         """Give the camera up when triggers have had no answer for too long."""
         answered = self._received + self._lost
-        waiting = self._history.end - self._train.sample(answered)
-        if waiting > CAMERA_PATIENCE_S * self.sample_rate_hz + 2 * self._train.divisor:
+        overdue = self._history.end - self._train.sample(answered) > 2 * self._train.divisor + self._exposure
+        silent_s = time.monotonic() - self._answered_at
+        if overdue and silent_s > CAMERA_PATIENCE_S:
             raise DeviceTimeout(
-                f"{self._bench.camera.name}: trigger {answered} had no answer for {waiting / self.sample_rate_hz:.1f} s;"
-                " check the trigger line and the camera (a simulated one may be too slow for this pace)"
+                f"{self._bench.camera.name}: trigger {answered} had no answer for {silent_s:.1f} s; check the trigger line and the camera"
             )
 
     def _wind_down(self, workers: list[threading.Thread]) -> None:
@@ -399,13 +404,12 @@ class Run:
             self._lose_the_rest()
 
     def _receive_answers(self) -> None:
-        quiet_since = time.monotonic()
         while self._final_sample is None or self._received + self._lost < self._train.count_before(self._final_sample):
             try:
                 self._deliver(self._bench.camera.read(POLL_S))
-                quiet_since = time.monotonic()
+                self._answered_at = time.monotonic()
             except DeviceTimeout:
-                if self._final_sample is not None and time.monotonic() - quiet_since > CAMERA_PATIENCE_S:
+                if self._final_sample is not None and time.monotonic() - self._answered_at > CAMERA_PATIENCE_S:
                     return
 
     def _deliver(self, answer: Frame | LostFrame) -> None:

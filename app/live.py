@@ -1,0 +1,149 @@
+"""A live run from settings: the one place where engine, bench and session file are put together."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis import dic
+from app.config import Config, exposure_samples, to_toml
+from app.engine.run import Run
+from app.errors import UserError
+from app.session.writer import SessionWriter
+from drivers.bench import Bench, open_bench
+from drivers.sim.world import World, WorldSettings
+
+
+def versions() -> dict[str, str]:
+    """What this program runs on, for the session's record."""
+    packages = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
+    return {"python": platform.python_version(), "platform": platform.platform(), **{name: metadata.version(name) for name in packages}}
+
+
+def world_settings(config: Config) -> WorldSettings:
+    """The simulated world that belongs to the settings."""
+    sim, sample, forces, camera = config.sim, config.sample, config.forces, config.camera
+    return WorldSettings(
+        seed=sim.seed,
+        normal_force_n=config.run.normal_force,
+        friction=sim.friction,
+        young_modulus_pa=sample.young_modulus * 1e6,
+        poisson=sample.poisson,
+        lens_radius_m=sample.lens_radius * 1e-3,
+        roughness_m=sample.roughness * 1e-6,
+        lens_compliance_m_per_n=sample.lens_compliance * 1e-6,
+        stiffness_n_per_m=(forces.stiffness_normal, forces.stiffness_shear),
+        sensitivity_m_per_v=(forces.sensitivity_normal * 1e-6, forces.sensitivity_shear * 1e-6),
+        zero_v=forces.zero,
+        coupling=forces.coupling,
+        force_noise_n=sim.force_noise * 1e-3,
+        sample_rate_hz=float(forces.sample_rate),
+        block_samples=forces.block,
+        exposure_samples=exposure_samples(config),
+        pixel_m=camera.pixel * 1e-6,
+        image_shape=(camera.height, camera.width),
+        press_sample=round(sim.press_time * forces.sample_rate),
+        slow_actuator=sim.slow_actuator,
+        read_noise=sim.read_noise,
+        full_well=sim.full_well,
+        renderer=sim.renderer,
+    )
+
+
+def expected_bytes(config: Config) -> int:
+    """Size of the session that a run of these settings writes, within some ten per cent."""
+    run = config.run
+    seconds = run.background_time + 2.0 + run.settle_time + run.reference_time + run.travel / run.velocity * 1.06
+    frames = seconds * config.forces.sample_rate / config.camera.divisor
+    points = (config.camera.width // config.dic.step) * (config.camera.height // config.dic.step)
+    return int(frames * (config.camera.width * config.camera.height + 13 * points) + seconds * config.forces.sample_rate * 32)
+
+
+def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
+    """Refuse, before anything moves, a session that can not be written.
+
+    Raises
+    ------
+    UserError
+        The file exists, its folder does not, or the disk has no room for the run.
+    """
+    if output.exists() and not overwrite:
+        raise UserError(f"{output}: a session of that name exists; choose another name or give --overwrite")
+    folder = output.parent
+    if not folder.is_dir():
+        raise UserError(f"{output}: the folder {folder} does not exist; create it or choose another")
+    needed, free = expected_bytes(config), shutil.disk_usage(folder).free
+    if needed > free:
+        raise UserError(
+            f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB free; make room or shorten run.travel"
+        )
+
+
+def prepare(on_progress: Callable[[str, float], None]) -> None:
+    """Compile what is compiled at first use, so that nothing does so during a run; cached for the next start."""
+    from drivers.sim.images import Renderer
+
+    on_progress("image correlation", 0.0)
+    dic.compile_kernels()
+    on_progress("simulated camera", 0.6)
+    world = World(WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None)
+    world.start()
+    world.advance(50)
+    Renderer(world.settings).image(world.state(40), 0)
+    on_progress("ready", 1.0)
+
+
+def make_bench(config: Config, pace: float | None) -> Bench:
+    """The bench that the settings name, not yet open."""
+    return open_bench(config.forces.source, config.camera.source, config.actuator.source, world=world_settings(config), pace=pace)
+
+
+def make_run(config: Config, output: Path, *, pace: float | None, overwrite: bool = False, bench: Bench | None = None) -> Run:
+    """A run on the bench that the settings name; nothing is opened before its `start`.
+
+    Parameters
+    ----------
+    pace : float or None
+        Simulated seconds per second; None: as fast as the machine. A bench with a real device runs at 1.
+    bench : Bench, optional
+        The bench to use, made with `make_bench` from the same settings and pace.
+
+    Raises
+    ------
+    UserError
+        The session can not be written, or a device of that name is not known.
+    """
+    check_output(config, output, overwrite=overwrite)
+    sources = (config.forces.source, config.camera.source, config.actuator.source)
+    if pace != 1.0 and any(source != "sim" for source in sources):
+        raise UserError(f"--pace: a bench with a real device runs at pace 1, not {'max' if pace is None else pace}")
+    bench = bench or make_bench(config, pace)
+
+    def create_sink(
+        shape: tuple[int, int], dtype: np.dtype[Any], grid_x_px: NDArray[np.float64], grid_y_px: NDArray[np.float64]
+    ) -> SessionWriter:
+        return SessionWriter.create(
+            output,
+            config_toml=to_toml(config),
+            sample_rate_hz=float(config.forces.sample_rate),
+            frame_shape=shape,
+            frame_dtype=dtype,
+            exposure_samples=exposure_samples(config),
+            divisor=config.camera.divisor,
+            first_trigger=0,
+            pixel_m=config.camera.pixel * 1e-6,
+            grid_x_px=grid_x_px,
+            grid_y_px=grid_y_px,
+            versions=versions(),
+            overwrite=overwrite,
+        )
+
+    title = "simulated bench" if set(sources) == {"sim"} else " + ".join(sources)
+    return Run(config, bench, create_sink, free_running=pace is None, title=title, output=output)

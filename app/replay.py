@@ -1,0 +1,236 @@
+"""A saved session through the very same pipeline, frame for frame as it was analysed live. No device is involved, nor could be."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from app.config import Config, from_data
+from app.engine.history import History
+from app.engine.pipeline import Pipeline, sensor_chain, summarise
+from app.errors import UserError
+from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot, without_fields
+from app.session.reader import SessionReader
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """How far the replayed results are those of the live run, bit for bit."""
+
+    frames: int
+    identical: int
+    first_difference: str
+
+    @property
+    def all_identical(self) -> bool:
+        """Every replayed frame gave the recorded result."""
+        return self.frames == self.identical
+
+
+def difference(a: Snapshot, b: Snapshot) -> str:
+    """Name of the first quantity in which two snapshots differ by a bit; empty when there is none."""
+    for field in dataclasses.fields(Snapshot):
+        x, y = getattr(a, field.name), getattr(b, field.name)
+        same = np.array_equal(x, y, equal_nan=True) if isinstance(x, np.ndarray | float) else x == y
+        if not same:
+            return field.name
+    return ""
+
+
+class Replay:
+    """A session played again: the same methods as a live `app.engine.run.Run`, for the same window.
+
+    Parameters
+    ----------
+    pace : float or None
+        Seconds of the experiment per second; None: as fast as the machine.
+    """
+
+    def __init__(self, path: Path, *, pace: float | None) -> None:
+        with SessionReader(path) as session:
+            self.config: Config = from_data(tomllib.loads(session.config_toml), f"{path}: settings")
+            self._recorded_counts = session.counts()
+            self._analysed = session.analysed_frames()
+        if not self._analysed:
+            raise UserError(f"{path}: no frame of this session was analysed; there is nothing to replay")
+        self.path = path
+        self.title = f"replay of {path.name}"
+        self.pixel_m = self.config.camera.pixel * 1e-6
+        self.sample_rate_hz = float(self.config.forces.sample_rate)
+        self._pace = pace
+        self._pipeline = Pipeline(self.config, (self.config.camera.height, self.config.camera.width))
+        self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
+        self._history: History | None = None
+        self._snapshots: list[Snapshot] = []
+        self._latest_image: NDArray[Any] | None = None
+        self._stop = threading.Event()
+        self._ended = threading.Event()
+        self._state, self._reason = "idle", ""
+        self._outcome: Outcome | None = None
+        self._identical = 0
+        self._first_difference = ""
+
+    def start(self) -> None:
+        """Begin to play; returns at once."""
+        if self._state != "idle":
+            raise RuntimeError(f"replay: start was asked, but it is {self._state}; make a new one")
+        self._state = "running"
+        threading.Thread(target=self._play, name="slipscope-replay", daemon=True).start()
+
+    def wait(self, timeout: float | None = None) -> Outcome | None:
+        """The outcome once the replay has ended, None if it has not after `timeout` seconds."""
+        self._ended.wait(timeout)
+        return self._outcome
+
+    def request_stop(self, reason: str) -> None:
+        """End after the frame in hand."""
+        self._reason = self._reason or reason
+        self._stop.set()
+
+    def stop_motion(self) -> None:
+        """Nothing moves in a replay: it ends."""
+        self.request_stop("STOP MOTION was pressed")
+
+    def outcome(self) -> Outcome | None:
+        """How the replay ended; None while it has not."""
+        return self._outcome
+
+    def contact(self) -> ContactResult | None:
+        """The apparent contact, once the reference was reached."""
+        return self._pipeline.contact
+
+    def latest_image(self) -> NDArray[Any] | None:
+        """The newest frame's image."""
+        return self._latest_image
+
+    def snapshots_since(self, n: int) -> list[Snapshot]:
+        """The snapshots after the first `n`; only the newest one still holds its fields."""
+        return self._snapshots[n:]
+
+    def force_history(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """About `n` points so far: samples, P and Q in newtons."""
+        if self._history is None:
+            return np.empty(0, np.int64), np.empty(0), np.empty(0)
+        return self._history.block_means(n)
+
+    def health(self) -> Health:
+        """State and progress at this moment; the counts are those of the recorded run, but for the frames analysed here."""
+        done = len(self._snapshots)
+        return Health(
+            state=self._state,
+            reason=self._reason,
+            phase=str(self._snapshots[-1].phase) if done else "",
+            counts=self._count(),
+            queue_fill=0.0,
+            queue_seconds=0.0,
+            disk_free_bytes=0,
+            sample=self._history.end if self._history else 0,
+            progress=1.0 if self._outcome else done / len(self._analysed),
+        )
+
+    def comparison(self) -> Comparison:
+        """The replayed results against the recorded ones."""
+        return Comparison(len(self._snapshots), self._identical, self._first_difference)
+
+    def _count(self) -> Counts:
+        recorded = self._recorded_counts
+        done = len(self._snapshots)
+        return dataclasses.replace(recorded, frames_analysed=done, frames_skipped=max(0, recorded.frames_received - len(self._analysed)))
+
+    def _play(self) -> None:
+        process = psutil.Process()
+        cpu, wall, peak = process.cpu_times(), time.monotonic(), 0
+        failed = False
+        try:
+            with SessionReader(self.path) as session:
+                self._history = History(self.sample_rate_hz, session.exposure_samples)
+                feed = _Feed(session, self.config, self._history)
+                for number, (index, recorded) in enumerate(zip(self._analysed, session.snapshots(), strict=True)):
+                    if self._stop.is_set():
+                        break
+                    self._play_frame(session, feed, index, recorded)
+                    self._wait_for_pace(wall, recorded.sample)
+                    if number % 16 == 0:
+                        peak = max(peak, process.memory_info().rss)
+            self._reason = self._reason or f"all {len(self._snapshots)} analysed frames were replayed"
+        except Exception as error:
+            failed, self._reason = True, f"replay of {self.path.name}: {error}"
+        finally:
+            self._pipeline.close()
+            used = process.cpu_times()
+            resources = {
+                "peak_memory_mib": round(max(peak, process.memory_info().rss) / 2**20, 1),
+                "cpu_s": round(used.user + used.system - cpu.user - cpu.system, 2),
+                "wall_s": round(time.monotonic() - wall, 2),
+            }
+            summary = None if failed else summarise(self.config, self._snapshots, self.contact(), self._pipeline.notes)
+            self._outcome = Outcome("failed" if failed else "done", self._reason, self._count(), summary, resources)
+            self._state = self._outcome.state
+            self._ended.set()
+
+    def _play_frame(self, session: SessionReader, feed: _Feed, index: int, recorded: Snapshot) -> None:
+        _, sample, image = session.frame(index)
+        feed.up_to(sample)
+        assert self._history is not None
+        snapshot = self._pipeline.step(index, sample, image, self._history.conditions(sample))
+        unlike = difference(snapshot, recorded)
+        if not unlike:
+            self._identical += 1
+        elif not self._first_difference:
+            self._first_difference = f"frame {index}: {unlike}"
+        self._latest_image = image
+        if self._snapshots:
+            self._snapshots[-1] = without_fields(self._snapshots[-1])
+        self._snapshots.append(snapshot)
+
+    def _wait_for_pace(self, began: float, sample: int) -> None:
+        if self._pace is not None:
+            ahead = (sample - self._first_sample()) / self.sample_rate_hz / self._pace - (time.monotonic() - began)
+            if ahead > 0:
+                self._stop.wait(ahead)
+
+    def _first_sample(self) -> int:
+        return self._snapshots[0].sample
+
+
+class _Feed:
+    """Gives a history the session's blocks, positions and phases in the order in which the live run had them."""
+
+    def __init__(self, session: SessionReader, config: Config, history: History) -> None:
+        self._history = history
+        self._chain = sensor_chain(config)
+        self._first, self._volts, _ = session.forces()
+        samples, metres = session.positions()
+        self._positions = list(zip(samples.tolist(), metres.tolist(), strict=True))
+        self._phases = [(event.sample, Phase(event.text)) for event in session.events() if event.kind == "phase"]
+
+    def up_to(self, sample: int) -> None:
+        """Feed everything that was known when the exposure starting at `sample` had ended."""
+        history = self._history
+        while history.end < sample + history.exposure_samples and self._positions:
+            while self._phases and self._phases[0][0] <= history.end:
+                began, phase = self._phases.pop(0)
+                history.begin(phase, began)
+            end, metres = self._positions.pop(0)
+            begin = history.end
+            history.append(begin, self._chain.forces(self._volts[begin - self._first : end - self._first]), metres)
+
+
+def make_replay(path: Path, *, pace: float | None) -> Replay:
+    """A replay of the session at `path`.
+
+    Raises
+    ------
+    UserError
+        There is no session, or nothing in it to replay.
+    """
+    return Replay(path, pace=pace)

@@ -1,0 +1,271 @@
+"""Whole runs on the simulated bench: what is recorded, what is repeated to the bit, and how a run ends when something breaks."""
+
+import threading
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from app import config, live
+from app.engine.run import Run
+from app.replay import make_replay
+from app.results import Phase
+from app.session.reader import SessionReader
+from drivers.errors import DeviceFault
+from drivers.protocols import LostFrame
+
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=60",
+    "dic.threads=1",
+)
+TIMEOUT = 100
+
+
+def run_to(path, *overrides, pace=None, sabotage=None):
+    run = live.make_run(config.load(None, [*SMALL, *overrides]), path, pace=pace)
+    if sabotage:
+        sabotage(run)
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert outcome is not None, "the run did not end"
+    return run, outcome
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "a.h5"
+    _, outcome = run_to(path)
+    return path, outcome
+
+
+def content(path):
+    with SessionReader(path) as s:
+        return {
+            "volts": s.forces()[1],
+            "newtons": s.forces()[2],
+            "positions": np.array(s.positions()[1]),
+            "frames": [(index, sample, image.tobytes()) for index, sample, image in s.frames()],
+            "events": s.events(),
+            "snapshots": {snapshot.frame: snapshot for snapshot in s.snapshots()},
+        }
+
+
+def same(a, b):
+    return all(
+        np.array_equal(getattr(a, f.name), getattr(b, f.name), equal_nan=True)
+        if isinstance(getattr(a, f.name), np.ndarray | float)
+        else getattr(a, f.name) == getattr(b, f.name)
+        for f in fields(a)
+    )
+
+
+def test_a_run_ends_done_with_every_trigger_and_sample_accounted_for(session):
+    path, outcome = session
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
+    counts = outcome.counts
+    assert counts.triggers == counts.frames_received == counts.frames_recorded == counts.frames_analysed > 80
+    assert counts.frames_lost == counts.frames_skipped == counts.samples_lost == 0
+    recorded = content(path)
+    assert len(recorded["volts"]) == counts.samples
+    assert [f[0] for f in recorded["frames"]] == list(range(counts.triggers))
+    assert all(sample == 125 * index for index, sample, _ in recorded["frames"])
+    assert [e.text for e in recorded["events"] if e.kind == "phase"] == list(Phase)
+
+
+def test_the_summary_is_the_simulated_truth(session):
+    summary = session[1].summary
+    assert summary.mu_s == pytest.approx(0.93, rel=0.02)
+    assert summary.mu_d == pytest.approx(0.93, rel=0.02)
+    assert summary.normal_force_n == pytest.approx(0.1, rel=0.01)
+    assert summary.sliding_velocity_m_s == pytest.approx(4.9e-6, rel=0.01)
+    assert summary.onset_time_s == pytest.approx(5.5, rel=0.03)
+
+
+def test_two_runs_are_equal_to_the_bit_whatever_the_pace(session, tmp_path):
+    """Pace 40 stands for real time: the clock on the wall decides when blocks come, and must decide nothing else."""
+    first = content(session[0])
+    _, outcome = run_to(tmp_path / "b.h5", pace=40.0)
+    second = content(tmp_path / "b.h5")
+    assert outcome.counts.triggers == session[1].counts.triggers
+    for name in ("volts", "newtons", "positions"):
+        assert np.array_equal(first[name], second[name]), name
+    assert first["frames"] == second["frames"]
+    both = first["snapshots"].keys() & second["snapshots"].keys()
+    assert len(both) > 10
+    assert all(same(first["snapshots"][n], second["snapshots"][n]) for n in both)
+
+
+def test_replay_gives_the_live_results_to_the_bit(session):
+    replay = make_replay(session[0], pace=None)
+    replay.start()
+    outcome = replay.wait(TIMEOUT)
+    assert outcome.state == "done", outcome.reason
+    assert replay.comparison().all_identical, replay.comparison()
+    assert outcome.summary == session[1].summary
+
+
+def test_another_seed_is_another_run(session, tmp_path):
+    run_to(tmp_path / "c.h5", "sim.seed=2")
+    other = content(tmp_path / "c.h5")
+    assert not np.array_equal(other["volts"], content(session[0])["volts"][: len(other["volts"])])
+
+
+class Journal:
+    """Wraps the actuator to know in which order things were asked of it."""
+
+    def __init__(self, run):
+        self.calls = []
+        actuator = run._bench.actuator
+        for name in ("stop", "move_to", "close"):
+            setattr(actuator, name, self._noted(name, getattr(actuator, name)))
+
+    def _noted(self, name, method):
+        def call(*args):
+            self.calls.append(name)
+            return method(*args)
+
+        return call
+
+
+def in_drive(run, action):
+    """Do `action` once, from the thread that reads the forces, half a second into the drive."""
+    read, done = run._bench.forces.read, []
+
+    def wrapped(timeout):
+        block = read(timeout)
+        began = run._history.phase_start(Phase.DRIVE)
+        if not done and began is not None and block.end > began + 500:
+            done.append(True)
+            action()
+        return block
+
+    run._bench.forces.read = wrapped
+
+
+def broken(method):
+    def fail(*args, **kwargs):
+        raise DeviceFault(f"{method}: it went away; plug it in again")
+
+    return fail
+
+
+def stopped_by_itself(journal):
+    return "stop" in journal.calls[journal.calls.index("move_to") :]
+
+
+@pytest.mark.parametrize("culprit", ["forces.read", "camera.read", "actuator.position_m"])
+def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path):
+    device, method = culprit.split(".")
+    journals = []
+
+    def sabotage(run):
+        journals.append(Journal(run))
+        in_drive(run, lambda: setattr(getattr(run._bench, device), method, broken(culprit)))
+
+    _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    assert outcome.state == "failed"
+    assert outcome.reason == f"{culprit}: it went away; plug it in again"
+    assert stopped_by_itself(journals[0])
+    with SessionReader(tmp_path / "x.h5") as s:
+        assert (s.state, s.reason) == ("failed", outcome.reason)
+        assert len(s.forces()[1]) == outcome.counts.samples
+    assert outcome.counts.triggers == outcome.counts.frames_received + outcome.counts.frames_lost
+
+
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [
+        (lambda run: setattr(run._pipeline, "step", broken("pipeline")), "it went away"),
+        (lambda run: setattr(run._recorder._sink, "append_samples", lambda *a: (_ for _ in ()).throw(OSError(28, "No space left"))), "No space left"),
+        (lambda run: setattr(run._experiment, "advance", lambda *a: 1 / 0), "ZeroDivisionError"),
+    ],
+)
+def test_an_exception_anywhere_stops_the_actuator_first(where, words, tmp_path):
+    journals = []
+
+    def sabotage(run):
+        journals.append(Journal(run))
+        in_drive(run, lambda: where(run))
+
+    _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    assert outcome.state == "failed"
+    assert words in outcome.reason
+    assert stopped_by_itself(journals[0])
+    assert "Traceback" not in outcome.reason
+    with SessionReader(tmp_path / "x.h5") as s:
+        assert len(s.forces()[1]) > 3000
+
+
+def test_stop_motion_stops_in_the_calling_thread(tmp_path):
+    stopped = []
+
+    def sabotage(run):
+        journal = Journal(run)
+
+        def press():
+            run.stop_motion()
+            stopped.append(stopped_by_itself(journal))
+
+        in_drive(run, press)
+
+    run, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    assert stopped == [True]
+    assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
+    assert outcome.counts.frames_lost == 0
+    assert not any(t.name.startswith("slipscope") for t in threading.enumerate())
+
+
+def test_a_limit_ends_the_run_by_name(tmp_path):
+    _, outcome = run_to(tmp_path / "x.h5", "limits.shear_force=0.05")
+    assert outcome.state == "failed"
+    assert "limits.shear_force is 0.05 N" in outcome.reason
+    with SessionReader(tmp_path / "x.h5") as s:
+        assert s.forces()[2][:, 1].max() < 0.06
+
+
+def test_the_actuator_is_asked_for_the_run_s_travel_and_no_more(tmp_path):
+    asked = []
+
+    def sabotage(run):
+        actuator = run._bench.actuator
+        move = actuator.move_to
+
+        def noted(target):
+            asked.append(target - actuator.position_m())
+            move(target)
+
+        actuator.move_to = noted
+
+    run_to(tmp_path / "x.h5", sabotage=sabotage)
+    assert asked == [pytest.approx(60e-6, abs=1e-9)]
+
+
+def test_a_lost_frame_keeps_its_index_and_shifts_nothing(session, tmp_path):
+    def sabotage(run):
+        read = run._bench.camera.read
+
+        def lossy(timeout):
+            answer = read(timeout)
+            return LostFrame(answer.index, answer.sample, "cable") if answer.index in (40, 41) else answer
+
+        run._bench.camera.read = lossy
+
+    _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    assert (outcome.state, outcome.counts.frames_lost) == ("done", 2)
+    whole, holed = content(session[0]), content(tmp_path / "x.h5")
+    assert [f for f in whole["frames"] if f[0] not in (40, 41)] == holed["frames"]
+    assert all(same(whole["snapshots"][n], s) for n, s in holed["snapshots"].items())
+
+
+def test_a_run_starts_once(tmp_path):
+    run = live.make_run(config.load(None, SMALL), tmp_path / "x.h5", pace=None)
+    assert isinstance(run, Run)
+    run.start()
+    with pytest.raises(RuntimeError, match="make a new run"):
+        run.start()
+    run.request_stop("enough")
+    assert run.wait(TIMEOUT).reason == "enough"
