@@ -1,0 +1,1 @@
+"""A simulated bench: one deterministic world on the sample clock, and the three devices that look at it."""

@@ -1,0 +1,213 @@
+"""The three simulated devices: force source, camera and actuator of one simulated world."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.protocols import Frame, SampleBlock, TriggerTrain
+from drivers.sim.truth import State
+from drivers.sim.world import World
+
+ENCODER_M = 0.035e-6
+TRAVEL_M = 25e-3
+HOME_VELOCITY_M_S = 0.5e-3
+_FIRST_COUNT = round(TRAVEL_M / 2 / ENCODER_M)
+
+
+class SimForces:
+    """The simulated DAQ board: noisy, coupled, quantised voltages. Reading it is what makes time pass in the world."""
+
+    name = "simulated forces"
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._is_open = False
+        self.sample_rate_hz = world.settings.sample_rate_hz
+        self.block_samples = world.settings.block_samples
+
+    def open(self) -> None:
+        """Claim the board."""
+        self._is_open = True
+
+    def start(self, train: TriggerTrain) -> None:
+        """Start sampling at sample 0 and the trigger train with it."""
+        _check(self._is_open, self.name, "to start")
+        del train  # the simulated camera was given the same one
+        self._world.start()
+
+    def read(self, timeout_s: float) -> SampleBlock:
+        """The next block, once pace and camera allow it; see `drivers.protocols.ForceSource.read`."""
+        _check(self._is_open, self.name, "for samples")
+        if not self._world.wait_for_turn(self.block_samples, timeout_s):
+            if self._world.phase != "running":
+                raise DeviceFault(f"{self.name}: samples were asked, but the board is {self._world.phase}; read between start and stop")
+            raise DeviceTimeout(
+                f"{self.name}: {self.block_samples} samples were asked within {timeout_s:g} s, the pace or unread frames hold them back;"
+                " read the camera, or wait longer"
+            )
+        return self._world.advance(self.block_samples)
+
+    def stop(self) -> None:
+        """End the samples and the triggers."""
+        if self._world.phase == "running":
+            self._world.stop()
+
+    def close(self) -> None:
+        """Stop, and let go of the board."""
+        self.stop()
+        self._is_open = False
+
+
+class ImageSource(Protocol):
+    """What draws the picture of a state of the world."""
+
+    def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
+        """The picture, shape (rows, columns)."""
+        ...
+
+
+class SimCamera:
+    """The simulated camera: one frame per trigger, of the world at the middle of the exposure.
+
+    Parameters
+    ----------
+    world : World
+    renderer : ImageSource, optional
+        What draws the images; the rough interface of `drivers.sim.images` by default, made by `open`.
+    """
+
+    name = "simulated camera"
+
+    def __init__(self, world: World, renderer: ImageSource | None = None) -> None:
+        self._world = world
+        self._renderer = renderer
+        self._is_open = False
+        self._train: TriggerTrain | None = None
+        self._next = 0
+        self.shape = world.settings.image_shape
+        self.dtype: np.dtype[Any] = np.dtype(np.uint8)
+        self.exposure_samples = world.settings.exposure_samples
+
+    def open(self) -> None:
+        """Make the interface that will be seen."""
+        if self._renderer is None:
+            from drivers.sim.images import Renderer
+
+            self._renderer = Renderer(self._world.settings)
+        self._is_open = True
+
+    def start(self, train: TriggerTrain) -> None:
+        """Wait for triggers; they may not come faster than the exposure lasts."""
+        _check(self._is_open, self.name, "to wait for triggers")
+        if train.divisor < self.exposure_samples:
+            raise OutOfLimits(
+                f"{self.name}: a trigger every {train.divisor} samples was asked, the exposure takes {self.exposure_samples};"
+                " use a larger divisor or a shorter exposure"
+            )
+        self._train, self._next = train, 0
+        self._world.watch(train)
+
+    def read(self, timeout_s: float) -> Frame:
+        """The frame of the next trigger, once it is exposed; see `drivers.protocols.Camera.read`."""
+        world, train, index = self._world, self._train, self._next
+        _check(train is not None, self.name, "for a frame", remedy="start it first")
+        assert train is not None
+        assert self._renderer is not None
+        sample = train.sample(index)
+        end = sample + self.exposure_samples
+        world.wait_for(lambda: world.now >= end or world.phase == "stopped" or self._train is None, timeout_s)
+        if world.now < end or self._train is None:
+            why = f"{timeout_s:g} s" if world.phase != "stopped" else "the end of the samples"
+            raise DeviceTimeout(
+                f"{self.name}: frame {index} was not exposed by {why} (sample {world.now} of {end}); wait longer, or end here"
+            )
+        image = self._renderer.image(world.state(sample + self.exposure_samples // 2), index)
+        image.setflags(write=False)
+        self._next = index + 1
+        world.frame_was_read()
+        return Frame(index, sample, image)
+
+    def stop(self) -> None:
+        """Wait for triggers no longer; a `read` that waits ends with DeviceTimeout."""
+        self._train = None
+        self._world.watch(None)
+
+    def close(self) -> None:
+        """Stop, and let go of the camera."""
+        self.stop()
+        self._is_open = False
+
+
+class SimActuator:
+    """The simulated stage: bounded moves at a velocity that is a little lower than asked, read by an encoder of 35 nm."""
+
+    name = "simulated actuator"
+    travel_limits_m = (0.0, TRAVEL_M)
+    velocity_limit_m_s = 1e-3
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._is_open = False
+        self._velocity = 0.1e-3
+
+    def open(self) -> None:
+        """Claim the stage, which stands in the middle of its travel."""
+        self._is_open = True
+
+    def home(self) -> None:
+        """Go to the origin at 0.5 mm/s; refused in contact."""
+        _check(self._is_open, self.name, "to find its origin")
+        self._world.move(-_FIRST_COUNT * ENCODER_M, HOME_VELOCITY_M_S)
+
+    def set_velocity(self, velocity_m_s: float) -> None:
+        """Speed of the moves to come; `OutOfLimits` above 1 mm/s."""
+        _check(self._is_open, self.name, "for a velocity")
+        if not 0 < velocity_m_s <= self.velocity_limit_m_s:
+            raise OutOfLimits(
+                f"{self.name}: {velocity_m_s * 1e6:.6g} um/s was asked; use a velocity above 0 and"
+                f" up to {self.velocity_limit_m_s * 1e6:g} um/s"
+            )
+        self._velocity = velocity_m_s
+
+    def move_to(self, position_m: float) -> None:
+        """Start a bounded move; `OutOfLimits` beyond 0 to 25 mm, or where the world does not model it (back, in contact)."""
+        _check(self._is_open, self.name, "to move")
+        low, high = self.travel_limits_m
+        if not low <= position_m <= high:  # refuses NaN too
+            raise OutOfLimits(
+                f"{self.name}: a move to {position_m * 1e3:.6g} mm was asked; its travel is {low * 1e3:g} to {high * 1e3:g} mm"
+            )
+        if math.isclose(position_m, self.position_m(), rel_tol=0, abs_tol=ENCODER_M / 2):
+            self._world.halt()
+        else:
+            self._world.move(position_m - _FIRST_COUNT * ENCODER_M, self._velocity)
+
+    def position_m(self) -> float:
+        """Position that the encoder reads now."""
+        _check(self._is_open, self.name, "for its position")
+        return (_FIRST_COUNT + round(self._world.stage_m() / ENCODER_M)) * ENCODER_M
+
+    def is_moving(self) -> bool:
+        """Whether a move is under way."""
+        _check(self._is_open, self.name, "whether it moves")
+        return self._world.is_moving()
+
+    def stop(self) -> None:
+        """End any motion at this sample."""
+        self._world.halt()
+
+    def close(self) -> None:
+        """Stop any motion, then let go of the stage."""
+        if self._is_open:
+            self._world.halt()
+        self._is_open = False
+
+
+def _check(is_ready: bool, name: str, asked: str, remedy: str = "open it first") -> None:
+    if not is_ready:
+        raise DeviceFault(f"{name}: it was asked {asked} before it was ready; {remedy}")

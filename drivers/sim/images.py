@@ -1,0 +1,124 @@
+"""What the simulated camera sees: the rough interface, its micro-contacts, uneven light and the noise of an 8-bit sensor."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceFault
+from drivers.sim import speckle, warp
+
+if TYPE_CHECKING:
+    from drivers.sim.world import State, WorldSettings
+
+LIGHT = 0.12
+"""The light varies by this fraction of its mean either way over the picture, fixed in the lab."""
+_NORMALS = 1 << 21
+
+
+class Renderer:
+    """Pictures of the interface for given states of the world; the same seed, frame number and state give the same bits.
+
+    The exact renderer moves, deforms and integrates every blob over the pixels, without interpolation. The fast
+    one resamples one picture of the free block; the micro-contacts, the light and the noise are the same in both. `benchmarks/render.py`
+    measures them: 13 ms and 0.5 s of CPU at 1600 x 1200, apart by less than 0.001 px rms, 0.003 px at most in boxes of
+    20 px. The first picture takes longer: it compiles, and draws what the others share. Two threads must not share a renderer.
+
+    Parameters
+    ----------
+    settings : WorldSettings
+        Uses `seed`, `image_shape`, `pixel_m`, `read_noise`, `full_well` and `renderer` ("fast" or "exact").
+    """
+
+    def __init__(self, settings: WorldSettings) -> None:
+        if settings.renderer not in {"fast", "exact"}:
+            raise ValueError(f"simulated camera: renderer '{settings.renderer}' asked; there are 'fast' and 'exact'")
+        self.settings = settings
+        shape = settings.image_shape
+        self._grains, self._background = speckle.speckle(shape, settings.seed)
+        self._spots = speckle.micro_contacts(shape, settings.seed)
+        self._light_x, self._light_y = _light(shape)
+        self._normals = np.random.default_rng([settings.seed, 103]).standard_normal(_NORMALS, dtype=np.float32)
+        self._coefficients: NDArray[np.float32] | None = None
+        self._scene = np.empty(shape, np.float32)
+
+    def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
+        """Picture `frame_index` of the interface in `state`, shape `image_shape`, 8-bit grey levels; the caller owns it."""
+        settings = self.settings
+        scene = self._draw(state, settings.renderer == "exact")
+        rows, columns = settings.image_shape
+        starts = np.random.default_rng([settings.seed, 104, frame_index]).integers(0, _NORMALS - columns, rows)
+        shot = 255.0 / settings.full_well if settings.full_well > 0 else 0.0
+        out = np.empty(settings.image_shape, np.uint8)
+        _expose(scene, self._light_x, self._light_y, self._normals, starts, np.float32(settings.read_noise**2), np.float32(shot), out)
+        return out
+
+    def grey(self, state: State, exact: bool) -> NDArray[Any]:
+        """Grey levels before noise and rounding, float64 if exact, else float32; shape `image_shape`."""
+        scene = self._draw(state, exact)
+        light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
+        return np.asarray(scene * light)
+
+    def _draw(self, state: State, exact: bool) -> NDArray[Any]:
+        """The block under even light; the fast renderer's array is used again at the next call."""
+        settings, shape = self.settings, self.settings.image_shape
+        move = warp.motion(state, settings.pixel_m, shape, speckle.HALO_PX, per_px=16 if exact else 2)
+        if move.largest_elastic > speckle.HALO_PX / 2:
+            raise DeviceFault(
+                f"simulated camera: an elastic displacement of {move.largest_elastic:.0f} px was asked,"
+                f" {speckle.HALO_PX // 2} px is the limit; use larger pixels"
+            )
+        if exact:
+            scene: NDArray[Any] = np.full(shape, self._background)
+            base = warp.as_if_rigid(self._grains.x, self._grains.y, move, speckle.period(shape), speckle.HALO_PX)
+            _add(scene, self._grains.peak, warp.place(base, self._grains.sigma, move), move)
+        else:
+            if self._coefficients is None:
+                pattern = self._background + speckle.periodic_image(self._grains, shape)
+                self._coefficients = warp.spline_coefficients(pattern, shape[1])
+            scene = self._scene
+            warp.warp(self._coefficients, speckle.period(shape)[1], move, scene)
+        self._add_micro_contacts(scene, move)
+        return scene
+
+    def _add_micro_contacts(self, scene: NDArray[Any], move: warp.Motion) -> None:
+        spots = self._spots.blobs
+        base = warp.as_if_rigid(spots.x, spots.y, move, speckle.period(self.settings.image_shape), speckle.HALO_PX)
+        near = np.hypot(base[0], base[1]) < move.radius + move.largest_elastic
+        places = warp.place(base[:, near], spots.sigma[near], move)
+        lit = speckle.brightness(np.hypot(places[0], places[1]), move.radius, self._spots.threshold[near])
+        _add(scene, spots.peak[near] * lit, places, move)
+
+
+def _add(scene: NDArray[Any], peak: NDArray[np.float64], places: NDArray[np.float64], move: warp.Motion) -> None:
+    speckle.add_blobs(scene, places[0] + move.centre[0], places[1] + move.centre[1], places[2], places[3], places[4], peak)
+
+
+def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Factors along x and y of the uneven light: it is their product plus 1 - LIGHT, a lamp a little off the axis."""
+    x, y = (np.linspace(-0.5, 0.5, n) for n in (shape[1], shape[0]))
+    across = np.cos(0.8 * math.pi * (x - 0.1))
+    down = np.cos(0.8 * math.pi * (y + 0.12))
+    return (2 * LIGHT * across).astype(np.float32), down.astype(np.float32)
+
+
+@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _expose(scene, light_x, light_y, normals, starts, read, shot, out):  # type: ignore[no-untyped-def]
+    """The sensor: light, shot and read noise, rounding and clipping to 8 bits.
+
+    N electrons fluctuate by sqrt(N); with `full_well` electrons at 255 grey levels a grey level I has the variance
+    I * 255 / full_well. The noise of a row starts anywhere in a table of normal numbers.
+    """
+    rows, columns = scene.shape
+    one = np.float32(1 - LIGHT)
+    for j in range(rows):
+        y = light_y[j]
+        row, line, noise = scene[j], out[j], normals[starts[j] : starts[j] + columns]
+        for i in range(columns):
+            grey = row[i] * (light_x[i] * y + one)
+            value = grey + noise[i] * np.sqrt(read + shot * grey) + np.float32(0.5)
+            line[i] = np.uint8(min(max(value, np.float32(0)), np.float32(255)))

@@ -1,0 +1,258 @@
+"""Where the points of the block are seen, and a picture of the block resampled there.
+
+In pixels: the lab point x shows the material point X = x - rigid + g(x - centre), where g = (g0 + g2 cos 2theta, g2 sin 2theta) is the
+elastic displacement of the contact (Cattaneo-Mindlin), given by its radial functions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage
+
+if TYPE_CHECKING:
+    from drivers.sim.truth import State
+
+Array = NDArray[np.float64]
+
+CELL_PX = 4
+"""Distance between the nodes of the inverse map; it is linear in between."""
+RUN_PX = 16
+"""Pixels resampled together have one whole shift; they come in runs of a multiple of this."""
+_ITERATIONS = 8  # gradients are below 3 %: each one gains a digit and a half
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The block's displacement in pixels: rigid (x, y), centre (x, y) of the contact, and g0, g2 tabulated over the distance to it."""
+
+    rigid: tuple[float, float]
+    centre: tuple[float, float]
+    radius: float
+    g0: Array
+    g2: Array
+    per_px: float
+
+    @property
+    def largest_elastic(self) -> float:
+        """No point moves elastically by more than this."""
+        return float(np.max(np.abs(self.g0) + np.abs(self.g2)))
+
+
+def motion(state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int) -> Motion:
+    """The state of the world in pixels, its radial functions tabulated `per_px` times per pixel out to the farthest corner."""
+    centre = (state.lens_centre_m[0] / pixel_m, state.lens_centre_m[1] / pixel_m)
+    far_x = max(abs(centre[0]), abs(shape[1] - centre[0])) + margin_px
+    far_y = max(abs(centre[1]), abs(shape[0] - centre[1])) + margin_px
+    distance = np.arange(math.ceil(math.hypot(far_x, far_y) * per_px) + 2) / per_px
+    g0, g2 = state.radial(distance * pixel_m)
+    return Motion(
+        rigid=(state.rigid_m[0] / pixel_m, state.rigid_m[1] / pixel_m),
+        centre=centre,
+        radius=state.apparent_radius_m / pixel_m,
+        g0=np.asarray(g0, float) / pixel_m,
+        g2=np.asarray(g2, float) / pixel_m,
+        per_px=float(per_px),
+    )
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _g(x, y, g0, g2, per_px):  # type: ignore[no-untyped-def]
+    """Elastic displacement at (x, y) from the contact's centre."""
+    square = x * x + y * y
+    at = math.sqrt(square) * per_px
+    k = min(int(at), g0.size - 2)
+    t = min(at - k, 1.0)
+    even = g0[k] + t * (g0[k + 1] - g0[k])
+    if square == 0.0:
+        return even, 0.0
+    twice = (g2[k] + t * (g2[k + 1] - g2[k])) / square
+    return even + twice * (x * x - y * y), twice * 2.0 * x * y
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _place(base_x, base_y, sigma, g0, g2, per_px, out):  # type: ignore[no-untyped-def]
+    h = 0.25
+    for k in range(sigma.size):
+        x, y = base_x[k], base_y[k]
+        for _ in range(_ITERATIONS):
+            gx, gy = _g(x, y, g0, g2, per_px)
+            x, y = base_x[k] - gx, base_y[k] - gy
+        right, left = _g(x + h, y, g0, g2, per_px), _g(x - h, y, g0, g2, per_px)
+        below, above = _g(x, y + h, g0, g2, per_px), _g(x, y - h, g0, g2, per_px)
+        # dX/dx = 1 + grad g; the blob is deformed by its inverse F: covariance sigma^2 F F^T
+        xx, yx = 1.0 + (right[0] - left[0]) / (2 * h), (right[1] - left[1]) / (2 * h)
+        xy, yy = (below[0] - above[0]) / (2 * h), 1.0 + (below[1] - above[1]) / (2 * h)
+        scale = (sigma[k] / (xx * yy - xy * yx)) ** 2
+        out[0, k], out[1, k] = x, y
+        out[2, k] = scale * (yy * yy + xy * xy)
+        out[3, k] = -scale * (yy * yx + xy * xx)
+        out[4, k] = scale * (yx * yx + xx * xx)
+
+
+def as_if_rigid(x: Array, y: Array, move: Motion, period: tuple[int, int], halo: int) -> Array:
+    """Where points (x, y) of the block would be seen had they moved with it as a whole, from the contact's centre; shape (2, n), pixels.
+
+    Of the pattern, periodic with `period` (rows, columns), the copy is taken that falls within `halo` of the picture.
+    """
+    (rx, ry), (cx, cy) = move.rigid, move.centre
+    return np.stack([(x + rx + halo) % period[1] - halo - cx, (y + ry + halo) % period[0] - halo - cy])
+
+
+def place(base: Array, sigma: Array, move: Motion) -> Array:
+    """Where blobs of the block are seen, and how the motion deforms them.
+
+    Parameters
+    ----------
+    base : ndarray, shape (2, n)
+        Places `as_if_rigid`.
+    sigma : ndarray, shape (n,)
+        Standard deviations on the undeformed block, pixels.
+    move : Motion
+
+    Returns
+    -------
+    ndarray, shape (5, n)
+        x and y from the contact's centre, and the covariances xx, xy, yy; pixels.
+    """
+    out = np.empty((5, sigma.size))
+    _place(base[0], base[1], sigma, move.g0, move.g2, move.per_px, out)
+    return out
+
+
+def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
+    """Quintic B-spline coefficients of a periodic pattern, continued so that rows of `columns` pixels can start anywhere in a period."""
+    coefficients = ndimage.spline_filter(pattern, order=5, output=np.float64, mode="grid-wrap")
+    return np.ascontiguousarray(np.pad(coefficients, ((0, 0), (2, columns + 4)), mode="wrap"), dtype=np.float32)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px):  # type: ignore[no-untyped-def]
+    """X - x at the nodes of the map, without the whole pixels of the rigid displacement."""
+    out = np.empty((2, (rows - 1) // CELL_PX + 2, (columns - 1) // CELL_PX + 2), np.float32)
+    for j in range(out.shape[1]):
+        for i in range(out.shape[2]):
+            gx, gy = _g(i * CELL_PX - cx, j * CELL_PX - cy, g0, g2, per_px)
+            out[0, j, i] = fx + gx
+            out[1, j, i] = fy + gy
+    return out
+
+
+@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _weights(t):  # type: ignore[no-untyped-def]
+    """Quintic B-spline at the six nodes around a point a fraction t past the third."""
+    f = np.float32
+    a = f(1 / 120)
+    s = f(1) - t
+    t2 = t * t
+    s2 = s * s
+    return (
+        a * s * s2 * s2,
+        a * (f(26) + t * (f(-50) + t * (f(20) + t * (f(20) + t * (f(-20) + t * f(5)))))),
+        a * (f(66) + t2 * (f(-60) + t2 * (f(30) - f(10) * t))),
+        a * (f(66) + s2 * (f(-60) + s2 * (f(30) - f(10) * s))),
+        a * (f(26) + s * (f(-50) + s * (f(20) + s * (f(20) + s * (f(-20) + s * f(5)))))),
+        a * t * t2 * t2,
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
+    """A run of pixels of one row from six rows of coefficients, all at the same whole shift (kx, ky): contiguous, so it vectorises."""
+    for i in range(out.size):
+        a0, a1, a2, a3, a4, a5 = _weights(tx[i] - kx)
+        b0, b1, b2, b3, b4, b5 = _weights(ty[i] - ky)
+        out[i] = (
+            b0 * (a0 * p[i] + a1 * p[i + 1] + a2 * p[i + 2] + a3 * p[i + 3] + a4 * p[i + 4] + a5 * p[i + 5])
+            + b1 * (a0 * q[i] + a1 * q[i + 1] + a2 * q[i + 2] + a3 * q[i + 3] + a4 * q[i + 4] + a5 * q[i + 5])
+            + b2 * (a0 * r[i] + a1 * r[i + 1] + a2 * r[i + 2] + a3 * r[i + 3] + a4 * r[i + 4] + a5 * r[i + 5])
+            + b3 * (a0 * s[i] + a1 * s[i + 1] + a2 * s[i + 2] + a3 * s[i + 3] + a4 * s[i + 4] + a5 * s[i + 5])
+            + b4 * (a0 * t[i] + a1 * t[i + 1] + a2 * t[i + 2] + a3 * t[i + 3] + a4 * t[i + 4] + a5 * t[i + 5])
+            + b5 * (a0 * u[i] + a1 * u[i + 1] + a2 * u[i + 2] + a3 * u[i + 3] + a4 * u[i + 4] + a5 * u[i + 5])
+        )
+
+
+@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _spread(nodes, out):  # type: ignore[no-untyped-def]
+    """One row of nodes interpolated along x."""
+    step = np.float32(1 / CELL_PX)
+    for m in range(nodes.size - 1):
+        for k in range(CELL_PX):
+            out[m * CELL_PX + k] = nodes[m] + np.float32(k) * step * (nodes[m + 1] - nodes[m])
+
+
+@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _between(f, above, below, out):  # type: ignore[no-untyped-def]
+    for i in range(out.size):
+        out[i] = above[i] + f * (below[i] - above[i])
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _whole(t, i):  # type: ignore[no-untyped-def]
+    """Whole shift of the run of pixels that begins at i, taken at its middle.
+
+    A little off the ends of a spline's piece its polynomial is still right: off by 3 % x RUN_PX / 2, the fifth derivative's jump
+    leaves 1e-4 of the contrast.
+    """
+    return math.floor(t[min(i + RUN_PX // 2, t.size - 1)])
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _warp_row(c, j, period_x, wx, wy, tx, ty, out):  # type: ignore[no-untyped-def]
+    period_y, columns = c.shape[0], out.size
+    i0 = 0
+    while i0 < columns:
+        kx, ky = _whole(tx, i0), _whole(ty, i0)
+        i1 = i0 + RUN_PX
+        while i1 < columns and _whole(tx, i1) == kx and _whole(ty, i1) == ky:
+            i1 += RUN_PX
+        i1 = min(i1, columns)
+        top = j + wy + ky - 2
+        left = (i0 + wx + kx) % period_x
+        right = left + i1 - i0 + 5
+        _resample(
+            c[top % period_y, left:right],
+            c[(top + 1) % period_y, left:right],
+            c[(top + 2) % period_y, left:right],
+            c[(top + 3) % period_y, left:right],
+            c[(top + 4) % period_y, left:right],
+            c[(top + 5) % period_y, left:right],
+            tx[i0:i1],
+            ty[i0:i1],
+            np.float32(kx),
+            np.float32(ky),
+            out[i0:i1],
+        )
+        i0 = i1
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
+    spread = np.empty((2, 2, (nodes.shape[2] - 1) * CELL_PX), np.float32)  # the rows of nodes above and below, for x and for y
+    tx, ty = np.empty_like(spread[0, 0]), np.empty_like(spread[0, 0])
+    for axis in range(2):
+        _spread(nodes[axis, 0], spread[axis, 1])
+    for j in range(out.shape[0]):
+        n, k = j // CELL_PX, j % CELL_PX
+        if k == 0:
+            for axis in range(2):
+                spread[axis, 0] = spread[axis, 1]
+                _spread(nodes[axis, n + 1], spread[axis, 1])
+        _between(np.float32(k / CELL_PX), spread[0, 0], spread[0, 1], tx)
+        _between(np.float32(k / CELL_PX), spread[1, 0], spread[1, 1], ty)
+        _warp_row(c, j, period_x, wx, wy, tx, ty, out[j])
+
+
+def warp(coefficients: NDArray[np.float32], period_columns: int, move: Motion, out: NDArray[np.float32]) -> None:
+    """The pattern as the moved block shows it, written to `out`, shape (rows, columns), float32.
+
+    Interpolated by the quintic B-spline of the undeformed, pixel-integrated pattern: a fast stand-in for the exact sum of blobs.
+    """
+    wx, wy = math.floor(-move.rigid[0]), math.floor(-move.rigid[1])
+    nodes = _nodes(*out.shape, -move.rigid[0] - wx, -move.rigid[1] - wy, *move.centre, move.g0, move.g2, move.per_px)
+    _warp(coefficients, period_columns, wx, wy, nodes, out)

@@ -1,0 +1,274 @@
+"""The simulated world: a rough elastomer block on a cantilever, pressed on a lens and driven by a stage, on the clock of the samples.
+
+Physics: Hertz and Cattaneo-Mindlin in series with the tangential cantilever and the lens holder, at constant normal force, driven one way.
+Everything follows from the settings, the seed and the samples on which commands came: neither wall clock nor block size matters.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mechanics import cattaneo_mindlin, hertz
+from drivers.errors import DeviceFault, OutOfLimits
+from drivers.protocols import SampleBlock, TriggerTrain
+from drivers.sim.settings import WorldSettings
+from drivers.sim.truth import State, Truth
+
+__all__ = ["State", "Truth", "World", "WorldSettings"]
+
+F64 = NDArray[np.float64]
+
+FRAMES_AHEAD = 4  # exposed and not yet read, when the world runs as fast as its readers
+_NOISE_CHUNK = 1024  # samples
+
+
+@dataclass(frozen=True, slots=True)
+class _Move:
+    """The stage from one command on: at `start_m` on `sample`, then on to `target_m` at `speed` (metres per sample, signed)."""
+
+    sample: int
+    start_m: float
+    target_m: float
+    speed: float
+
+    def at(self, samples: NDArray[np.int64]) -> F64:
+        low, high = sorted((self.start_m, self.target_m))
+        return np.asarray(np.clip(self.start_m + self.speed * (samples - self.sample), low, high))
+
+
+class World:
+    """One simulated bench, seen by the simulated devices; its time passes only where its force readings are asked for.
+
+    Parameters
+    ----------
+    settings : WorldSettings
+    pace : float or None
+        Simulated seconds per second of the wall clock; None: as fast as the readings, and the frames of a started camera, are read.
+    """
+
+    def __init__(self, settings: WorldSettings, pace: float | None = 1.0) -> None:
+        if pace is not None and not (pace > 0 and math.isfinite(pace)):
+            raise ValueError(f"simulated world: a pace of {pace} was asked; give a number above 0, or None for as fast as possible")
+        self.settings = settings
+        self.pace = pace
+        self.now = 0
+        self.phase = "idle"  # then "running", then "stopped"
+        self._changed = threading.Condition(threading.RLock())
+        self._moves = [_Move(0, 0.0, 0.0, 0.0)]
+        self._began = 0.0
+        self._train: TriggerTrain | None = None
+        self._frames_read = 0
+        s = settings
+        self._limit = s.friction * s.normal_force_n
+        self._a = hertz.contact_radius(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m)
+        self._compliance = s.lens_compliance_m_per_n + 1 / s.stiffness_n_per_m[1]
+        self._soft = cattaneo_mindlin.full_shift(s.friction, s.normal_force_n, self._a, s.young_modulus_pa, s.poisson)
+
+    # ------------------------------------------------------------------ time
+
+    def start(self) -> None:
+        """Let sample 0 be now. A world runs once."""
+        with self._changed:
+            if self.phase != "idle":
+                raise DeviceFault("simulated world: a second start was asked, it has run already; make a new bench for another run")
+            self.phase, self._began = "running", time.monotonic()
+            self._changed.notify_all()
+
+    def stop(self) -> None:
+        """End time, for good; nobody waits any longer."""
+        with self._changed:
+            self.phase = "stopped"
+            self._changed.notify_all()
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Whether a condition came true in `timeout_s` seconds of the wall clock; it is looked at whenever the world changes."""
+        with self._changed:
+            return self._changed.wait_for(condition, min(timeout_s, threading.TIMEOUT_MAX))
+
+    def wait_for_turn(self, n: int, timeout_s: float) -> bool:
+        """Whether, within `timeout_s` seconds of the wall clock, the pace and the camera let the next `n` samples pass."""
+        give_up = time.monotonic() + timeout_s
+        with self._changed:
+            while self.phase == "running":
+                wait, left = self._wait_s(n), give_up - time.monotonic()
+                if wait <= 0 or left <= 0:
+                    return wait <= 0
+                self._changed.wait(min(wait, left, threading.TIMEOUT_MAX))
+        return False
+
+    def _wait_s(self, n: int) -> float:
+        end = self.now + n
+        if self.pace is not None:
+            return self._began + end / (self.settings.sample_rate_hz * self.pace) - time.monotonic()
+        some_unread = self._exposed(self.now) > self._frames_read
+        return math.inf if some_unread and self._exposed(end) > self._frames_read + FRAMES_AHEAD else 0.0
+
+    def _exposed(self, sample: int) -> int:
+        return self._train.count_before(sample - self.settings.exposure_samples + 1) if self._train else 0
+
+    def watch(self, train: TriggerTrain | None) -> None:
+        """A camera waits for these triggers from now on; None: no longer."""
+        with self._changed:
+            self._train, self._frames_read = train, 0
+            self._changed.notify_all()
+
+    def frame_was_read(self) -> None:
+        """The camera has handed over its oldest frame."""
+        with self._changed:
+            self._frames_read += 1
+            self._changed.notify_all()
+
+    def advance(self, n: int) -> SampleBlock:
+        """Let `n` samples pass, and what the two sensors read on them."""
+        with self._changed:
+            block = SampleBlock(self.now, self._volts(np.arange(self.now, self.now + n)))
+            self.now += n
+            self._changed.notify_all()
+        return block
+
+    # ------------------------------------------------------------------ stage
+
+    def stage_m(self) -> float:
+        """Travel of the stage at this moment, since sample 0."""
+        with self._changed:
+            return self._stage(self.now)
+
+    def is_moving(self) -> bool:
+        """Whether the stage has not yet reached the target of its last move."""
+        with self._changed:
+            return self._stage(self.now) != self._moves[-1].target_m
+
+    def move(self, target_m: float, velocity_m_s: float) -> None:
+        """From this sample on the stage goes to `target_m` (travel since sample 0), nominally at that speed.
+
+        Raises
+        ------
+        OutOfLimits
+            The move would shear the contact backwards, or while it is being pressed on: neither is modelled. Nothing was done.
+        """
+        s = self.settings
+        with self._changed:
+            here = self._stage(self.now)
+            per_sample = velocity_m_s * s.speed_factor / s.sample_rate_hz
+            way = target_m - here
+            if self.now >= s.settled_sample:
+                if way < 0:
+                    raise OutOfLimits(
+                        f"simulated stage: a move back by {-way * 1e6:.3g} um was asked in contact;"
+                        " only a drive one way is modelled, make a new bench for another run"
+                    )
+            elif way and self.now + abs(way) / per_sample > s.press_sample:
+                raise OutOfLimits(
+                    f"simulated stage: a move of {way * 1e6:.4g} um was asked that lasts into the pressing of the contact (samples"
+                    f" {s.press_sample} to {s.settled_sample}), which is not modelled; move earlier, faster, or once the contact is settled"
+                )
+            self._moves.append(_Move(self.now, here, target_m, math.copysign(per_sample, way)))
+
+    def halt(self) -> None:
+        """From this sample on the stage stands."""
+        with self._changed:
+            here = self._stage(self.now)
+            self._moves.append(_Move(self.now, here, here, 0.0))
+
+    def _stage(self, sample: int) -> float:
+        last = bisect.bisect_right(self._moves, sample, key=lambda move: move.sample) - 1
+        return float(self._moves[last].at(np.asarray(sample)))
+
+    # ------------------------------------------------------------------ contact
+
+    def _pressed(self, samples: NDArray[np.int64]) -> F64:
+        """Share of the normal force that is on, 0 to 1."""
+        s = self.settings
+        t = np.clip((samples - s.press_sample + 1) / (s.settled_sample - s.press_sample + 1), 0.0, 1.0)
+        return np.asarray(t * t * (3 - 2 * t))
+
+    def _shear_force(self, samples: NDArray[np.int64], stage: F64) -> F64:
+        s = self.settings
+        driven = np.where(samples >= s.settled_sample, stage - self._stage(s.settled_sample), 0.0)
+        return cattaneo_mindlin.driven_shear_force(
+            driven, self._compliance, s.friction, s.normal_force_n, self._a, s.young_modulus_pa, s.poisson
+        )
+
+    def _volts(self, samples: NDArray[np.int64]) -> F64:
+        """What the board reads; `samples` all lie at or after the last command."""
+        s = self.settings
+        P = s.normal_force_n * self._pressed(samples)
+        Q = self._shear_force(samples, self._moves[-1].at(samples))
+        noise = s.force_noise_n * self._noise(samples)
+        step = 2 * s.adc_range_v / 2**s.adc_bits
+        codes = np.empty((len(samples), 2))
+        for i, (from_normal, from_shear) in enumerate(s.coupling):
+            reading = from_normal * P + from_shear * Q + noise[:, i]
+            codes[:, i] = np.rint((reading / (s.stiffness_n_per_m[i] * s.sensitivity_m_per_v[i]) + s.zero_v[i]) / step)
+        return np.asarray(np.clip(codes, -(2 ** (s.adc_bits - 1)), 2 ** (s.adc_bits - 1) - 1) * step)
+
+    def _noise(self, samples: NDArray[np.int64]) -> F64:
+        """White noise of unit variance, (n, 2): always drawn in the same chunks, so that it belongs to the sample and not to the block."""
+        chunks = range(samples[0] // _NOISE_CHUNK, samples[-1] // _NOISE_CHUNK + 1)
+        drawn = [np.random.default_rng([self.settings.seed, 1, chunk]).standard_normal((_NOISE_CHUNK, 2)) for chunk in chunks]
+        return np.asarray(np.concatenate(drawn)[samples - chunks[0] * _NOISE_CHUNK])
+
+    def state(self, sample: int) -> State:
+        """The contact at a sample that has passed, or at the present one.
+
+        Raises
+        ------
+        ValueError
+            The sample has not come yet.
+        """
+        s = self.settings
+        with self._changed:
+            if not 0 <= sample <= self.now:
+                raise ValueError(f"simulated world: the state at sample {sample} was asked, it knows 0 to {self.now}")
+            at, stage, contact = np.asarray(sample), self._stage(sample), self._stage(s.settled_sample)
+        pressed = float(self._pressed(at))
+        P, Q = s.normal_force_n * pressed, float(self._shear_force(at, np.asarray(stage)))
+        is_settled = sample >= s.settled_sample
+        block = stage - contact - Q / s.stiffness_n_per_m[1] if is_settled else 0.0
+        lens = s.lens_compliance_m_per_n * Q
+        carried = contact + block if is_settled else stage
+        a = hertz.contact_radius(P, s.young_modulus_pa, s.poisson, s.lens_radius_m)
+        return State(
+            sample=sample,
+            normal_force_n=P,
+            shear_force_n=Q,
+            stage_m=stage,
+            block_m=block,
+            lens_m=lens,
+            rigid_m=(s.press_shift_px[0] * s.pixel_m * pressed + carried, s.press_shift_px[1] * s.pixel_m * pressed),
+            lens_centre_m=(s.contact_centre_px[0] * s.pixel_m + lens, s.contact_centre_px[1] * s.pixel_m),
+            hertz_radius_m=a,
+            apparent_radius_m=a + math.sqrt(s.lens_radius_m * s.roughness_m) if P > 0 else 0.0,
+            stick_radius_m=float(cattaneo_mindlin.stick_radius(Q, s.friction * P, a)) if P > 0 else 0.0,
+            friction=s.friction,
+            young_modulus_pa=s.young_modulus_pa,
+            poisson=s.poisson,
+        )
+
+    def onset_sample(self) -> int | None:
+        """First sample at which the whole contact slides; None where it has not yet."""
+        with self._changed:
+            settled = self.settings.settled_sample
+            sliding = self._stage(settled) + self._soft + self._compliance * self._limit
+            samples = range(settled, self.now + 1)
+            first = bisect.bisect_left(samples, sliding, key=self._stage)
+            return samples[first] if first < len(samples) else None
+
+    def truth(self, sample: int) -> Truth:
+        """What an analysis should find at a sample that has passed; an image shows the middle of its exposure.
+
+        Raises
+        ------
+        ValueError
+            The sample has not come yet.
+        """
+        onset = self.onset_sample()
+        return Truth(self.state(sample), self.settings.pixel_m, self.settings.friction, onset, self.state)

@@ -1,0 +1,317 @@
+"""The simulated devices: the contracts, one world seen by all three, the pace, and the bench that holds them."""
+
+import threading
+
+import numpy as np
+import pytest
+from contracts import TRAIN, ActuatorContract, CameraContract, ForceSourceContract
+
+from drivers import bench as bench_module
+from drivers.bench import Bench, UnknownDevice, open_bench
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.protocols import TriggerTrain
+from drivers.sim.devices import SimActuator, SimCamera, SimForces
+from drivers.sim.world import World, WorldSettings
+
+FREE = WorldSettings(press_sample=10**9, image_shape=(6, 8))
+QUICK = WorldSettings(press_sample=100, press_duration=100, image_shape=(6, 8))
+
+
+class Numbered:
+    """Draws the frame's number and the contact's state instead of an interface."""
+
+    def __init__(self):
+        self.states = []
+
+    def image(self, state, frame_index):
+        self.states.append(state)
+        return np.full((6, 8), frame_index, np.uint8)
+
+
+@pytest.fixture
+def world():
+    return World(FREE, pace=None)
+
+
+class TestSimForces(ForceSourceContract):
+    @pytest.fixture
+    def forces(self, world):
+        return SimForces(world)
+
+
+class TestSimCamera(CameraContract):
+    @pytest.fixture
+    def camera(self, world):
+        return SimCamera(world, Numbered())
+
+    @pytest.fixture
+    def run_until(self, world):
+        def run(sample):
+            if world.phase == "idle":
+                world.start()
+            world.advance(sample - world.now)
+
+        return run
+
+    @pytest.fixture
+    def end_clock(self, world):
+        return world.stop
+
+
+class TestSimActuator(ActuatorContract):
+    @pytest.fixture
+    def actuator(self, world):
+        return SimActuator(world)
+
+    @pytest.fixture
+    def pass_time(self, world):
+        return lambda seconds: world.advance(round(seconds * FREE.sample_rate_hz))
+
+
+def fake_bench(settings, pace):
+    world = World(settings, pace)
+    return Bench(SimForces(world), SimCamera(world, Numbered()), SimActuator(world), world)
+
+
+def drive(settings, pace, blocks=60, divisor=100):
+    """A short run with two threads, as the program has them: all volts, all frames, all states that were drawn."""
+    bench = fake_bench(settings, pace)
+    frames, volts = [], []
+    train = TriggerTrain(0, divisor)
+
+    def receive():
+        while True:
+            try:
+                frames.append(bench.camera.read(10.0))
+            except DeviceTimeout:
+                return
+
+    with bench:
+        bench.camera.start(train)
+        bench.forces.start(train)
+        camera = threading.Thread(target=receive)
+        camera.start()
+        for number in range(blocks):
+            if number == 10:
+                bench.actuator.set_velocity(100e-6)
+                bench.actuator.move_to(bench.actuator.position_m() + 150e-6)
+            volts.append(bench.forces.read(10.0).volts)
+        bench.forces.stop()
+        camera.join()
+    return np.concatenate(volts), frames, bench.camera._renderer.states
+
+
+def test_the_pace_changes_no_bit():
+    paced, free = drive(QUICK, 50.0), drive(QUICK, None)
+    np.testing.assert_array_equal(paced[0], free[0])
+    assert [(f.index, f.sample) for f in paced[1]] == [(f.index, f.sample) for f in free[1]] == [(i, 100 * i) for i in range(30)]
+    assert paced[2] == free[2]
+    assert paced[2][-1].shear_force_n > 0.4
+
+
+def test_a_frame_shows_the_middle_of_its_exposure():
+    _, frames, states = drive(QUICK, None)
+    assert [s.sample for s in states] == [f.sample + QUICK.exposure_samples // 2 for f in frames]
+
+
+def test_a_paced_read_waits_for_the_wall_clock_and_takes_nothing_when_it_gives_up():
+    bench = fake_bench(FREE, 1e-4)
+    with bench:
+        bench.forces.start(TRAIN)
+        with pytest.raises(DeviceTimeout, match="pace"):
+            bench.forces.read(0.01)
+        assert bench.world.now == 0
+
+
+def test_a_free_world_waits_for_its_camera_with_four_unread_frames():
+    bench = fake_bench(FREE, None)
+    with bench:
+        bench.camera.start(TRAIN)
+        bench.forces.start(TRAIN)
+        while bench.world.now + FREE.block_samples < TRAIN.sample(4) + FREE.exposure_samples:
+            bench.forces.read(1.0)
+        with pytest.raises(DeviceTimeout, match="unread"):
+            bench.forces.read(0.01)
+        bench.camera.read(1.0)
+        for _ in range(TRAIN.divisor // FREE.block_samples):
+            bench.forces.read(1.0)
+        with pytest.raises(DeviceTimeout):
+            bench.forces.read(0.01)
+        bench.camera.stop()
+        bench.forces.read(1.0)
+
+
+def test_blocks_with_more_frames_than_may_wait_still_pass():
+    settings = WorldSettings(press_sample=10**9, image_shape=(6, 8), block_samples=1000)
+    volts, frames, _ = drive(settings, None, blocks=3)
+    assert len(volts) == 3000
+    assert [f.index for f in frames] == list(range(30))
+
+
+@pytest.mark.parametrize("end", ["camera", "forces"])
+def test_a_waiting_read_ends_when_its_device_is_stopped(end, monkeypatch):
+    bench = fake_bench(FREE, None)
+    ended, waits = [], threading.Event()
+    wait_for = bench.world.wait_for
+    monkeypatch.setattr(bench.world, "wait_for", lambda *args: (waits.set(), wait_for(*args))[1])
+    wait_s = bench.world._wait_s
+
+    def note_wait(n):
+        seconds = wait_s(n)
+        if seconds > 0:
+            waits.set()
+        return seconds
+
+    monkeypatch.setattr(bench.world, "_wait_s", note_wait)
+    with bench:
+        bench.camera.start(TRAIN)
+        bench.forces.start(TRAIN)
+
+        def wait():
+            try:
+                while True:
+                    bench.camera.read(60.0) if end == "camera" else bench.forces.read(60.0)
+            except DeviceError as error:
+                ended.append(error)
+
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        assert waits.wait(20.0)
+        (bench.camera if end == "camera" else bench.forces).stop()
+        waiting.join(20.0)
+        assert not waiting.is_alive()
+    assert isinstance(ended[0], DeviceTimeout if end == "camera" else DeviceFault)
+
+
+def test_an_exposure_cut_by_the_end_gives_no_frame():
+    bench = fake_bench(FREE, None)
+    with bench:
+        bench.camera.start(TRAIN)
+        bench.forces.start(TRAIN)
+        bench.world.advance(TRAIN.sample(1) + FREE.exposure_samples - 1)
+        bench.forces.stop()
+        assert bench.camera.read(1.0).index == 0
+        with pytest.raises(DeviceTimeout, match="end of the samples"):
+            bench.camera.read(60.0)
+
+
+def test_triggers_faster_than_the_exposure_are_refused():
+    bench = fake_bench(FREE, None)
+    with bench, pytest.raises(OutOfLimits, match="9 samples was asked, the exposure takes 10"):
+        bench.camera.start(TriggerTrain(0, 9))
+
+
+def test_a_world_runs_once():
+    bench = fake_bench(FREE, None)
+    with bench:
+        bench.forces.start(TRAIN)
+        bench.forces.stop()
+        with pytest.raises(DeviceFault, match="new bench"):
+            bench.forces.start(TRAIN)
+
+
+def test_the_encoder_reads_whole_counts_and_the_stage_comes_to_the_target():
+    bench = fake_bench(FREE, None)
+    with bench:
+        actuator = bench.actuator
+        start = actuator.position_m()
+        assert start == pytest.approx(12.5e-3, abs=0.035e-6)
+        actuator.set_velocity(5e-6)
+        actuator.move_to(start + 10e-6)
+        seen = set()
+        while actuator.is_moving():
+            bench.world.advance(10)
+            seen.add(actuator.position_m())
+        counts = (np.array(sorted(seen)) / 0.035e-6) % 1
+        assert np.minimum(counts, 1 - counts).max() < 1e-6
+        assert len(seen) > 200
+        assert bench.world.stage_m() == pytest.approx(10e-6, abs=1e-15)
+
+
+def test_home_goes_to_the_origin():
+    bench = fake_bench(FREE, None)
+    with bench:
+        bench.actuator.home()
+        bench.world.advance(30_000)
+        assert not bench.actuator.is_moving()
+        assert bench.actuator.position_m() == 0
+
+
+def test_to_hold_the_position_that_the_encoder_reads_is_no_move_back():
+    bench = fake_bench(QUICK, None)
+    with bench:
+        bench.world.advance(300)
+        bench.actuator.set_velocity(10e-6)
+        bench.actuator.move_to(bench.actuator.position_m() + 50e-6)
+        for _ in range(20):
+            bench.world.advance(1)
+            bench.actuator.move_to(bench.actuator.position_m())
+            assert not bench.actuator.is_moving()
+            bench.actuator.move_to(bench.actuator.position_m() + 1e-6)
+
+
+# ------------------------------------------------------------------ the bench
+
+
+class Recorded:
+    """A device that writes down what happens to it, and fails where it is told to."""
+
+    def __init__(self, name, log, fails=""):
+        self.name, self.log, self.fails = name, log, fails
+
+    def _do(self, what):
+        self.log.append(f"{what} {self.name}")
+        if what in self.fails:
+            raise DeviceFault(f"{self.name} does not {what}")
+
+    def open(self):
+        self._do("open")
+
+    def close(self):
+        self._do("close")
+
+
+def recorded(log, **fails):
+    return Bench(*(Recorded(name, log, fails.get(name, "")) for name in ("forces", "camera", "actuator")), world=World(FREE))
+
+
+def test_a_bench_opens_in_order_and_closes_in_reverse():
+    log = []
+    with recorded(log):
+        assert log == ["open actuator", "open camera", "open forces"]
+    assert log[3:] == ["close forces", "close camera", "close actuator"]
+
+
+def test_a_bench_that_does_not_open_leaves_nothing_open():
+    log = []
+    with pytest.raises(DeviceFault, match="camera does not open") as caught:
+        recorded(log, camera="open", actuator="close").open()
+    assert log == ["open actuator", "open camera", "close camera", "close actuator"]
+    assert caught.value.__notes__ == ["actuator does not close"]
+
+
+def test_every_device_is_closed_even_if_others_fail():
+    log = []
+    bench = recorded(log, forces="close", camera="close")
+    bench.open()
+    with pytest.raises(DeviceError, match="forces does not close; camera does not close"):
+        bench.close()
+    assert log[-1] == "close actuator"
+
+
+def test_an_unknown_device_names_the_known_ones_and_the_nearest(monkeypatch):
+    monkeypatch.setitem(bench_module.DRIVERS["camera"], "pylon", "drivers.sim.devices:SimCamera")
+    with pytest.raises(UnknownDevice, match=r"camera: no driver is called 'pilon'; known: pylon, sim \(the nearest is 'pylon'\)"):
+        open_bench("sim", "pilon", "sim")
+    assert issubclass(UnknownDevice, DeviceNotFound)
+
+
+def test_simulated_devices_of_one_bench_share_one_world():
+    settings = WorldSettings(press_sample=0, press_duration=10, image_shape=(6, 8), slow_actuator=False, force_noise_n=0)
+    bench = open_bench(world=settings, pace=None)
+    with Bench(bench.forces, SimCamera(bench.world, Numbered()), bench.actuator, bench.world):
+        bench.forces.start(TRAIN)
+        at_rest = bench.forces.read(1.0).volts[-1, 1]
+        bench.actuator.set_velocity(1e-3)
+        bench.actuator.move_to(bench.actuator.position_m() + 30e-6)
+        assert bench.forces.read(1.0).volts[-1, 1] > at_rest + 0.5

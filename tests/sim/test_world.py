@@ -1,0 +1,243 @@
+"""The simulated world: its loading curve, its noise, its truth, each against an evaluation of its own."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from analysis.mechanics import cattaneo_mindlin, hertz
+from drivers.errors import OutOfLimits
+from drivers.sim.world import World, WorldSettings
+
+BASE = {"press_sample": 200, "press_duration": 300, "image_shape": (240, 320), "pixel_m": 35.2e-6}
+SETTLED, START = 500, 600
+
+
+def driven(distance_m=190e-6, velocity=100e-6, **changes):
+    """A world whose stage began to drive at sample 600, at rest since a while where the drive is complete."""
+    world = World(WorldSettings(**{**BASE, "slow_actuator": False, **changes}), pace=None)
+    world.advance(START)
+    world.move(distance_m, velocity)
+    world.advance(int(distance_m / velocity * 1100) + 200)
+    return world
+
+
+def constants(s):
+    a = hertz.contact_radius(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m)
+    limit = s.friction * s.normal_force_n
+    shear_modulus = s.young_modulus_pa / (2 * (1 + s.poisson))
+    compliance = 1 / s.stiffness_n_per_m[1] + s.lens_compliance_m_per_n
+    delta_max = 3 * limit * (2 - s.poisson) / (16 * shear_modulus * a)
+    return a, limit, shear_modulus, compliance, delta_max
+
+
+@pytest.mark.parametrize("normal_force", [0.1, 0.5, 1.4])
+def test_initial_slope_is_cantilever_lens_and_contact_in_series(normal_force):
+    world = driven(normal_force_n=normal_force, velocity=1e-6, distance_m=1e-7)
+    s = world.settings
+    a, _, shear_modulus, compliance, _ = constants(s)
+    state = world.state(START + 10)
+    assert state.shear_force_n / state.stage_m == pytest.approx(1 / (compliance + (2 - s.poisson) / (8 * shear_modulus * a)), rel=1e-3)
+
+
+@pytest.mark.parametrize("normal_force", [0.1, 0.5, 1.4])
+def test_sliding_plateau_and_onset(normal_force):
+    world = driven(normal_force_n=normal_force, distance_m=400e-6)
+    s = world.settings
+    _, limit, _, compliance, delta_max = constants(s)
+    onset = START + (delta_max + limit * compliance) / 100e-6 * s.sample_rate_hz
+    assert world.onset_sample() == int(np.ceil(onset))
+    before, after = world.state(world.onset_sample() - 1), world.state(world.onset_sample())
+    assert before.shear_force_n < limit
+    assert before.stick_radius_m > 0
+    assert (after.shear_force_n, after.stick_radius_m) == (limit, 0)
+    end = world.state(world.now)
+    assert end.shear_force_n == limit
+    assert end.block_m - after.block_m == pytest.approx(end.stage_m - after.stage_m, rel=1e-12)
+
+
+def test_no_onset_before_there_is_one():
+    world = driven(distance_m=60e-6)
+    assert world.onset_sample() is None
+    assert world.truth(world.now).onset_sample is None
+    assert driven().truth(START).mu_s == 0.93
+
+
+def test_the_stage_the_cantilever_and_the_contact_add_up():
+    """Between onset of the drive and sliding, Q is where a root finder puts it."""
+    world = driven()
+    s = world.settings
+    a, limit, _, compliance, delta_max = constants(s)
+    for sample in range(START + 50, world.onset_sample(), 97):
+        state = world.state(sample)
+        travel = (sample - START) * 1e-7
+
+        def excess(Q, travel=travel):
+            return delta_max * (1 - (1 - Q / limit) ** (2 / 3)) + Q * compliance - travel
+
+        assert state.shear_force_n == pytest.approx(brentq(excess, 0, limit, xtol=1e-15), rel=1e-9)
+        assert state.stick_radius_m == pytest.approx(a * (1 - state.shear_force_n / limit) ** (1 / 3), rel=1e-9)
+        assert state.block_m == pytest.approx(travel - state.shear_force_n / s.stiffness_n_per_m[1], rel=1e-12)
+        assert state.lens_m == s.lens_compliance_m_per_n * state.shear_force_n
+        assert state.lens_centre_m[0] - state.lens_m == pytest.approx(s.contact_centre_px[0] * s.pixel_m, rel=1e-14)
+        g0, g2 = state.radial(np.linspace(0, state.stick_radius_m, 5))
+        np.testing.assert_allclose(state.block_m - g0, state.lens_m, rtol=0, atol=1e-14)  # the stick zone moves with the lens
+        np.testing.assert_allclose(g2, 0, atol=1e-18)
+
+
+def test_pressing_is_smooth_and_ends_at_the_normal_force():
+    world = driven()
+    s = world.settings
+    states = [world.state(i) for i in range(150, SETTLED + 20)]
+    P = np.array([state.normal_force_n for state in states])
+    assert (P[:50] == 0).all()
+    assert (P[SETTLED - 150 :] == s.normal_force_n).all()
+    assert (np.diff(P) >= 0).all()
+    assert np.abs(np.diff(P, 2)).max() < 1e-4
+    assert states[0].apparent_radius_m == states[0].hertz_radius_m == 0
+    assert states[-1].apparent_radius_m == pytest.approx(constants(s)[0] + np.sqrt(s.lens_radius_m * s.roughness_m))
+    np.testing.assert_allclose(np.array(states[-1].rigid_m) / s.pixel_m, s.press_shift_px)
+    np.testing.assert_array_equal(states[0].radial([0.0, 1e-3]), 0)
+
+
+@pytest.mark.parametrize(("normal_force", "asked_5_gives"), [(0.1, 4.9), (0.75, 4.83), (1.4, 4.76), (3.0, 4.76)])
+def test_the_stage_is_as_slow_as_the_papers(normal_force, asked_5_gives):
+    world = driven(normal_force_n=normal_force, slow_actuator=True, velocity=5e-6, distance_m=20e-6)
+    assert world.state(START + 2000).stage_m == pytest.approx(2 * asked_5_gives * 1e-6, rel=1e-12)
+
+
+def test_before_contact_the_block_follows_the_stage():
+    world = World(WorldSettings(**{**BASE, "slow_actuator": False}), pace=None)
+    world.move(10e-6, 100e-6)
+    world.advance(600)
+    assert world.state(50).rigid_m == (pytest.approx(5e-6), 0)
+    assert world.state(600).rigid_m[0] == pytest.approx(10e-6 + 3.3 * world.settings.pixel_m)
+    assert world.state(600).shear_force_n == world.state(600).block_m == 0
+
+
+def test_a_move_back_in_contact_is_refused_and_changes_nothing():
+    world = driven(distance_m=50e-6)
+    stage = world.stage_m()
+    with pytest.raises(OutOfLimits, match="move back by 20 um"):
+        world.move(30e-6, 1e-6)
+    world.advance(100)
+    assert world.stage_m() == stage
+
+
+def test_a_move_that_lasts_into_the_pressing_is_refused():
+    world = World(WorldSettings(**BASE), pace=None)
+    world.advance(100)
+    with pytest.raises(OutOfLimits, match="pressing"):
+        world.move(20e-6, 100e-6)
+    world.move(5e-6, 100e-6)
+    world.advance(200)
+    with pytest.raises(OutOfLimits, match="pressing"):
+        world.move(6e-6, 1e-3)
+    world.move(5e-6, 1e-3)  # it stands there
+    world.advance(200)
+    world.move(6e-6, 100e-6)
+
+
+def run_in_blocks(sizes, seed=3):
+    world = World(WorldSettings(**{**BASE, "seed": seed}), pace=None)
+    volts = [world.advance(START).volts]
+    world.move(190e-6, 100e-6)
+    volts += [world.advance(n).volts for n in sizes]
+    return np.concatenate(volts)
+
+
+WHOLE = run_in_blocks([1700])
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(1, 400), min_size=1, max_size=12))
+def test_the_readings_do_not_depend_on_the_block_size(sizes):
+    volts = run_in_blocks(sizes)
+    n = min(len(volts), len(WHOLE))
+    np.testing.assert_array_equal(volts[:n], WHOLE[:n])
+
+
+def test_another_seed_gives_other_noise():
+    assert (run_in_blocks([100], seed=4) != WHOLE[: START + 100]).any()
+
+
+def test_readings_are_the_coupled_forces_with_white_noise_on_the_boards_steps():
+    world = driven(zero_v=(0.11, -0.07), distance_m=80e-6)
+    s = world.settings
+    again = World(s, pace=None)
+    volts = np.concatenate([again.advance(START).volts, (again.move(80e-6, 100e-6), again.advance(1000).volts)[1]])
+    forces = np.array([(t.normal_force_n, t.shear_force_n) for t in map(world.state, range(len(volts)))])
+    readings = (volts - s.zero_v) * np.multiply(s.stiffness_n_per_m, s.sensitivity_m_per_v)
+    noise = readings - forces @ np.array(s.coupling).T
+    np.testing.assert_allclose(noise.std(axis=0), 1e-3, rtol=0.08)
+    np.testing.assert_allclose(noise.mean(axis=0), 0, atol=1e-4)
+    assert abs(np.corrcoef(noise.T)[0, 1]) < 0.1
+    assert abs(np.corrcoef(noise[1:, 0], noise[:-1, 0])[0, 1]) < 0.1
+    codes = volts / (20 / 65536)
+    np.testing.assert_array_equal(codes, np.rint(codes))
+
+
+def test_readings_saturate_at_the_boards_range():
+    volts = driven(normal_force_n=3.0, zero_v=(0.0, -20.0)).advance(10).volts
+    np.testing.assert_array_equal(volts, [[10 - 20 / 65536, -10.0]] * 10)
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.5])
+def test_truth_in_pixels_against_material_points_found_one_by_one(poisson):
+    world = driven(poisson=poisson, lens_compliance_m_per_n=5e-6)
+    s = world.settings
+    reference, sample = START + 300, START + 1300
+
+    def material(x, y, state):
+        gx, gy = cattaneo_mindlin.displacement(
+            x - state.lens_centre_m[0], y - state.lens_centre_m[1], state.shear_force_n, s.friction, s.normal_force_n,
+            state.hertz_radius_m, s.young_modulus_pa, s.poisson,
+        )  # fmt: skip
+        return x - state.rigid_m[0] + gx, y - state.rigid_m[1] + gy
+
+    x, y = np.meshgrid(np.linspace(2, 317, 12), np.linspace(3, 236, 9))
+    ux, uy = world.truth(sample).displacement_px(x, y, reference)
+    seen = material((x + ux) * s.pixel_m, (y + uy) * s.pixel_m, world.state(sample))
+    was = material(x * s.pixel_m, y * s.pixel_m, world.state(reference))
+    np.testing.assert_allclose(seen, was, rtol=0, atol=1e-13)
+    assert ux.max() - ux.min() > 0.5
+    assert np.abs(uy).max() > 0.02
+
+
+def test_a_driven_block_moves_as_a_whole_far_away_and_by_the_slip_at_the_centre():
+    world = driven(distance_m=400e-6)
+    s = world.settings
+    _, limit, _, _, delta_max = constants(s)
+    state = world.state(world.now)
+    truth = world.truth(world.now)
+    far, _ = truth.displacement_px(1e6, 3.0, START)
+    assert far * s.pixel_m == pytest.approx(400e-6 - limit / s.stiffness_n_per_m[1], rel=1e-4)
+    g0, _ = state.radial(0.0)
+    assert g0 == pytest.approx(delta_max)
+
+
+def test_the_past_stays_as_it_was():
+    world = World(WorldSettings(**BASE), pace=None)
+    world.advance(START)
+    world.move(190e-6, 100e-6)
+    world.advance(300)
+    then = [world.state(i) for i in range(0, world.now + 1, 25)]
+    world.halt()
+    world.advance(200)
+    world.move(190e-6, 20e-6)
+    world.advance(200)
+    assert [world.state(i) for i in range(0, 901, 25)] == then
+    assert world.state(1100).stage_m == then[-1].stage_m
+
+
+def test_the_future_is_not_known():
+    world = World(WorldSettings(**BASE), pace=None)
+    with pytest.raises(ValueError, match="knows 0 to 0"):
+        world.state(1)
+
+
+@pytest.mark.parametrize("pace", [0, -1.0, float("nan"), float("inf")])
+def test_a_pace_must_be_a_positive_number(pace):
+    with pytest.raises(ValueError, match="pace"):
+        World(WorldSettings(), pace=pace)
