@@ -129,7 +129,7 @@ class Pipeline:
         y = self._y_m + field.uy_px * np.float64(self._pixel_m) - centre_y
         r = np.hypot(x, y)
         sliding_ux = ux_m - lens_m
-        rings = ring_means(r, sliding_ux, self.config.dic.step * self._pixel_m, self._whole_rings_m())
+        rings = ring_means(r, sliding_ux, self.config.dic.step * self._pixel_m, self._whole_rings_m(), theta=np.arctan2(y, x))
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         inner_m = CENTRE_SHARE * (self.contact.apparent_radius_m if math.isfinite(self.contact.apparent_radius_m) else hertz_m)
         stick_m = stick_sd_m = math.nan

@@ -34,6 +34,7 @@ from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Actuator, Camera, ForceSource, Frame, LostFrame, SampleBlock, TriggerTrain
 
 READ_TIMEOUT_S = 2.0
+FREE_RUNNING_READS = 30
 POLL_S = 0.1
 CAMERA_PATIENCE_S = 3.0  # without an answer to a trigger, then the camera is given up
 REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
@@ -108,7 +109,7 @@ class Run:
         self._stop, self._ended, self._reference_taken = threading.Event(), threading.Event(), threading.Event()
         self._final_sample: int | None = None
         self._received = self._lost = self._analysed = 0
-        self._answered_at = 0.0  # wall clock of the camera's last answer
+        self._awaited = (0, 0.0)  # the trigger whose answer is awaited, and since when (wall clock)
         self._snapshots: list[Snapshot] = []
         self._latest_image: NDArray[Any] | None = None
         self._outcome: Outcome | None = None
@@ -276,7 +277,7 @@ class Run:
             self._bench.camera.start(self._train)
             self._bench.forces.start(self._train)
             self._start_m = self._bench.actuator.position_m()
-            self._state, self._answered_at = "running", time.monotonic()
+            self._state, self._awaited = "running", (0, time.monotonic())
             workers = [self._spawn("camera", self._receive), self._spawn("analysis", self._analyse)]
             self._measure()
         except Exception as error:
@@ -335,12 +336,13 @@ class Run:
         return Measured(block.end, forces, position - self._start_m, moving, self._reference_taken.is_set())
 
     def _read_block(self) -> SampleBlock:
-        while True:
+        """The next block. A free-running source waits for our own disk and analysis, so it has a minute where hardware has seconds."""
+        for _ in range(FREE_RUNNING_READS if self._free_running else 1):
             try:
                 return self._bench.forces.read(READ_TIMEOUT_S)
-            except DeviceTimeout:
-                if not self._free_running or self._stop.is_set():
-                    raise  # a free-running source waits for our own disk and analysis, as long as it takes
+            except DeviceTimeout as error:
+                timeout = error
+        raise timeout
 
     def _begin_phase(self, phase: Phase, sample: int) -> None:
         assert self._recorder is not None
@@ -348,13 +350,15 @@ class Run:
         self._recorder.event(Event(sample, "phase", str(phase)))
 
     def _watch_camera(self) -> None:
-        """Give the camera up when triggers have had no answer for too long."""
-        answered = self._received + self._lost
+        """Give the camera up when a trigger that is long past has had no answer for too long."""
+        answered, now = self._received + self._lost, time.monotonic()
         overdue = self._history.end - self._train.sample(answered) > 2 * self._train.divisor + self._exposure
-        silent_s = time.monotonic() - self._answered_at
-        if overdue and silent_s > CAMERA_PATIENCE_S:
+        if not overdue or answered != self._awaited[0]:
+            self._awaited = (answered, now)
+        elif now - self._awaited[1] > CAMERA_PATIENCE_S:
             raise DeviceTimeout(
-                f"{self._bench.camera.name}: trigger {answered} had no answer for {silent_s:.1f} s; check the trigger line and the camera"
+                f"{self._bench.camera.name}: trigger {answered} had no answer for {CAMERA_PATIENCE_S:g} s;"
+                " check the trigger line and the camera"
             )
 
     def _wind_down(self, workers: list[threading.Thread]) -> None:
@@ -404,12 +408,13 @@ class Run:
             self._lose_the_rest()
 
     def _receive_answers(self) -> None:
+        answered_at = time.monotonic()
         while self._final_sample is None or self._received + self._lost < self._train.count_before(self._final_sample):
             try:
                 self._deliver(self._bench.camera.read(POLL_S))
-                self._answered_at = time.monotonic()
+                answered_at = time.monotonic()
             except DeviceTimeout:
-                if self._final_sample is not None and time.monotonic() - self._answered_at > CAMERA_PATIENCE_S:
+                if self._final_sample is not None and time.monotonic() - answered_at > CAMERA_PATIENCE_S:
                     return
 
     def _deliver(self, answer: Frame | LostFrame) -> None:

@@ -1,0 +1,100 @@
+"""The pipeline alone, fed by hand with a recorded run."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from app import config, live
+from app.engine.history import Conditions
+from app.engine.pipeline import Pipeline, summarise
+from app.replay import difference
+from app.results import Phase
+from app.session.reader import SessionReader
+
+OVERRIDES = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=40",
+    "dic.threads=1",
+)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Settings, frames and conditions of one run: [(index, sample, image, conditions)]."""
+    path = tmp_path_factory.mktemp("pipeline") / "run.h5"
+    used = config.load(None, OVERRIDES)
+    run = live.make_run(used, path, pace=None)
+    run.start()
+    assert run.wait(100).state == "done"
+    with SessionReader(path) as session:
+        conditions = {
+            s.frame: Conditions(s.phase, s.time_s, s.normal_force_n, s.shear_force_n, s.travel_m) for s in session.snapshots()
+        }
+        return used, [(index, sample, image.copy(), conditions[index]) for index, sample, image in session.frames()]
+
+
+def analysed(used, frames):
+    pipeline = Pipeline(used, (used.camera.height, used.camera.width))
+    snapshots = {frame[0]: pipeline.step(*frame) for frame in frames}
+    pipeline.close()
+    return snapshots, pipeline
+
+
+@pytest.fixture(scope="module")
+def whole(recorded):
+    return analysed(*recorded)[0]
+
+
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_skipped_frames_change_no_other_field(recorded, whole, data):
+    used, frames = recorded
+    driven = [f[0] for f in frames if f[3].phase is Phase.DRIVE]
+    skipped = data.draw(st.sets(st.sampled_from(driven), min_size=1, max_size=3))
+    without, _ = analysed(used, [f for f in frames if f[0] not in skipped])
+    assert [difference(whole[n], s) for n, s in without.items()] == [""] * len(without)
+
+
+def test_threads_change_nothing(recorded, whole):
+    _, frames = recorded
+    more = config.load(None, [*OVERRIDES, "dic.threads=3"])
+    shared, _ = analysed(more, frames)
+    assert all(difference(whole[n], s) == "" for n, s in shared.items())
+
+def test_without_a_background_a_is_nan_and_a_note_says_so(recorded):
+    used, frames = recorded
+    snapshots, pipeline = analysed(used, [f for f in frames if f[3].phase is not Phase.BACKGROUND])
+    assert math.isnan(pipeline.contact.apparent_radius_m)
+    assert "no background image" in pipeline.notes[0]
+    assert pipeline.contact.centre_px == ((480 - 1) / 2, (360 - 1) / 2)
+    summary = summarise(used, list(snapshots.values()), pipeline.contact, pipeline.notes)
+    assert math.isnan(summary.apparent_radius_m)
+    assert pipeline.notes[0] in summary.notes
+    assert summary.mu_s == pytest.approx(0.93, rel=0.02)
+
+
+def test_a_run_that_never_slid_has_no_onset_and_says_why(recorded):
+    used, frames = recorded
+    early = [f for f in frames if not f[3].time_s > 4]
+    snapshots, pipeline = analysed(used, early)
+    summary = summarise(used, list(snapshots.values()), pipeline.contact, pipeline.notes)
+    assert math.isnan(summary.onset_time_s)
+    assert math.isnan(summary.mu_s)
+    assert any("onset" in note for note in summary.notes)
+
+
+def test_no_field_before_the_reference(recorded, whole):
+    _, frames = recorded
+    for index, _, _, now in frames:
+        before = now.phase in (Phase.BACKGROUND, Phase.CONTACT)
+        assert (whole[index].ux_px.size == 0) == before
+    reference = next(i for i, _, _, now in frames if now.phase is Phase.REFERENCE)
+    # the reference against itself: what the 2D Gaussian through nine points costs without any noise
+    assert np.nanstd(whole[reference].ux_px) < 0.033
+    assert abs(np.nanmean(whole[reference].ux_px)) < 0.005
