@@ -1,0 +1,78 @@
+"""Whether a window can be opened here, found out without loading Qt: Qt itself would end the process."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+
+# library -> Debian package; what the Qt wheels expect of the system
+_BASE = {
+    "libglib-2.0.so.0": "libglib2.0-0",
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libfontconfig.so.1": "libfontconfig1",
+    "libfreetype.so.6": "libfreetype6",
+    "libdbus-1.so.3": "libdbus-1-3",
+}
+_XCB = {
+    "libxcb-cursor.so.0": "libxcb-cursor0",
+    "libxcb-icccm.so.4": "libxcb-icccm4",
+    "libxcb-keysyms.so.1": "libxcb-keysyms1",
+    "libxcb-shape.so.0": "libxcb-shape0",
+    "libxcb-xkb.so.1": "libxcb-xkb1",
+    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
+}
+
+
+def display_problem() -> str | None:
+    """Why no window can be opened on this machine, in one sentence; None where one can.
+
+    Windows and macOS always have a display. On Linux a display must be named and reachable (``QT_QPA_PLATFORM=offscreen`` counts
+    as one) and the libraries Qt expects of the system must load.
+    """
+    if not sys.platform.startswith("linux"):
+        return None
+    platform = _platform()
+    if not platform:
+        return "no window: neither DISPLAY nor WAYLAND_DISPLAY is set; log in to a desktop, use ssh -X, or run with --headless"
+    missing = _missing(_BASE | _XCB if platform == "xcb" else _BASE)
+    if missing:
+        packages = " ".join(dict.fromkeys(missing.values()))
+        return f"no window: {', '.join(missing)} not found on this system; install with: apt install {packages}, or run with --headless"
+    if platform == "xcb" and not _x_server_answers():
+        return f"no window: the X server '{os.environ['DISPLAY']}' named by DISPLAY does not answer; start it, or run with --headless"
+    return None
+
+
+def _platform() -> str:
+    """The Qt platform that would be used: "xcb", "wayland", another one asked for by name, or "" for none."""
+    asked = os.environ.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
+    has_x, has_wayland = bool(os.environ.get("DISPLAY")), bool(os.environ.get("WAYLAND_DISPLAY"))
+    if asked == "xcb":
+        return "xcb" if has_x else ""
+    if asked.startswith("wayland"):
+        return "wayland" if has_wayland else ""
+    return asked or ("wayland" if has_wayland else "xcb" if has_x else "")
+
+
+def _missing(libraries: dict[str, str]) -> dict[str, str]:
+    return {library: package for library, package in libraries.items() if not _loads(library)}
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _x_server_answers() -> bool:
+    xcb = ctypes.CDLL("libxcb.so.1")
+    xcb.xcb_connect.restype = ctypes.c_void_p
+    connection = ctypes.c_void_p(xcb.xcb_connect(None, None))
+    answers = bool(xcb.xcb_connection_has_error(connection) == 0)
+    xcb.xcb_disconnect(connection)
+    return answers

@@ -1,0 +1,72 @@
+"""The line in which the window says what is wrong, or asks a question without standing in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QWidget
+
+from app.gui import theme
+from app.gui.numbers import Tone
+
+
+class Notice(QFrame):
+    """A sentence across the window, hidden while there is nothing to say.
+
+    An alarm stays until it is dismissed or a new run begins; other sentences give way to newer ones.
+    """
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("panel")
+        self.text = QLabel("")
+        self.text.setWordWrap(True)
+        self.yes, self.no = QPushButton(""), QPushButton("Dismiss")
+        self.is_alarm = self.is_question = False
+        self._on_yes: Callable[[], object] = self.clear
+        self.yes.clicked.connect(self._agree)
+        self.no.clicked.connect(self.clear)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(14, 4, 10, 4)
+        row.addWidget(self.text, 1)
+        row.addWidget(self.yes)
+        row.addWidget(self.no)
+        self.clear()
+
+    def say(self, sentence: str, *, is_alarm: bool = False) -> None:
+        """Show `sentence`, unless an alarm or a question is standing."""
+        if (self.is_alarm or self.is_question) and not is_alarm:
+            return
+        self._show(sentence, Tone.BAD if is_alarm else Tone.WARN)
+        self.is_alarm = is_alarm
+
+    def ask(self, sentence: str, yes: str, on_yes: Callable[[], object]) -> None:
+        """Ask for a decision; the window stays in use meanwhile."""
+        self._show(f"{self.text.text()}  {sentence}" if self.is_alarm else sentence, Tone.BAD if self.is_alarm else Tone.WARN)
+        self.is_question = True
+        self._on_yes = on_yes
+        self.yes.setText(yes)
+        self.yes.show()
+        self.no.setText("Keep running")
+
+    def clear(self) -> None:
+        """Nothing to say."""
+        self._show("", Tone.NEUTRAL)
+        self.is_alarm = False
+        self.hide()
+
+    def retract(self) -> None:
+        """Take the sentence back, unless it is an alarm or a question."""
+        if not (self.is_alarm or self.is_question):
+            self.clear()
+
+    def _agree(self) -> None:
+        self._on_yes()
+
+    def _show(self, sentence: str, tone: Tone) -> None:
+        self.is_question = False
+        self.yes.hide()
+        self.no.setText("Dismiss")
+        self.text.setText(sentence)
+        self.setStyleSheet(f"QFrame#panel {{ border: 1px solid {theme.TONES[tone]}; }} QLabel {{ color: {theme.TONES[tone]}; }}")
+        self.show()

@@ -1,0 +1,168 @@
+"""The curves of a loading experiment: Q(delta), c(Q), and P and Q against time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QVBoxLayout, QWidget
+
+from app.gui import theme
+from app.gui.view_state import Curves, ForceView, Scene, ViewState
+from app.results import F64, Summary
+
+STRIP_STEP_S = 0.2
+
+
+def cattaneo_mindlin(summary: Summary, points: int = 200) -> tuple[F64, F64]:
+    """Q (newtons) and the stick radius c (mm) that Cattaneo and Mindlin's model gives with mu P = Q_s; empty where Q_s is unknown.
+
+    References
+    ----------
+    Prevost et al. 2013, section 4: c = a_H (1 - Q / (mu P))^(1/3).
+    """
+    if not (math.isfinite(summary.static_force_n) and math.isfinite(summary.hertz_radius_m)):
+        return np.empty(0), np.empty(0)
+    share = 1 - np.linspace(1.0, 0.0, points) ** 3  # evenly spaced in c
+    return summary.static_force_n * share, summary.hertz_radius_m * 1e3 * np.cbrt(1 - share)
+
+
+class CurvesView(QWidget):
+    """Two square plots above two strips."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._curves: Curves | None = None
+        self._forces: ForceView | None = None
+        self.loading = theme.plot_widget("travel δ (µm)", "shear force Q (N)")
+        self.loading_curve = self.loading.plot(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True)
+        self.static_line = _guide(self.loading, 0, "Qₛ")
+        self.sticking = theme.plot_widget("shear force Q (N)", "stick radius c (mm)")
+        self._build_sticking()
+        self.normal = theme.plot_widget("", "P (N)")
+        self.normal_curve = self.normal.plot(pen=pg.mkPen(theme.NORMAL, width=1))
+        self.shear = theme.plot_widget("time (s)", "Q (N)")
+        self.shear_curve = self.shear.plot(pen=pg.mkPen(theme.SHEAR, width=1))
+        self.onset_line = _guide(self.shear, 90, "tₛ")
+        self.shear.setXLink(self.normal)
+        for strip in (self.normal, self.shear):
+            strip.getPlotItem().getAxis("left").setWidth(58)
+        self.normal.getPlotItem().getAxis("bottom").setStyle(showValues=False)
+        self._build_layout()
+
+    def show_scene(self, scene: Scene) -> None:
+        """Empty the curves for a new run; the travel axis spans the travel asked for."""
+        self._curves = self._forces = None
+        for curve in (self.loading_curve, self.stick_curve, self.stick_low, self.stick_high, self.model_curve):
+            curve.setData([], [])
+        for curve in (self.normal_curve, self.shear_curve):
+            curve.setData([], [])
+        for line in (self.static_line, self.onset_line, self.apparent_line):
+            line.hide()
+        self.sticking.enableAutoRange(y=True)
+        self.loading.setXRange(0, scene.config.run.travel, padding=0.03)
+
+    def show_view(self, view: ViewState) -> None:
+        """Draw what changed since the last call."""
+        if view.curves is not self._curves:
+            self._show_curves(view.curves)
+        if math.isfinite(view.apparent_mm) and not self.apparent_line.isVisible():
+            self.apparent_line.setValue(view.apparent_mm)
+            self.apparent_line.show()
+            self.sticking.setYRange(0, 1.15 * view.apparent_mm, padding=0)
+        if view.ended or self._strips_are_old(view.forces):
+            self._show_forces(view.forces)
+        if view.summary is not None:
+            self._show_summary(view.summary)
+
+    def _show_curves(self, curves: Curves) -> None:
+        self._curves = curves
+        self.loading_curve.setData(curves.travel_um, curves.shear_n)
+        order = np.argsort(curves.stick_shear_n, kind="stable")
+        shear, stick, sd = curves.stick_shear_n[order], curves.stick_mm[order], curves.stick_sd_mm[order]
+        self.stick_curve.setData(shear, stick)
+        self.stick_low.setData(shear, stick - sd)
+        self.stick_high.setData(shear, stick + sd)
+
+    def _strips_are_old(self, forces: ForceView) -> bool:
+        """Whether the strips lag enough to be worth drawing; the two of them are the dearest part of a refresh."""
+        shown = self._forces
+        if shown is None or not len(shown.time_s) or shown.time_label != forces.time_label:
+            return bool(len(forces.time_s))
+        return bool(forces.time_s[-1] - shown.time_s[-1] >= STRIP_STEP_S)
+
+    def _show_forces(self, forces: ForceView) -> None:
+        self._forces = forces
+        self.normal_curve.setData(forces.time_s, forces.normal_n)
+        self.shear_curve.setData(forces.time_s, forces.shear_n)
+        axis = self.shear.getPlotItem().getAxis("bottom")
+        if axis.labelText != forces.time_label:
+            axis.setLabel(forces.time_label)
+            axis.resizeEvent()  # puts the longer label back in the middle
+
+    def _show_summary(self, summary: Summary) -> None:
+        for line, value in ((self.static_line, summary.static_force_n), (self.onset_line, summary.onset_time_s)):
+            if math.isfinite(value):
+                line.setValue(value)
+                line.show()
+        self.model_curve.setData(*cattaneo_mindlin(summary))
+
+    def _build_sticking(self) -> None:
+        colour = pg.mkColor(theme.STICK)
+        self.stick_low = pg.PlotCurveItem(pen=None)
+        self.stick_high = pg.PlotCurveItem(pen=None)
+        band = pg.FillBetweenItem(self.stick_low, self.stick_high, brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70))
+        self.stick_curve = pg.PlotDataItem(
+            pen=None, symbol="o", symbolSize=4, symbolBrush=theme.STICK, symbolPen=None, antialias=True, name="c ± sd"
+        )
+        self.model_curve = pg.PlotDataItem(pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, μP = Qₛ")
+        self.apparent_line = _guide(self.sticking, 0, "a")
+        legend = self.sticking.addLegend(offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
+        for item in (self.stick_low, self.stick_high, band):
+            self.sticking.addItem(item, ignoreBounds=True)
+        for item in (self.stick_curve, self.model_curve):
+            self.sticking.addItem(item)
+        self.model_curve.setZValue(-1)
+        legend.setBrush(pg.mkBrush(28, 32, 39, 200))
+        self.sticking.getPlotItem().getViewBox().setLimits(yMin=0)
+
+    def _build_layout(self) -> None:
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(8)
+        grid.addWidget(_titled("Loading curve Q(δ)", self.loading), 0, 0)
+        grid.addWidget(_titled("Stick radius c(Q)", self.sticking), 0, 1)
+        grid.addWidget(_titled("Forces", self.normal, self.shear), 1, 0, 1, 2)
+        grid.setRowStretch(0, 5)
+        grid.setRowStretch(1, 4)
+
+
+def _guide(plot: Any, angle: int, text: str) -> Any:
+    """A hidden dashed line across `plot`, named in the margin."""
+    line = pg.InfiniteLine(
+        angle=angle,
+        pen=pg.mkPen(theme.APPARENT, width=1, style=Qt.PenStyle.DashLine),
+        label=text,
+        labelOpts={"position": 0.06 if angle == 0 else 0.3, "color": theme.TEXT, "anchors": [(0, 1), (0, 1)]},
+    )
+    line.hide()
+    plot.addItem(line, ignoreBounds=True)
+    return line
+
+
+def _titled(title: str, *plots: Any) -> QFrame:
+    frame = QFrame()
+    frame.setObjectName("panel")
+    heading = QLabel(title)
+    heading.setObjectName("heading")
+    layout = QVBoxLayout(frame)
+    layout.setContentsMargins(12, 8, 12, 8)
+    layout.setSpacing(4)
+    layout.addWidget(heading)
+    for plot in plots:
+        plot.setMinimumHeight(90)
+        layout.addWidget(plot, 1)
+    return frame

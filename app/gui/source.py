@@ -1,0 +1,71 @@
+"""What the window needs from a run, live or replayed: something to read, and three ways to act on it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import Config
+from app.results import F64, ContactResult, Health, Outcome, Snapshot
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+class RunSource(Protocol):
+    """A live run or a replay as the window sees it: it reads, and asks to stop.
+
+    Constructing a source touches no device and no file; `start` does. The reads may be called from any one thread.
+    """
+
+    @property
+    def title(self) -> str:
+        """What is being run, e.g. "simulated bench" or "replay of x.h5"."""
+
+    @property
+    def pixel_m(self) -> float:
+        """Size of a pixel on the interface."""
+
+    @property
+    def grid_x_px(self) -> NDArray[Any]:
+        """Box centres along x, shape (nx,), evenly spaced."""
+
+    @property
+    def grid_y_px(self) -> NDArray[Any]:
+        """Box centres along y, shape (ny,), evenly spaced."""
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Rate of the DAQ sample clock."""
+
+    @property
+    def config(self) -> Config:
+        """The settings of this run."""
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+
+    def stop_motion(self) -> None:
+        """Stop the actuator at once, then end the run. From any thread, at any time; a replay just ends."""
+
+    def request_stop(self, reason: str) -> None:
+        """Ask for an orderly end of the run; returns at once."""
+
+    def health(self) -> Health:
+        """The state of the run at a glance."""
+
+    def latest_image(self) -> Image | None:
+        """The newest image, shape (rows, cols); None before the first. The same object until there is a newer one."""
+
+    def snapshots_since(self, n: int) -> list[Snapshot]:
+        """All snapshots but the first `n`, in order."""
+
+    def contact(self) -> ContactResult | None:
+        """The apparent contact on the reference frame, once it is known."""
+
+    def force_history(self, n: int) -> tuple[NDArray[Any], F64, F64]:
+        """Sample numbers, P and Q (newtons) of the whole run, thinned to about `n` points."""
+
+    def outcome(self) -> Outcome | None:
+        """How the run ended; None until then."""

@@ -1,0 +1,170 @@
+"""What the window shows, decided without Qt: checked against the script of the run, by hand-worked numbers."""
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scripted_run import MU, PERIOD, REFERENCE, P, ScriptedRun
+
+from app.gui.cells import health_cells, queue_cell
+from app.gui.numbers import Tone, disk_text, grouped, measured, number
+from app.gui.view_state import ViewState, image_view, read, resolve, scene_of, symmetric_limit
+from app.results import Counts, Phase
+
+
+@pytest.fixture(scope="module")
+def script() -> ScriptedRun:
+    return ScriptedRun(320, 240, frames=330)
+
+
+@pytest.fixture
+def run(script: ScriptedRun) -> ScriptedRun:
+    script.started, script.stopped, script.reason = True, False, ""
+    return script.at(0)
+
+
+def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
+    return resolve(scene_of(run), read(run, previous.curves.seen if previous else 0), previous)
+
+
+def test_deciding_what_is_shown_loads_no_qt() -> None:
+    code = "import sys, app.gui.view_state, app.gui.display; sys.exit(any('PySide6' in m or 'pyqtgraph' in m for m in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_before_the_first_frame_there_is_nothing_to_draw(run: ScriptedRun) -> None:
+    run.started = False
+    view = look(run)
+    assert view.image is None
+    assert view.field is None
+    assert view.centre_px is None
+    assert "Start (F5)" in view.sentence
+    assert [cell.value for cell in view.result][:3] == ["0.5", "5", "190"]
+
+
+def test_curves_grow_by_what_is_new_and_equal_one_look_at_all(run: ScriptedRun) -> None:
+    view = None
+    for frame in (5, 30, 31, 31, 120, 200):
+        view = look(run.at(frame), view)
+    once = look(run)
+    assert view is not None
+    assert view.curves.seen == once.curves.seen == 200
+    for name in ("travel_um", "shear_n", "stick_shear_n", "stick_mm", "stick_sd_mm"):
+        np.testing.assert_array_equal(getattr(view.curves, name), getattr(once.curves, name))
+
+
+def test_curves_follow_the_closed_forms(run: ScriptedRun) -> None:
+    curves = look(run.at(200)).curves
+    assert curves.travel_um[-1] == pytest.approx((199 - REFERENCE) * 0.125 * 4.85)
+    assert len(curves.travel_um) == 200 - (REFERENCE - 4)  # nothing of the free block and of the contact being made
+    expected = run.radius_m * 1e3 * np.cbrt(1 - curves.stick_shear_n / (MU * P))
+    np.testing.assert_allclose(curves.stick_mm, expected, rtol=1e-12)
+
+
+def test_time_counts_from_the_start_of_the_drive(run: ScriptedRun) -> None:
+    before, during = look(run.at(20)), look(run.at(200))
+    assert before.forces.time_s[0] == 0.0
+    assert "first sample" in before.forces.time_label
+    assert during.forces.time_s[0] == pytest.approx(-REFERENCE * PERIOD / 1000)
+    assert "start of the drive" in during.forces.time_label
+
+
+def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None:
+    field = look(run.at(200)).field
+    snapshot = run.snapshots_since(199)[0]
+    assert field is not None
+    expected = snapshot.ux_px * 7.04 - 0.68 * snapshot.shear_force_n
+    np.testing.assert_allclose(field.ux_um, expected, rtol=1e-4, atol=1e-3)
+    assert np.isnan(field.ux_um[0, 0])
+    assert field.rect_px == (5.0, 5.0, 10.0 * len(run.grid_x_px), 10.0 * len(run.grid_y_px))
+
+
+def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
+    view = look(run.at(200))
+    assert view.centre_px == run.centre_px
+    assert view.apparent_px == pytest.approx(run.radius_m / 7.04e-6)
+    assert view.stick_px == pytest.approx(run.snapshots_since(199)[0].stick_radius_m / 7.04e-6)
+
+
+def test_what_did_not_change_is_the_same_object(run: ScriptedRun) -> None:
+    first = look(run.at(100))
+    second = look(run, first)
+    assert second.image is first.image
+    assert second.field is first.field
+    assert second.curves is first.curves
+
+
+def test_wide_images_are_thinned_and_keep_their_place() -> None:
+    full = np.arange(1200 * 1600, dtype=np.uint32).reshape(1200, 1600).astype(np.uint16)
+    view = image_view(full)
+    assert view.caption == "display 1:2, data full"
+    np.testing.assert_array_equal(view.pixels, full[::2, ::2])
+    assert view.rect_px == (-1.0, -1.0, 1600.0, 1200.0)  # shown pixel (i, j) is centred on camera pixel (2i, 2j)
+    assert image_view(full[:600, :800]).caption == "display 1:1"
+
+
+@pytest.mark.parametrize(("top", "limit"), [(0.2, 1), (1.2, 1.5), (53, 60), (60, 60), (81, 100), (101, 150)])
+def test_colour_scale_ends_on_a_round_number(top: float, limit: float) -> None:
+    values = np.array([-top, top, np.nan, 0.0], dtype=np.float32)
+    values = np.concatenate([values, np.full(400, np.float32(-top))])
+    assert symmetric_limit(values) == pytest.approx(limit)
+
+
+def test_colour_scale_of_a_field_without_a_point() -> None:
+    assert symmetric_limit(np.full((3, 3), np.nan, np.float32)) == 1.0
+
+
+def test_the_sentence_says_what_to_do(run: ScriptedRun) -> None:
+    assert "Press the contact to P = 0.500 N; now 0.000 N" in look(run.at(9)).sentence
+    assert "reference image" in look(run.at(22)).sentence
+    assert "81.8" not in look(run.at(160)).sentence
+    assert "82 of 190 µm" in look(run.at(160)).sentence
+
+
+def test_the_end_shows_the_result_and_why(run: ScriptedRun) -> None:
+    view = look(run.at(330))
+    assert (view.state, view.tone, view.phase, view.ended) == ("done", Tone.GOOD, "end", True)
+    assert view.sentence == "The drive of 190 um is complete"
+    assert [cell.value for cell in view.result] == ["0.450", "0.464", "0.9276", "0.930", "20.43"]
+    assert view.result[4].detail == "± 0.12"
+    assert view.result[3].detail == "0.926 to 0.934"
+
+
+def test_a_run_that_ended_early_has_dashes_for_results(run: ScriptedRun) -> None:
+    run.at(40).stop_motion()
+    view = look(run)
+    assert {cell.value for cell in view.result} == {"–"}
+    assert view.sentence == "STOP MOTION was pressed"
+
+
+def test_losses_are_red() -> None:
+    cells = {cell.name: cell for cell in health_cells(Counts(frames_lost=2, samples=41250))}
+    assert cells["frames lost"].tone is Tone.BAD
+    assert cells["samples lost"].tone is Tone.NEUTRAL
+    assert cells["samples"].value == "41\u202f250"
+
+
+@pytest.mark.parametrize(("fill", "tone"), [(0.1, Tone.GOOD), (0.6, Tone.WARN), (0.9, Tone.BAD)])
+def test_a_filling_queue_changes_colour(run: ScriptedRun, fill: float, tone: Tone) -> None:
+    cell = queue_cell(replace(run.health(), queue_fill=fill))
+    assert (cell.tone, cell.value) == (tone, f"{4 * fill:.1f} of 4.0")
+
+
+def test_an_unknown_phase_does_not_upset_the_window(run: ScriptedRun) -> None:
+    reading = read(run.at(50), 0)
+    view = resolve(scene_of(run), replace(reading, health=replace(reading.health, phase="")), None)
+    assert view.sentence == ""
+    assert str(Phase.DRIVE) not in view.phase
+
+
+def test_numbers_are_rounded_to_their_uncertainty() -> None:
+    assert measured("a", 2.2468, 0.031, 2, "mm").value == "2.247"
+    assert measured("t", 20.4321, 12.0, 2, "s").value == "20"
+    assert measured("a", 2.2468, math.nan, 2).value == "2.25"
+    assert measured("a", math.nan, 0.1, 2, "mm").value == "–"
+    assert number(-1.25, 1) == "−1.2"
+    assert grouped(1234567) == "1\u202f234\u202f567"
+    assert [disk_text(n) for n in (182_000_000_000, 1_500_000_000_000, 40_000_000, -1)] == ["182 GB", "1.5 TB", "40 MB", "–"]

@@ -1,0 +1,289 @@
+"""The window in use: it draws what the run gives, and stops the motion whatever the run does."""
+
+import gc
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QObject, Qt
+from PySide6.QtGui import QImage
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+
+from app.gui import window as window_module
+from app.gui.image_view import describe_point
+from app.gui.start import run_window
+from app.gui.view_state import image_view, scene_of
+from app.gui.window import MainWindow
+from app.results import Health
+
+Open = Callable[..., MainWindow]
+
+
+class Hanging(ScriptedRun):
+    """`health` does not return until `release` is set."""
+
+    release: threading.Event
+
+    def health(self) -> Health:
+        self.release.wait()
+        return super().health()
+
+
+class Raising(ScriptedRun):
+    def health(self) -> Health:
+        raise OSError("the line went dead")
+
+
+def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated bench") -> ScriptedRun:
+    return kind(320, 240, frames=60, title=title)
+
+
+@pytest.fixture
+def run() -> ScriptedRun:
+    return make_run()
+
+
+@pytest.fixture
+def open_window(qtbot: QtBot) -> Iterator[Open]:
+    opens: list[MainWindow] = []
+
+    def make(*args: object, **kwargs: object) -> MainWindow:
+        window = MainWindow(*args, **kwargs)  # type: ignore[arg-type]
+        with qtbot.waitActive(window):
+            window.show()
+        opens.append(window)
+        return window
+
+    yield make
+    for window in opens:
+        window._must_close = True
+        window.close()
+        window.deleteLater()
+
+
+@pytest.fixture
+def window(open_window: Open, run: ScriptedRun) -> MainWindow:
+    return open_window(run)
+
+
+def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
+    window.begin()
+    run.at(frame)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == frame)
+
+
+def test_the_qt_binding_counts_its_references() -> None:
+    """PySide6 6.12.0 takes a reference of None with every call on Python before 3.12, which ends the program within minutes."""
+    thing = QObject()
+    before = sys.getrefcount(None)
+    for _ in range(1000):
+        thing.setObjectName("x")
+    assert sys.getrefcount(None) > before - 500, "this PySide6 crashes this Python; install a version that pyproject.toml allows"
+
+
+def test_everything_the_run_gives_is_drawn(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    begin(qtbot, window, run, 50)
+    travel, shear = window.curves.loading_curve.getData()
+    snapshots = run.snapshots_since(20)
+    np.testing.assert_allclose(travel, [s.travel_m * 1e6 for s in snapshots])
+    np.testing.assert_allclose(shear, [s.shear_force_n for s in snapshots])
+    np.testing.assert_array_equal(window.interface.image.image, run.pressed)
+    x, y = window.interface.apparent.getData()
+    np.testing.assert_allclose(np.hypot(x - run.centre_px[0], y - run.centre_px[1]), run.radius_m / 7.04e-6)
+    assert window.interface.image.mapRectToView(window.interface.image.boundingRect()).getRect() == (-0.5, -0.5, 320, 240)
+    assert window.top.badge.text() == "RUNNING"
+    assert {v.name.text(): v.value.text() for v in window.health.cells}["frames received"] == "50"
+
+
+def test_the_overlay_can_be_hidden_and_made_opaque(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    begin(qtbot, window, run, 50)
+    window.interface.opacity.setValue(80)
+    assert window.interface.overlay.opacity() == pytest.approx(0.8)
+    window.interface.show_field.click()
+    window.interface.show_circles.click()
+    assert not window.interface.overlay.isVisible()
+    assert not window.interface.stick.isVisible()
+
+
+def test_start_and_end_by_button_and_key(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    assert not window.top.stop.isEnabled()
+    qtbot.keyClick(window, Qt.Key.Key_F5)
+    assert run.started
+    assert not window.top.start.isEnabled()
+    qtbot.mouseClick(window.top.stop, Qt.MouseButton.LeftButton)
+    assert run.called.wait(5)
+    assert run.calls == ["the operator ended the run"]
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    assert not window.top.stop.isEnabled()
+    assert not window.top.start.isEnabled()  # nothing makes a next run
+
+
+@pytest.mark.parametrize("way", ["click", "Esc"])
+@pytest.mark.parametrize("kind", [ScriptedRun, Raising, Hanging])
+def test_stop_motion_works_whatever_the_run_does(
+    qtbot: QtBot, open_window: Open, monkeypatch: pytest.MonkeyPatch, way: str, kind: type[ScriptedRun]
+) -> None:
+    monkeypatch.setattr(window_module, "SILENT_S", 0.0)
+    Hanging.release = threading.Event()
+    run = make_run(kind)
+    window = open_window(run)
+    window.begin()
+    if kind is Raising:
+        qtbot.waitUntil(lambda: "the line went dead" in window.notice.text.text())
+    if kind is Hanging:
+        qtbot.waitUntil(lambda: "has not answered" in window.notice.text.text())
+    assert window.top.stop_motion.isEnabled()
+    if way == "click":
+        qtbot.mousePress(window.top.stop_motion, Qt.MouseButton.LeftButton)
+    else:
+        qtbot.keyClick(window, Qt.Key.Key_Escape)
+    assert run.called.wait(5)
+    assert run.calls == ["stop_motion"]
+    Hanging.release.set()
+
+
+def test_stop_motion_works_while_the_window_can_not_draw(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    def broken(view: object) -> None:
+        raise ValueError("no such colour")
+
+    window.interface.show_view = broken  # type: ignore[method-assign]
+    window.begin()
+    qtbot.waitUntil(lambda: "no such colour" in window.notice.text.text())
+    qtbot.keyClick(window, Qt.Key.Key_Escape)
+    assert run.called.wait(5)
+
+
+def test_a_stop_that_failed_stays_on_the_screen(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    def fails() -> None:
+        raise OSError("actuator: no answer")
+
+    run.stop_motion = fails  # type: ignore[method-assign]
+    window.begin()
+    window.stop_motion()
+    qtbot.waitUntil(lambda: window.notice.is_alarm)
+    run.at(30)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 30)
+    health, run.health = run.health, lambda: 1 / 0  # type: ignore[method-assign, assignment]
+    qtbot.waitUntil(lambda: window._reported)
+    run.health = health  # type: ignore[method-assign]
+    qtbot.waitUntil(lambda: not window._reported)
+    assert window.notice.text.text() == "STOP MOTION FAILED, cut the actuator's power: actuator: no answer"
+
+
+def test_a_window_that_could_not_stop_the_motion_stays_open(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    def fails() -> None:
+        raise OSError("actuator: no answer")
+
+    run.stop_motion = fails  # type: ignore[method-assign]
+    window.begin()
+    window.close_after_run()
+    qtbot.waitUntil(lambda: window.notice.is_alarm)
+    assert window._closing_for_ms is None
+    assert window.isVisible()
+
+
+def test_a_run_stopped_before_it_began_is_replaced(qtbot: QtBot, open_window: Open) -> None:
+    runs = [make_run(), make_run()]
+    unused = iter(runs)
+    window = open_window(make_source=lambda: next(unused))
+    window.stop_motion()
+    assert runs[0].called.wait(5)
+    window.begin()
+    assert [run.started for run in runs] == [False, True]
+
+
+def test_a_passing_trouble_is_taken_back(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    window.begin()
+    health, run.health = run.health, lambda: 1 / 0  # type: ignore[method-assign, assignment]
+    qtbot.waitUntil(lambda: "division by zero" in window.notice.text.text())
+    run.health = health  # type: ignore[method-assign]
+    qtbot.waitUntil(lambda: not window.notice.isVisible())
+
+
+def test_after_a_run_start_makes_the_next(qtbot: QtBot, open_window: Open) -> None:
+    runs: list[ScriptedRun] = []
+
+    def make() -> ScriptedRun:
+        runs.append(make_run(title=f"run {len(runs)}"))
+        return runs[-1]
+
+    window = open_window(make_source=make)
+    begin(qtbot, window, runs[0], 60)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    assert window.result.heading.text() == "Result"
+    window.begin()
+    qtbot.waitUntil(lambda: window.top.title.text() == "run 1" and window._view is not None)
+    assert [run.started for run in runs] == [True, True]
+    assert window.outcome() is None
+    assert window.curves.loading_curve.getData()[0] is None or len(window.curves.loading_curve.getData()[0]) == 0
+
+
+def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(qtbot: QtBot, open_window: Open) -> None:
+    def none() -> ScriptedRun:
+        raise ValueError("camera: no such driver 'redlak'")
+
+    window = open_window(make_source=none)
+    assert window.notice.text.text() == "No run could be prepared: camera: no such driver 'redlak'"
+    assert window.top.start.isEnabled()
+    window.stop_motion()
+    assert "no bench is connected" in window.notice.text.text()
+    run = make_run()
+    run.start()
+    other = open_window(run)
+    other.begin()
+    assert "The run did not start: run: start was asked" in other.notice.text.text()
+
+
+def test_closing_during_a_run_asks_in_the_window_and_stops_first(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    begin(qtbot, window, run, 30)
+    window.close()
+    assert window.isVisible()
+    assert window.notice.is_question
+    window.notice.no.click()
+    assert not run.calls
+    window.close()
+    with qtbot.waitSignal(window.closed):
+        window.notice.yes.click()
+    assert run.calls == ["stop_motion"]
+    assert window.outcome() is not None
+    assert not window.isVisible()
+
+
+def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:
+    scene = scene_of(run)
+    text = describe_point(scene, None, 100.0, 50.0)
+    assert text == "x 100 px, y 50 px  ·  0.70 mm, 0.35 mm"
+
+
+def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(qapp: QApplication, tmp_path: Path) -> None:
+    run = make_run()
+    outcome = run_window(lambda: run, autostart=True, on_ready=lambda _: run.at(60) and None, screenshot=tmp_path / "w.png")
+    assert outcome is not None
+    assert outcome.state == "done"
+    assert QImage(str(tmp_path / "w.png")).width() >= 1200
+    gc.collect()
+    assert not [w for w in QApplication.topLevelWidgets() if isinstance(w, MainWindow)]
+    assert not [t for t in threading.enumerate() if t.name.startswith("slipscope-window")]
+
+
+def test_ctrl_c_stops_the_motion_and_closes(qapp: QApplication) -> None:
+    run = make_run()
+    before = signal.getsignal(signal.SIGINT)
+    outcome = run_window(lambda: run, autostart=True, on_ready=lambda _: signal.raise_signal(signal.SIGINT))
+    assert run.calls == ["stop_motion"]
+    assert outcome is not None
+    assert outcome.reason == "STOP MOTION was pressed"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_sixteen_bit_images_are_shown_between_their_own_black_and_white() -> None:
+    full = np.random.default_rng(1).integers(1000, 3000, (240, 320)).astype(np.uint16)
+    low, high = image_view(full).levels
+    assert 1000 <= low < 1100
+    assert 2900 < high <= 3000
