@@ -56,7 +56,7 @@ class Run(Section, frozen=True):
 class Forces(Section, frozen=True):
     """The DAQ board and the two capacitive sensors."""
 
-    source: Annotated[str, _f("Driver of the DAQ board", "name")] = "sim"
+    source: Annotated[str, _f("Driver of the DAQ board")] = "sim"
     sample_rate: Annotated[int, _f("Sampling rate: the clock of everything", "Hz", ge=100, le=100000)] = 1000
     block: Annotated[int, _f("Samples read at a time", "samples", ge=1, le=10000)] = 50
     sensitivity_normal: Annotated[float, _f("Displacement per volt of the normal sensor", "um/V", gt=0, le=10000)] = 300.0
@@ -66,14 +66,14 @@ class Forces(Section, frozen=True):
     zero: Annotated[tuple[float, float], _f("Sensor readings at no force (normal, shear)", "V")] = (0.0, 0.0)
     coupling: Annotated[
         tuple[tuple[float, float], tuple[float, float]],
-        _f("Cross-coupling: reading = coupling x (P, Q); undone by its inverse", "1"),
+        _f("Cross-coupling: reading = coupling x (P, Q); undone by its inverse"),
     ] = ((1.0, 0.004), (0.008, 1.0))
 
 
 class Camera(Section, frozen=True):
     """The triggered camera."""
 
-    source: Annotated[str, _f("Driver of the camera", "name")] = "sim"
+    source: Annotated[str, _f("Driver of the camera")] = "sim"
     divisor: Annotated[int, _f("Samples per trigger: 125 is 8 frames/s at 1 kHz, 250 is 4", "samples", ge=1, le=1000000)] = 125
     max_rate: Annotated[float, _f("Fastest trigger rate the camera follows", "frames/s", gt=0, le=10000)] = 24.0
     width: Annotated[int, _f("Image width", "px", ge=64, le=16384)] = 1600
@@ -85,7 +85,7 @@ class Camera(Section, frozen=True):
 class Actuator(Section, frozen=True):
     """The DC actuator that drives the block."""
 
-    source: Annotated[str, _f("Driver of the actuator", "name")] = "sim"
+    source: Annotated[str, _f("Driver of the actuator")] = "sim"
 
 
 class Limits(Section, frozen=True):
@@ -131,9 +131,7 @@ class Sim(Section, frozen=True):
 
     seed: Annotated[int, _f("Seed of everything random; same seed, same bits", "", ge=0)] = 1
     friction: Annotated[float, _f("Friction coefficient mu of the interface", "", gt=0, le=5)] = 0.93
-    renderer: Annotated[
-        str, _f("'fast' keeps up with the camera; 'exact' sums analytic blobs", "fast | exact", pattern="^(fast|exact)$")
-    ] = "fast"
+    renderer: Annotated[str, _f("'fast' keeps up with the camera; 'exact' sums analytic blobs", pattern="^(fast|exact)$")] = "fast"
     force_noise: Annotated[float, _f("Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000)] = 1.0
     read_noise: Annotated[float, _f("Standard deviation of the camera's read noise", "grey levels", ge=0, le=50)] = 1.0
     full_well: Annotated[float, _f("Electrons at full scale (sets the shot noise); 0: no shot noise", "electrons", ge=0)] = 20000.0
@@ -172,11 +170,30 @@ def options(section: type[Section]) -> dict[str, tuple[Any, Meta]]:
 
 
 def _limits_text(meta: Meta) -> str:
-    low = f"{meta.ge:g} or more" if meta.ge is not None else f"more than {meta.gt:g}" if meta.gt is not None else ""
-    high = f"{meta.le:g} or less" if meta.le is not None else f"less than {meta.lt:g}" if meta.lt is not None else ""
-    text = " and ".join(part for part in (low, high) if part)
-    unit = (meta.extra or {}).get("unit", "")
-    return f"{text} {unit}".strip()
+    """``more than 0 and at most 10``; the words of a choice; empty where anything goes."""
+    if meta.pattern:
+        return " or ".join(f"'{word}'" for word in re.findall(r"\w+", meta.pattern))
+    low = f"at least {meta.ge:g}" if meta.ge is not None else f"more than {meta.gt:g}" if meta.gt is not None else ""
+    high = f"at most {meta.le:g}" if meta.le is not None else f"less than {meta.lt:g}" if meta.lt is not None else ""
+    return " and ".join(part for part in (low, high) if part)
+
+
+def _unit(meta: Meta) -> str:
+    return str((meta.extra or {}).get("unit", ""))
+
+
+def _wanted_text(base: Any, meta: Meta) -> str:
+    """What an option may be, for an error: ``a number more than 0 and at most 10 N``."""
+    if meta.pattern:
+        return _limits_text(meta)
+    kinds = {float: "a number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
+    if base in kinds:
+        kind = kinds[base]
+    else:
+        kind = "two rows of two numbers, [[a, b], [c, d]]" if "tuple[tuple" in str(base) else "two numbers, [a, b]"
+    unit = _unit(meta)
+    text = " ".join(part for part in (kind, _limits_text(meta)) if part)
+    return f"{text} {unit}" if _limits_text(meta) and unit else f"{text} in {unit}" if unit else text
 
 
 def _toml_value(value: Any) -> str:
@@ -184,9 +201,15 @@ def _toml_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return msgspec.json.encode(value).decode()
-    if isinstance(value, tuple):
+    if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(v) for v in value) + "]"
     return repr(value)
+
+
+def _comment_text(meta: Meta) -> str:
+    """`` [N], more than 0 and at most 10``: what follows the meaning of an option in the settings file."""
+    unit, limits = _unit(meta), _limits_text(meta)
+    return (f" [{unit}]" if unit else "") + (f", {limits}" if limits else "")
 
 
 def to_toml(config: Config, comments: bool = True) -> str:
@@ -198,8 +221,7 @@ def to_toml(config: Config, comments: bool = True) -> str:
         lines.append(f"[{table}]")
         for name, (_, meta) in options(kind).items():
             if comments and meta.description:
-                limits = _limits_text(meta)
-                lines.append(f"# {meta.description}." + (f" {limits[0].upper() + limits[1:]}." if limits else ""))
+                lines.append(f"# {meta.description}{_comment_text(meta)}.")
             lines.append(f"{name} = {_toml_value(getattr(getattr(config, table), name))}")
         lines.append("")
     return "\n".join(lines)
@@ -210,28 +232,34 @@ def default_toml() -> str:
     return to_toml(Config())
 
 
-def _nearest(word: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.0)
-    return f"the nearest known one is '{close[0]}'" if close else "none is known here"
+def _nearest(word: str) -> str:
+    """The table or ``table.key`` whose name is most like `word`, with or without its table."""
+    names = {table: table for table in options(Config)}
+    for table, (kind, _) in options(Config).items():
+        for key in options(kind):
+            names.setdefault(key, f"{table}.{key}")
+            names[f"{table}.{key}"] = f"{table}.{key}"
+    close = difflib.get_close_matches(word, list(names), n=1, cutoff=0.0)[0]
+    return f"the nearest known one is '{names[close]}'"
 
 
 def _check_keys(data: dict[str, Any], where: str) -> None:
     tables = options(Config)
     for table, content in data.items():
         if table not in tables:
-            raise ConfigError(f"{where}: unknown table or key '{table}'; {_nearest(table, list(tables))}")
+            raise ConfigError(f"{where}: unknown table or key '{table}'; {_nearest(table)}")
         if not isinstance(content, dict):
             raise ConfigError(f"{where}: '{table}' is a table of options, found {content!r}; write [{table}] above its options")
         known = options(tables[table][0])
         for key, value in content.items():
             if key not in known:
-                raise ConfigError(f"{where}: unknown key '{table}.{key}'; {_nearest(key, list(known))}")
+                raise ConfigError(f"{where}: unknown key '{table}.{key}'; {_nearest(f'{table}.{key}')}")
             _check_finite(value, f"{where}: {table}.{key}")
 
 
 def _check_finite(value: Any, where: str) -> None:
     if isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f"{where}: a finite number is needed, found {value!r}")
+        raise ConfigError(f"{where}: a finite number is needed; found {value!r}")
     if isinstance(value, list):
         for item in value:
             _check_finite(item, where)
@@ -243,11 +271,7 @@ def _explain(error: msgspec.ValidationError, data: dict[str, Any], where: str) -
         return ConfigError(f"{where}: {error}")
     table, key = match.groups()
     base, meta = options(options(Config)[table][0])[key]
-    found = data[table][key]
-    kind = getattr(base, "__name__", str(base))
-    limits = _limits_text(meta)
-    wanted = f"{kind} {limits}".strip()
-    return ConfigError(f"{where}: {table}.{key} must be {wanted}; found {found!r}")
+    return ConfigError(f"{where}: {table}.{key} must be {_wanted_text(base, meta)}; found {_toml_value(data[table][key])}")
 
 
 def from_data(data: dict[str, Any], where: str) -> Config:
@@ -272,7 +296,8 @@ def _check_together(config: Config, where: str) -> None:
         )
     if exposure_samples(config) > config.camera.divisor:
         raise ConfigError(
-            f"{where}: camera.exposure = {config.camera.exposure:g} ms is longer than the trigger period of {1e3 / rate:.4g} ms; shorten it or raise camera.divisor"
+            f"{where}: camera.exposure = {config.camera.exposure:g} ms is longer than the trigger period of"
+            f" {1e3 / rate:.4g} ms; shorten it or raise camera.divisor"
         )
     if config.run.travel > config.limits.travel:
         raise ConfigError(f"{where}: run.travel = {config.run.travel:g} um is beyond limits.travel = {config.limits.travel:g} um")
@@ -305,6 +330,11 @@ def parse_override(text: str) -> tuple[str, str, Any]:
     return table, name, value
 
 
+def _decode(content: bytes) -> str:
+    """Text of a settings file; Windows shells write UTF-16 when they redirect output."""
+    return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+
+
 def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
     """Settings from a TOML file (or the defaults), with ``table.key=value`` overrides on top.
 
@@ -314,13 +344,13 @@ def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) 
         The file can not be read, is no TOML, or holds something not allowed.
     """
     data: dict[str, Any] = {}
-    where = "settings"
+    where = "--set" if overrides else "settings"
     if path is not None:
-        where = str(path)
+        where = f"{path} and --set" if overrides else str(path)
         try:
-            data = tomllib.loads(path.read_text(encoding="utf-8"))
+            data = tomllib.loads(_decode(path.read_bytes()))
         except OSError as error:
-            raise ConfigError(f"{path}: the settings file can not be read: {error.strerror}") from None
+            raise ConfigError(f"{path}: the settings file can not be read: {error.strerror}; check the name") from None
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path}: not a TOML file: {error}") from None
     for text in overrides:

@@ -26,7 +26,7 @@ class Renderer:
     The exact renderer moves, deforms and integrates every blob over the pixels, without interpolation. The fast
     one resamples one picture of the free block; the micro-contacts, the light and the noise are the same in both. `benchmarks/render.py`
     measures them: 13 ms and 0.5 s of CPU at 1600 x 1200, apart by less than 0.001 px rms, 0.003 px at most in boxes of
-    20 px. The first picture takes longer: it compiles, and draws what the others share. Two threads must not share a renderer.
+    20 px. Making a renderer compiles, and draws what all pictures share. Two threads must not share a renderer.
 
     Parameters
     ----------
@@ -45,33 +45,30 @@ class Renderer:
         self._normals = np.random.default_rng([settings.seed, 103]).standard_normal(_NORMALS, dtype=np.float32)
         self._coefficients: NDArray[np.float32] | None = None
         self._scene = np.empty(shape, np.float32)
+        self._expose(self._draw(warp.AT_REST, settings.renderer == "exact"), 0)
 
     def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
         """Picture `frame_index` of the interface in `state`, shape `image_shape`, 8-bit grey levels; the caller owns it."""
-        settings = self.settings
-        scene = self._draw(state, settings.renderer == "exact")
-        rows, columns = settings.image_shape
-        starts = np.random.default_rng([settings.seed, 104, frame_index]).integers(0, _NORMALS - columns, rows)
-        shot = 255.0 / settings.full_well if settings.full_well > 0 else 0.0
-        out = np.empty(settings.image_shape, np.uint8)
-        _expose(scene, self._light_x, self._light_y, self._normals, starts, np.float32(settings.read_noise**2), np.float32(shot), out)
-        return out
+        return self._expose(self._draw(self._motion(state), self.settings.renderer == "exact"), frame_index)
 
     def grey(self, state: State, exact: bool) -> NDArray[Any]:
         """Grey levels before noise and rounding, float64 if exact, else float32; shape `image_shape`."""
-        scene = self._draw(state, exact)
+        scene = self._draw(self._motion(state), exact)
         light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
         return np.asarray(scene * light)
 
-    def _draw(self, state: State, exact: bool) -> NDArray[Any]:
-        """The block under even light; the fast renderer's array is used again at the next call."""
-        settings, shape = self.settings, self.settings.image_shape
-        move = warp.motion(state, settings.pixel_m, shape, speckle.HALO_PX, per_px=16 if exact else 2)
+    def _motion(self, state: State) -> warp.Motion:
+        move = warp.motion(state, self.settings.pixel_m, self.settings.image_shape, speckle.HALO_PX)
         if move.largest_elastic > speckle.HALO_PX / 2:
             raise DeviceFault(
                 f"simulated camera: an elastic displacement of {move.largest_elastic:.0f} px was asked,"
                 f" {speckle.HALO_PX // 2} px is the limit; use larger pixels"
             )
+        return move
+
+    def _draw(self, move: warp.Motion, exact: bool) -> NDArray[Any]:
+        """The block under even light; the fast renderer's array is used again at the next call."""
+        shape = self.settings.image_shape
         if exact:
             scene: NDArray[Any] = np.full(shape, self._background)
             base = warp.as_if_rigid(self._grains.x, self._grains.y, move, speckle.period(shape), speckle.HALO_PX)
@@ -93,6 +90,15 @@ class Renderer:
         lit = speckle.brightness(np.hypot(places[0], places[1]), move.radius, self._spots.threshold[near])
         _add(scene, spots.peak[near] * lit, places, move)
 
+    def _expose(self, scene: NDArray[Any], frame_index: int) -> NDArray[np.uint8]:
+        settings = self.settings
+        rows, columns = settings.image_shape
+        starts = np.random.default_rng([settings.seed, 104, frame_index]).integers(0, _NORMALS - columns, rows)
+        shot = 255.0 / settings.full_well if settings.full_well > 0 else 0.0
+        out = np.empty(settings.image_shape, np.uint8)
+        _sensor(scene, self._light_x, self._light_y, self._normals, starts, np.float32(settings.read_noise**2), np.float32(shot), out)
+        return out
+
 
 def _add(scene: NDArray[Any], peak: NDArray[np.float64], places: NDArray[np.float64], move: warp.Motion) -> None:
     speckle.add_blobs(scene, places[0] + move.centre[0], places[1] + move.centre[1], places[2], places[3], places[4], peak)
@@ -107,7 +113,7 @@ def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.floa
 
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _expose(scene, light_x, light_y, normals, starts, read, shot, out):  # type: ignore[no-untyped-def]
+def _sensor(scene, light_x, light_y, normals, starts, read, shot, out):  # type: ignore[no-untyped-def]
     """The sensor: light, shot and read noise, rounding and clipping to 8 bits.
 
     N electrons fluctuate by sqrt(N); with `full_well` electrons at 255 grey levels a grey level I has the variance

@@ -44,8 +44,15 @@ class Motion:
         return float(np.max(np.abs(self.g0) + np.abs(self.g2)))
 
 
-def motion(state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int) -> Motion:
-    """The state of the world in pixels, its radial functions tabulated `per_px` times per pixel out to the farthest corner."""
+AT_REST = Motion(rigid=(0.0, 0.0), centre=(0.0, 0.0), radius=0.0, g0=np.zeros(2), g2=np.zeros(2), per_px=1.0)
+"""The block free, where it was at sample 0."""
+
+
+def motion(state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int = 4) -> Motion:
+    """The state of the world in pixels, its radial functions tabulated `per_px` times a pixel.
+
+    The table ends `margin_px` beyond the farthest corner; it is linear in between, at 4 a pixel that is right to 1e-5 px.
+    """
     centre = (state.lens_centre_m[0] / pixel_m, state.lens_centre_m[1] / pixel_m)
     far_x = max(abs(centre[0]), abs(shape[1] - centre[0])) + margin_px
     far_y = max(abs(centre[1]), abs(shape[0] - centre[1])) + margin_px

@@ -1,0 +1,201 @@
+"""The command `slipscope`: names, arguments and help of every command. What a command does lies in `app.commands`.
+
+Nothing heavy is imported here, so that `slipscope --help` answers at once.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EPILOG = """
+Examples:
+
+- `slipscope run` - a simulated loading experiment at P = 0.5 N
+- `slipscope config > bench.toml` - every setting, with its meaning, unit and limits
+- `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7` - your own bench, 0.7 N
+- `slipscope replay sample7.h5` - the same analysis again, from the file
+
+Exit codes: 0 done; 1 a device or the run failed; 2 something that was asked can not be used.
+"""
+
+app = typer.Typer(
+    name="slipscope",
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=EPILOG,
+)
+
+JsonFlag = Annotated[
+    bool, typer.Option("--json", help="One JSON document on standard output (SI units, named in the keys), also for errors.")
+]
+Headless = Annotated[
+    bool, typer.Option("--headless", help="No window: a progress bar in the terminal. Chosen by itself without a display.")
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist. Without it they are never touched.")]
+SessionFile = Annotated[Path, typer.Argument(metavar="SESSION.h5", help="A session that `slipscope run` wrote.", show_default=False)]
+
+_debug = False
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from importlib import metadata
+
+        try:
+            typer.echo(f"slipscope {metadata.version('slipscope')}")
+        except metadata.PackageNotFoundError:
+            typer.echo("slipscope, not installed (running from its folder)")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def slipscope(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="The version, then exit.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """Friction between a rough rubber block and a glass sphere, live: forces, images, displacement fields, stick radius.
+
+    Without a command the window opens on the default (simulated) bench.
+    """
+    global _debug  # noqa: PLW0603 - one process, one command line
+    del version
+    _debug = debug
+    if context.invoked_subcommand is None:
+        from app.commands.terminal import plain_errors
+
+        with plain_errors(as_json=False, debug=debug):
+            from app.commands import experiment
+
+            raise typer.Exit(experiment.run(None, None, False, "1", (), overwrite=False, as_json=False, autostart=False))
+
+
+@app.command()
+def run(
+    bench: Annotated[
+        Path | None, typer.Argument(metavar="[BENCH.toml]", help="Settings; see `slipscope config`.", show_default=False)
+    ] = None,
+    session: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="SESSION.h5", help="Session to write; else slipscope-DATE-TIME.h5 here.", show_default=False
+        ),
+    ] = None,
+    headless: Headless = False,
+    pace: Annotated[
+        str, typer.Option(metavar="1|max|NUMBER", help="Simulated seconds per second; max: as fast as the machine. A real bench runs at 1.")
+    ] = "1",
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="One setting, over the file's; may be repeated.", show_default=False),
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Run one loading experiment: press, take the reference, drive, report.
+
+    Writes the session (HDF5, NeXus style) and beside it a picture of the same name (.png): Q against the stage displacement, the stick
+    radius c against Q, u_x in time, and the u_x field at six instants. Ends with a, Q_s, mu_s, mu_d, t_s and the account of every frame
+    and sample. Ctrl-C stops the block first, then closes the session in good order; what was measured is kept.
+
+    Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set run.travel=200`
+    """
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.commands import experiment
+
+        raise typer.Exit(experiment.run(bench, session, headless, pace, overrides or (), overwrite, as_json, autostart=True))
+
+
+@app.command()
+def replay(
+    session: SessionFile,
+    headless: Headless = False,
+    pace: Annotated[
+        str | None,
+        typer.Option(metavar="1|max|NUMBER", help="Seconds of the experiment per second; 1 in the window, else max.", show_default=False),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Send a saved session through the same analysis again and compare, frame by frame and bit by bit.
+
+    The session is only read; a picture is drawn beside it if there is none. No device is needed, and none can be moved.
+    """
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.commands import experiment
+
+        raise typer.Exit(experiment.replay(session, headless, pace, as_json))
+
+
+@app.command()
+def info(session: SessionFile, as_json: JsonFlag = False) -> None:
+    """Print what a session holds: how it ended, frames and samples, phases, results, changed settings."""
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.commands import inspect
+
+        raise typer.Exit(inspect.info(session, as_json))
+
+
+@app.command()
+def dic(
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="The image before any displacement.", show_default=False)],
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Images to compare with it, in order.", show_default=False)],
+    fields: Annotated[Path, typer.Option("-o", "--output", metavar="FIELDS.h5|.csv", help="Where the fields go.", show_default=False)],
+    box: Annotated[int, typer.Option(help="Side of the correlation box, px.")] = 20,
+    step: Annotated[int, typer.Option(help="Pitch of the grid of boxes, px.")] = 10,
+    search: Annotated[int, typer.Option(help="Half-width of the first search, px: at least the largest displacement.")] = 16,
+    threads: Annotated[int, typer.Option(help="Threads that share a field; the result does not depend on it.")] = 2,
+    overwrite: Overwrite = False,
+) -> None:
+    """Displacement fields between plain image files: grey PNG or TIFF, 8 or 16 bit, all of one size.
+
+    A CSV begins with the columns frame,x_px,y_px,ux_px,uy_px,status: frame 1 is the first image after the reference, x_px and y_px are box
+    centres with (0, 0) the centre of the top-left pixel, y points down, status says ok or why a point is lost.
+
+    Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
+    """
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(False, _debug):
+        from app.commands import images as image_files
+
+        raise typer.Exit(
+            image_files.dic(reference, images, fields, box=box, step=step, search=search, threads=threads, overwrite=overwrite)
+        )
+
+
+@app.command()
+def config() -> None:
+    """Print the default settings, each with its meaning, unit and limits: `slipscope config > bench.toml`."""
+    from app.config import default_toml
+
+    typer.echo(default_toml(), nl=False)
+
+
+@app.command()
+def doctor(as_json: JsonFlag = False) -> None:
+    """Check this computer: versions, devices, display, disk, cores; what is missing and how to get it.
+
+    Exit code 1 if something that every run needs is missing.
+    """
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.doctor import report
+
+        raise typer.Exit(report(as_json))
+
+
+def main() -> None:
+    """Read the command line, do it, and end the program with its exit code."""
+    app(prog_name="slipscope")

@@ -1,0 +1,1 @@
+"""What each command of `slipscope` does, once its arguments are read."""

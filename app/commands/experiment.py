@@ -1,0 +1,196 @@
+"""`slipscope run` and `slipscope replay`: a run or a replay, in the window or without, and the report at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from app.commands.ending import report_replay, report_run
+from app.commands.names import check_session_and_picture, mark_of, new_session_name, next_free, parse_pace
+from app.commands.terminal import DONE, FAILED, Bar, print_json, say
+from app.config import load
+from app.errors import UserError
+from app.results import Health, Outcome
+
+POLL_S = 0.1
+
+
+class Source(Protocol):
+    """A live run or a replay, as far as the terminal needs it."""
+
+    def start(self) -> None: ...
+    def wait(self, timeout: float | None = None) -> Outcome | None: ...
+    def request_stop(self, reason: str) -> None: ...
+    def stop_motion(self) -> None: ...
+    def health(self) -> Health: ...
+    def outcome(self) -> Outcome | None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A source and the session file that belongs to it."""
+
+    source: Any
+    session: Path
+    before: object  # the mark of a file of that name before the run
+
+
+def window_problem(headless: bool) -> str | None:
+    """Why there is no window: asked for (""), or what is missing; None where there is one."""
+    if headless:
+        return ""
+    from app.gui.display import display_problem
+
+    return display_problem()
+
+
+def run(
+    bench: Path | None,
+    session: Path | None,
+    headless: bool,
+    pace: str,
+    overrides: Sequence[str],
+    overwrite: bool,
+    as_json: bool,
+    autostart: bool,
+) -> int:
+    """Run a loading experiment and report it; the exit code."""
+    config = load(bench, tuple(overrides))
+    speed = parse_pace(pace)
+    asked = session
+    first = asked or next_free(new_session_name(datetime.now()))
+    check_session_and_picture(first, overwrite)
+    problem = window_problem(headless)
+    if problem is not None and not autostart:
+        raise UserError(
+            f"{problem}; `slipscope run --headless` runs the simulated experiment without one" if problem else "no window was asked"
+        )
+    from app.live import make_run, prepare
+
+    made: list[Recorded] = []
+
+    def make() -> Any:
+        """The first run has the name that was asked; further ones in the same window never replace anything."""
+        again = bool(made)
+        path = next_free(asked or new_session_name(datetime.now())) if again else first
+        check_session_and_picture(path, overwrite and not again)
+        made.append(Recorded(make_run(config, path, pace=speed, overwrite=overwrite and not again), path, mark_of(path)))
+        return made[-1].source
+
+    if problem is not None:
+        source = make()  # whatever is wrong with what was asked is said before the long part begins
+        _say_why_headless(problem, as_json)
+        _prepare(prepare, as_json)
+        _follow(source, as_json)
+    else:
+        _prepare(prepare, as_json)
+        _in_window(make, autostart=autostart)
+        for recorded in made:
+            _let_end(recorded.source)
+    ended = [
+        report_run(r.source.outcome(), r.session if mark_of(r.session) != r.before else None, config, as_json)
+        for r in made
+        if r.source.outcome() is not None
+    ]
+    if as_json:
+        print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
+    return FAILED if ended and ended[-1]["state"] == "failed" else DONE
+
+
+def replay(session: Path, headless: bool, pace: str | None, as_json: bool) -> int:
+    """Replay a session and report it; the exit code."""
+    problem = window_problem(headless)
+    speed = parse_pace(pace or ("1" if problem is None else "max"))
+    from app.replay import make_replay
+
+    made: list[Any] = []
+
+    def make() -> Any:
+        made.append(make_replay(session, pace=speed))
+        return made[-1]
+
+    if problem is not None:
+        source = make()
+        _say_why_headless(problem, as_json)
+        _prepare(_prepare_replay, as_json)
+        _follow(source, as_json)
+    else:
+        make_replay(session, pace=speed)  # a session that can not be replayed is refused here, not in a window
+        _prepare(_prepare_replay, as_json)
+        _in_window(make, autostart=True)
+        for replayed in made:
+            _let_end(replayed)
+    source = next((replayed for replayed in reversed(made) if replayed.outcome() is not None), None)
+    if source is None:
+        return DONE
+    outcome: Outcome = source.outcome()
+    data = report_replay(source, outcome, session, as_json)
+    if as_json:
+        print_json(data)
+    return FAILED if outcome.state == "failed" else DONE
+
+
+def _say_why_headless(problem: str, as_json: bool) -> None:
+    if problem and not as_json:
+        say(f"{problem} (going on without a window)")
+
+
+def _prepare_replay(on_progress: Callable[[str, float], None]) -> None:
+    """What a replay needs compiled; no driver is touched."""
+    from analysis import dic
+
+    on_progress("image correlation", 0.0)
+    dic.compile_kernels()
+    on_progress("ready", 1.0)
+
+
+def _prepare(prepare: Callable[[Callable[[str, float], None]], None], as_json: bool) -> None:
+    """Compile at the first start, with progress; a moment at every later one."""
+    with Bar("preparing", quiet=as_json) as bar:
+        prepare(lambda what, share: bar.show(f"preparing: {what}", share))
+
+
+def _in_window(make: Callable[[], Any], *, autostart: bool) -> None:
+    from app.gui.start import run_window
+
+    run_window(make, autostart=autostart)
+
+
+def _let_end(source: Source) -> None:
+    """Wait for what the window left behind, once it was told to stop."""
+    if source.health().state not in ("idle", "done", "failed"):
+        source.request_stop("the window was closed")
+        source.wait()
+
+
+def _follow(source: Source, as_json: bool) -> Outcome:
+    """Start, show progress, and wait; Ctrl-C stops in good order, a second one stops the motion again and leaves."""
+    asked_to_stop = False
+    try:
+        with Bar("starting", quiet=as_json) as bar:
+            source.start()
+            while True:
+                try:
+                    outcome = source.wait(POLL_S)
+                    health = source.health()
+                    bar.show(_progress_text(health), health.progress)
+                    if outcome is not None:
+                        return outcome
+                except KeyboardInterrupt:
+                    if asked_to_stop:
+                        raise
+                    asked_to_stop = True
+                    source.request_stop("Ctrl-C was pressed")
+    except BaseException:
+        source.stop_motion()
+        raise
+
+
+def _progress_text(health: Health) -> str:
+    counts = health.counts
+    frames = f"{counts.frames_received} frames" + (f", {counts.frames_lost} lost" if counts.frames_lost else "")
+    advice = f": {health.reason}" if health.reason and health.state == "running" else ""
+    return f"{health.phase or health.state}{advice} ({frames})"

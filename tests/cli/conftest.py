@@ -1,0 +1,62 @@
+"""`slipscope` as a user calls it, and one short recorded experiment to call it on."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from app.cli import app
+
+# a small contact in a small picture: 0.03 N, 0.86 mm, 22 um of travel
+SHORT = [
+    "camera.width=400",
+    "camera.height=300",
+    "run.normal_force=0.03",
+    "run.travel=22",
+    "run.background_time=0.5",
+    "run.settle_time=0.3",
+    "run.settle_tolerance=0.1",
+    "run.shear_tolerance=0.2",
+    "sim.force_noise=0.02",
+    "sim.press_time=0.75",
+]
+SHORT_OPTIONS = [part for setting in SHORT for part in ("--set", setting)]
+
+Command = Callable[..., Result]
+
+
+def call(*arguments: object) -> Result:
+    """Run `slipscope` with these arguments in this process."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def slipscope(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """The command, in an empty folder and without a display."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
+    return call
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    """A short experiment on the simulated bench: its session, with the picture beside it, and what the command said (as JSON)."""
+    folder = tmp_path_factory.mktemp("recorded")
+    result = call("run", "--headless", "--pace", "max", "-o", folder / "short.h5", "--json", *SHORT_OPTIONS)
+    assert result.exit_code == 0, result.output
+    return folder / "short.h5", result
+
+
+@pytest.fixture
+def session(recorded: tuple[Path, Result], tmp_path: Path) -> Path:
+    """A copy of the recorded session, free to be spoiled."""
+    copy = tmp_path / "session.h5"
+    shutil.copyfile(recorded[0], copy)
+    os.utime(copy, ns=(10**18, 10**18))
+    return copy

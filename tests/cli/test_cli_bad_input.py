@@ -1,0 +1,187 @@
+"""Bad input: one clear sentence, exit code 2, nothing overwritten."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import Result
+
+from app.commands.names import next_free, parse_pace
+
+Command = Callable[..., Result]
+
+
+def refused(result: Result, *words: str) -> None:
+    """Exit code 2 and one line on standard error that holds `words`; no traceback, nothing on standard output."""
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("slipscope: ")
+    assert result.stderr.count("\n") == 1
+    for word in words:
+        assert word in result.stderr
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.mark.parametrize("command", [("info",), ("replay", "--headless")])
+def test_a_missing_session(slipscope: Command, command: tuple[str, ...]) -> None:
+    refused(slipscope(*command, "nowhere.h5"), "nowhere.h5", "no such session")
+
+
+@pytest.mark.parametrize("command", [("info",), ("replay", "--headless")])
+def test_a_truncated_session(slipscope: Command, session: Path, command: tuple[str, ...]) -> None:
+    content = session.read_bytes()
+    session.write_bytes(content[: len(content) // 2])
+    refused(slipscope(*command, session), "session.h5", "cut short")
+    assert files_of(session.parent) == {"session.h5": content[: len(content) // 2]}
+
+
+@pytest.mark.parametrize("command", [("info",), ("replay", "--headless")])
+def test_a_foreign_hdf5(slipscope: Command, tmp_path: Path, command: tuple[str, ...]) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["entry/data"] = np.zeros(3)
+    refused(slipscope(*command, "other.h5"), "not a SlipScope session")
+
+
+def test_a_file_that_is_no_hdf5(slipscope: Command, tmp_path: Path) -> None:
+    (tmp_path / "text.h5").write_text("not at all", encoding="utf-8")
+    refused(slipscope("info", "text.h5"), "not an HDF5 file")
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("forces.source=ni_dac", "no driver is called 'ni_dac'"),
+        ("camera.source=rdlake", "no driver is called 'rdlake'"),
+        ("actuator.source=newprt", "no driver is called 'newprt'"),
+        ("run.travel=nan", "a finite number is needed; found nan"),
+        ("run.travl=3", "the nearest known one is 'run.travel'"),
+        ("run.normal_force=11", "more than 0 and at most 10 N; found 11"),
+    ],
+)
+def test_settings_that_can_not_be_used(slipscope: Command, tmp_path: Path, setting: str, words: str) -> None:
+    refused(slipscope("run", "--headless", "--set", setting), words)
+    assert files_of(tmp_path) == {}
+
+
+def test_a_missing_settings_file(slipscope: Command) -> None:
+    refused(slipscope("run", "nowhere.toml", "--headless"), "nowhere.toml", "can not be read")
+
+
+@pytest.mark.parametrize("existing", ["mine.h5", "mine.png"])
+def test_neither_a_session_nor_its_picture_is_overwritten_unasked(slipscope: Command, tmp_path: Path, existing: str) -> None:
+    (tmp_path / existing).write_bytes(b"precious")
+    refused(slipscope("run", "--headless", "-o", "mine.h5"), existing, "exists", "--overwrite")
+    assert files_of(tmp_path) == {existing: b"precious"}
+
+
+def test_a_failed_run_with_overwrite_is_not_taken_for_the_session_before_it(slipscope: Command, session: Path) -> None:
+    before = session.read_bytes()
+    refused(slipscope("run", "--headless", "-o", session, "--overwrite", "--set", "camera.source=rdlake"), "rdlake")
+    assert session.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [("nowhere/a.h5", "the folder nowhere does not exist"), (".", "this is a folder"), ("a.png", "the name of its own picture")],
+)
+def test_an_output_that_can_not_be_written(slipscope: Command, tmp_path: Path, output: str, words: str) -> None:
+    refused(slipscope("run", "--headless", "-o", output), words)
+    assert files_of(tmp_path) == {}
+
+
+@pytest.mark.parametrize("pace", ["0", "-1", "nan", "inf", "fast"])
+def test_a_pace_that_is_none(slipscope: Command, pace: str) -> None:
+    refused(slipscope("run", "--headless", f"--pace={pace}"), f"'{pace}' was asked")
+
+
+def test_paces() -> None:
+    assert (parse_pace("1"), parse_pace("2.5"), parse_pace("max")) == (1.0, 2.5, None)
+
+
+def test_machines_get_the_sentence_as_json(slipscope: Command) -> None:
+    for command in (["info", "nowhere.h5"], ["replay", "nowhere.h5", "--headless"], ["run", "--headless", "--set", "run.x=1"]):
+        result = slipscope(*command, "--json")
+        assert (result.exit_code, result.stderr) == (2, "")
+        assert list(json.loads(result.stdout)) == ["error"]
+
+
+def test_a_further_run_in_the_same_window_takes_the_next_free_name(tmp_path: Path) -> None:
+    asked = tmp_path / "a.h5"
+    assert next_free(asked) == asked
+    asked.touch()
+    (tmp_path / "a-2.png").touch()
+    assert next_free(asked) == tmp_path / "a-3.h5"
+
+
+def test_an_error_nobody_thought_of_is_one_sentence_too(slipscope: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("surprise")
+
+    monkeypatch.setattr("app.commands.inspect.info", broken)
+    result = slipscope("info", "a.h5")
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert result.stderr == "slipscope: unexpected KeyError: 'surprise'; `slipscope --debug ...` shows where it came from\n"
+    assert isinstance(slipscope("--debug", "info", "a.h5").exception, KeyError)
+
+
+# ---------------------------------------------------------------------- image files
+
+
+def save(path: Path, image: np.ndarray) -> str:
+    Image.fromarray(image).save(path)
+    return path.name
+
+
+@pytest.fixture
+def grey(tmp_path: Path) -> str:
+    return save(tmp_path / "reference.png", np.random.default_rng(1).integers(0, 255, (80, 100), dtype=np.uint8))
+
+
+def test_images_that_do_not_belong_together(slipscope: Command, tmp_path: Path, grey: str) -> None:
+    rng = np.random.default_rng(2)
+    other_size = save(tmp_path / "size.png", rng.integers(0, 255, (80, 120), dtype=np.uint8))
+    colour = save(tmp_path / "colour.png", rng.integers(0, 255, (80, 100, 3), dtype=np.uint8))
+    deep = save(tmp_path / "deep.tif", rng.random((80, 100)).astype(np.float32))
+    (tmp_path / "text.png").write_text("not at all", encoding="utf-8")
+    before = files_of(tmp_path)
+    refused(slipscope("dic", grey, other_size, "-o", "f.csv"), "size.png", "120")
+    refused(slipscope("dic", grey, colour, "-o", "f.csv"), "colour.png", "colour")
+    refused(slipscope("dic", grey, deep, "-o", "f.csv"), "deep.tif")
+    refused(slipscope("dic", grey, "text.png", "-o", "f.csv"), "text.png")
+    refused(slipscope("dic", grey, "nowhere.png", "-o", "f.csv"), "nowhere.png")
+    assert files_of(tmp_path) == before
+
+
+def test_an_empty_image_list_is_a_usage_error(slipscope: Command, grey: str) -> None:
+    result = slipscope("dic", grey, "-o", "f.csv")
+    assert result.exit_code == 2
+    assert "Missing argument" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("-o", "f.txt"), "f.txt"),
+        (("-o", "nowhere/f.csv"), "the folder nowhere does not exist"),
+        (("-o", "f.csv", "--box", "3"), "--box: 3 was asked, it must be at least 4 and at most 200"),
+        (("-o", "f.csv", "--box", "100"), "100"),
+    ],
+)
+def test_a_correlation_that_can_not_be_done(slipscope: Command, tmp_path: Path, grey: str, options: tuple[str, ...], words: str) -> None:
+    refused(slipscope("dic", grey, grey, *options), words)
+    assert list(files_of(tmp_path)) == [grey]
+
+
+def test_fields_are_not_overwritten_unasked(slipscope: Command, tmp_path: Path, grey: str) -> None:
+    (tmp_path / "f.csv").write_bytes(b"precious")
+    refused(slipscope("dic", grey, grey, "-o", "f.csv"), "f.csv", "--overwrite")
+    assert (tmp_path / "f.csv").read_bytes() == b"precious"

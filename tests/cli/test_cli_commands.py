@@ -1,0 +1,167 @@
+"""What each command does when all is well."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import Result
+
+from app.commands import experiment
+from app.config import default_toml
+from app.results import Counts, Health, Outcome
+
+Command = Callable[..., Result]
+
+
+def test_a_run_ends_with_a_session_a_picture_and_its_numbers(recorded: tuple[Path, Result]) -> None:
+    session, result = recorded
+    data = json.loads(result.stdout)
+    assert (data["state"], data["session"], data["picture"]) == ("done", str(session), str(session.with_suffix(".png")))
+    assert session.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    counts = data["counts"]
+    assert counts["frames_received"] == counts["frames_recorded"] == counts["triggers"] - counts["frames_lost"] > 30
+    assert counts["samples_lost"] == counts["frames_lost"] == 0
+    # the simulated interface has mu = 0.93 and P = 0.03 N
+    assert data["summary"]["mu_d"] == pytest.approx(0.93, rel=0.02)
+    assert data["summary"]["static_force_n"] == pytest.approx(0.0279, rel=0.02)
+    assert data["resources"]["peak_memory_mib"] > 10
+    assert result.stderr == ""
+
+
+def test_a_run_without_a_display_says_why_and_goes_on(slipscope: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.gui.display.display_problem", lambda: "no window: there is no screen")
+    settings = ["--set", "camera.source=nothing"]  # ends it before it begins
+    assert slipscope("run", *settings).exit_code == 2
+    assert experiment.window_problem(headless=False) == "no window: there is no screen"
+    assert experiment.window_problem(headless=True) == ""
+    opened = slipscope()
+    assert (opened.exit_code, list(tmp_path.iterdir())) == (2, [])
+    assert opened.stderr.startswith("slipscope: no window: there is no screen")
+
+
+def test_replay_gives_the_recorded_results_to_the_bit_and_leaves_the_session_alone(slipscope: Command, session: Path) -> None:
+    before = session.read_bytes()
+    result = slipscope("replay", session, "--headless", "--json")
+    data = json.loads(result.stdout)
+    assert result.exit_code == 0, result.output
+    assert data["comparison"]["frames"] == data["comparison"]["identical"] > 30
+    assert session.read_bytes() == before
+    assert Path(data["picture"]).name == "session.png"
+
+
+def test_replay_keeps_a_picture_that_exists(slipscope: Command, session: Path) -> None:
+    picture = session.with_suffix(".png")
+    picture.write_bytes(b"mine")
+    result = slipscope("replay", session, "--headless")
+    assert (result.exit_code, picture.read_bytes()) == (0, b"mine")
+    assert "frames gave the recorded results to the bit" in result.stdout
+
+
+def test_info_tells_what_the_session_holds(slipscope: Command, session: Path, recorded: tuple[Path, Result]) -> None:
+    data = json.loads(slipscope("info", session, "--json").stdout)
+    ran = json.loads(recorded[1].stdout)
+    assert data["counts"] == ran["counts"]
+    assert data["summary"] == ran["summary"]
+    assert [phase["phase"] for phase in data["phases"]] == ["background", "contact", "reference", "drive", "end"]
+    assert data["changed_settings"]["run.normal_force"] == 0.03
+    assert "run.velocity" not in data["changed_settings"]
+    text = slipscope("info", session).stdout
+    for words in ("mu_s", "run.normal_force", "drive at", "0 lost"):
+        assert words in text
+
+
+def test_config_prints_the_settings_file(slipscope: Command) -> None:
+    result = slipscope("config")
+    assert result.stdout == default_toml()
+    assert tomllib.loads(result.stdout)["run"]["normal_force"] == 0.5
+
+
+def test_doctor_names_every_package_and_the_sources_of_devices(slipscope: Command) -> None:
+    data = json.loads(slipscope("doctor", "--json").stdout)
+    found = {item["name"]: item["found"] for item in data["program"]}
+    assert found["h5py"] == metadata.version("h5py")
+    assert {item["name"]: item["found"] for item in data["sources of devices"]}["camera"] == "sim"
+    assert {"cores", "memory", "disk", "display", "compiled code"} <= {item["name"] for item in data["computer"]}
+
+
+def test_doctor_fails_where_a_package_is_missing_and_says_how_to_get_it(slipscope: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metadata, "requires", lambda _: ["numpy>=2", "no-such-package-here>=1", 'extra-one>=3; extra == "ni"'])
+    monkeypatch.setattr(metadata, "version", _version_of(metadata.version))
+    result = slipscope("doctor")
+    assert result.exit_code == 1
+    assert 'pip install "no-such-package-here>=1"' in result.stdout
+    assert "extra-one" not in result.stdout
+
+
+def _version_of(known: Callable[[str], str]) -> Callable[[str], str]:
+    return lambda name: "0.1.0" if name == "slipscope" else known(name)
+
+
+@pytest.mark.parametrize("command", [[], ["run"], ["replay"], ["info"], ["dic"], ["config"], ["doctor"]])
+def test_every_command_explains_itself(slipscope: Command, command: list[str]) -> None:
+    result = slipscope(*command, "--help")
+    assert result.exit_code == 0
+    assert "Usage:" in result.stdout
+
+
+class Interrupted:
+    """A source whose terminal is interrupted at every look until it has been told to stop `patience` times."""
+
+    def __init__(self, patience: int) -> None:
+        self.calls: list[str] = []
+        self._patience = patience
+
+    def start(self) -> None:
+        self.calls.append("start")
+
+    def wait(self, timeout: float | None = None) -> Outcome | None:
+        del timeout
+        if self._patience:
+            self._patience -= 1
+            raise KeyboardInterrupt
+        return self.outcome()
+
+    def request_stop(self, reason: str) -> None:
+        self.calls.append(reason)
+
+    def stop_motion(self) -> None:
+        self.calls.append("stop motion")
+
+    def health(self) -> Health:
+        return Health("running", "", "drive", Counts(), 0, 4, 0, 0, 0.5)
+
+    def outcome(self) -> Outcome | None:
+        return Outcome("done", "", Counts(), None)
+
+
+def test_one_interrupt_stops_in_good_order() -> None:
+    source = Interrupted(1)
+    assert experiment._follow(source, True).state == "done"
+    assert source.calls == ["start", "Ctrl-C was pressed"]
+
+
+def test_a_second_interrupt_stops_the_motion_again_and_leaves() -> None:
+    source = Interrupted(2)
+    with pytest.raises(KeyboardInterrupt):
+        experiment._follow(source, True)
+    assert source.calls == ["start", "Ctrl-C was pressed", "stop motion"]
+
+
+def test_dic_writes_the_fields_of_plain_image_files(slipscope: Command, tmp_path: Path) -> None:
+    reference = np.random.default_rng(3).integers(0, 255, (80, 100), dtype=np.uint8)
+    for name, image in (("a.png", reference), ("b.png", np.roll(reference, 2, axis=1))):
+        Image.fromarray(image).save(tmp_path / name)
+    result = slipscope("dic", "a.png", "b.png", "-o", "f.csv", "--search", "4")
+    assert result.exit_code == 0, result.output
+    assert "frames 1 to 1, " in result.stdout
+    header, *lines = (tmp_path / "f.csv").read_text(encoding="utf-8").splitlines()
+    assert header.startswith("frame,x_px,y_px,ux_px,uy_px,status")
+    ux = [float(line.split(",")[3]) for line in lines if line.split(",")[5] == "ok"]
+    assert np.median(ux) == pytest.approx(2.0, abs=0.05)

@@ -1,0 +1,86 @@
+"""Numbers as they are told: digits from uncertainties, units, and what was not measured."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.report.summary import measured_text, outcome_data, outcome_rows, plain, range_text, summary_rows
+from app.results import Counts, Outcome, Phase, Summary
+
+NAN = math.nan
+MEASURED = Summary(0.5, 2.2046e-3, 0.0413e-3, 2.19412e-3, 20.234, 0.0996, 0.46311, 0.92622, 0.0042, 0.93011, (0.9214, 0.9388), 4.8312e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "unit", "text"),
+    [
+        (2.2046, 0.0413, "mm", "2.205 ± 0.041 mm"),
+        (20.234, 0.0996, "s", "20.23 ± 0.10 s"),
+        (20.234, 0.99, "s", "20.23 ± 0.99 s"),
+        (20.234, 0.999, "s", "20.2 ± 1.0 s"),
+        (123.4, 12.3, "um", "123 ± 12 um"),
+        (1234.5, 123.0, "um", "1234 ± 123 um"),
+        (-0.5, 0.02, "", "-0.500 ± 0.020"),
+        (4.8312, NAN, "um/s", "4.83 um/s"),
+        (0.0, NAN, "N", "0 N"),
+        (0.02345, 0.0, "N", "0.0234 N"),
+        (NAN, 0.1, "mm", "not measured"),
+        (NAN, NAN, "mm", "not measured"),
+    ],
+)
+def test_the_uncertainty_sets_the_digits(value: float, sd: float, unit: str, text: str) -> None:
+    assert measured_text(value, sd, unit) == text
+
+
+def test_a_range_sets_the_digits_too() -> None:
+    assert range_text(0.93011, 0.9214, 0.9388) == "0.9301 (0.9214 to 0.9388)"
+    assert range_text(0.93, 0.93, 0.93) == "0.930"
+    assert range_text(NAN, NAN, NAN) == "not measured"
+
+
+def test_the_summary_is_told_in_the_units_of_the_paper() -> None:
+    told = {row.symbol: row.value for row in summary_rows(MEASURED)}
+    assert told == {
+        "P": "0.500 N",
+        "a": "2.205 ± 0.041 mm",
+        "a_H": "2.19 mm",
+        "t_s": "20.23 ± 0.10 s",
+        "Q_s": "0.4631 ± 0.0021 N",  # sd(mu_s) P
+        "mu_s": "0.9262 ± 0.0042",
+        "mu_d": "0.9301 (0.9214 to 0.9388)",
+        "v": "4.83 um/s",
+    }
+
+
+def test_every_trigger_and_sample_is_accounted_for() -> None:
+    counts = Counts(312, 311, 310, 1, 300, 11, 39000, 7)
+    outcome = Outcome("done", "", counts, None, {"peak_memory_mib": 612.4, "cpu_s": 60.0, "wall_s": 40.0})
+    text = "\n".join(f"{row.label}: {row.value}" for row in outcome_rows(outcome))
+    assert text.splitlines() == [
+        "triggers: 312",
+        "frames: 311 received, 310 recorded, 1 lost",
+        "frames analysed: 300, 11 skipped",
+        "force samples: 39000 recorded, 7 lost",
+        "peak memory: 612 MiB",
+        "processor time: 60.0 s in 40.0 s (1.50 cores)",
+    ]
+
+
+def test_machines_get_si_values_and_null_where_nothing_was_measured() -> None:
+    outcome = Outcome("failed", "why", Counts(triggers=3), replace(MEASURED, mu_s=NAN, mu_d_range=(NAN, 1.0)))
+    data = json.loads(json.dumps(outcome_data(outcome), allow_nan=False))
+    assert data["summary"]["apparent_radius_m"] == 2.2046e-3
+    assert data["summary"]["mu_s"] is None
+    assert data["summary"]["mu_d_range"] == [None, 1.0]
+    assert (data["state"], data["counts"]["triggers"]) == ("failed", 3)
+
+
+def test_any_result_becomes_plain() -> None:
+    mixed = {"a": np.array([1.0, np.nan]), "b": Phase.DRIVE, "c": Path("x.h5"), "d": (np.int64(3), True, None)}
+    assert plain(mixed) == {"a": [1.0, None], "b": "drive", "c": "x.h5", "d": [3, True, None]}
