@@ -16,7 +16,7 @@ from analysis import dic
 from app.config import Config, exposure_samples, to_toml
 from app.engine.run import Run
 from app.errors import UserError
-from app.session.writer import SessionWriter
+from app.session.writer import RESERVE_BYTES, SessionWriter
 from drivers.bench import Bench, open_bench
 from drivers.sim.world import World, WorldSettings
 
@@ -63,7 +63,9 @@ def expected_bytes(config: Config) -> int:
     seconds = run.background_time + 2.0 + run.settle_time + run.reference_time + run.travel / run.velocity * 1.06
     frames = seconds * config.forces.sample_rate / config.camera.divisor
     points = (config.camera.width // config.dic.step) * (config.camera.height // config.dic.step)
-    return int(frames * (config.camera.width * config.camera.height + 13 * points) + seconds * config.forces.sample_rate * 32)
+    return (
+        int(frames * (config.camera.width * config.camera.height + 13 * points) + seconds * config.forces.sample_rate * 32) + RESERVE_BYTES
+    )
 
 
 def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
@@ -121,10 +123,10 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
         The session can not be written, or a device of that name is not known.
     """
     check_output(config, output, overwrite=overwrite)
+    bench = bench or make_bench(config, pace)
     sources = (config.forces.source, config.camera.source, config.actuator.source)
     if pace != 1.0 and any(source != "sim" for source in sources):
         raise UserError(f"--pace: a bench with a real device runs at pace 1, not {'max' if pace is None else pace}")
-    bench = bench or make_bench(config, pace)
 
     def create_sink(
         shape: tuple[int, int], dtype: np.dtype[Any], grid_x_px: NDArray[np.float64], grid_y_px: NDArray[np.float64]

@@ -70,7 +70,7 @@ class Snapshot:
     ring_radius_m, ring_ux_m, ring_sd_m : ndarray, shape (nr,)
         Azimuthal mean of u_x about the contact's centre, lens compliance removed, and its standard error.
     centre_ux_m : float
-        u_x at the contact's centre (mean over the innermost 0.15 a).
+        u_x at the contact's centre, lens compliance removed (parabola through the innermost 0.3 a).
     stick_radius_m, stick_radius_sd_m : float
         c from the Cattaneo-Mindlin profile fit; NaN where it can not be told.
     """

@@ -137,6 +137,14 @@ class LatestChannel(Generic[T]):
             self._ended = True
             self._changed.notify_all()
 
+    def abandon(self) -> None:
+        """The receiver takes no more: what waits, and what comes, is counted as skipped."""
+        with self._changed:
+            self._ended = True
+            self.skipped += len(self._items)
+            self._items.clear()
+            self._changed.notify_all()
+
     @property
     def is_drained(self) -> bool:
         """Ended, and everything delivered."""

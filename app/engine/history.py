@@ -52,6 +52,11 @@ class History:
         """Number of samples so far."""
         return self._end
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether no more samples will come."""
+        return self._ended
+
     def append(self, first: int, forces: NDArray[np.float64], position_m: float) -> None:
         """Add one block of forces, shape (n, 2) in newtons (P, Q), and the stage position read at its end."""
         with self._changed:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from analysis.calibration.forces import SensorChain
 from analysis.contact.apparent import apparent_contact
-from analysis.contact.rings import central_mean, ring_means
+from analysis.contact.rings import central_value, ring_means
 from analysis.dic import DirectTracker, Grid
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
@@ -18,7 +18,7 @@ from app.config import Config
 from app.engine.history import Conditions
 from app.results import ContactResult, Phase, Snapshot, Summary
 
-CENTRE_SHARE = 0.15  # u_x at the centre is the mean over this share of a
+CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
 _NO_FIELD = np.empty((0, 0), np.float32)
 _NO_STATUS = np.empty((0, 0), np.uint8)
 _NO_RINGS = np.empty(0)
@@ -147,7 +147,7 @@ class Pipeline:
             ring_radius_m=rings.radius,
             ring_ux_m=rings.mean,
             ring_sd_m=rings.standard_error,
-            centre_ux_m=float(central_mean(r, sliding_ux, inner_m)),
+            centre_ux_m=float(central_value(r, sliding_ux, inner_m)),
             stick_radius_m=stick_m,
             stick_radius_sd_m=stick_sd_m,
         )
@@ -157,7 +157,7 @@ class Pipeline:
         assert self.contact is not None
         cx, cy = self.contact.centre_px
         x, y = self.grid.x_px, self.grid.y_px
-        return float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy)) * self._pixel_m
+        return max(0.0, float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy))) * self._pixel_m
 
     @staticmethod
     def _snapshot(index: int, sample: int, now: Conditions, **found: object) -> Snapshot:

@@ -33,9 +33,7 @@ def recorded(tmp_path_factory):
     run.start()
     assert run.wait(100).state == "done"
     with SessionReader(path) as session:
-        conditions = {
-            s.frame: Conditions(s.phase, s.time_s, s.normal_force_n, s.shear_force_n, s.travel_m) for s in session.snapshots()
-        }
+        conditions = {s.frame: Conditions(s.phase, s.time_s, s.normal_force_n, s.shear_force_n, s.travel_m) for s in session.snapshots()}
         return used, [(index, sample, image.copy(), conditions[index]) for index, sample, image in session.frames()]
 
 
@@ -66,6 +64,7 @@ def test_threads_change_nothing(recorded, whole):
     more = config.load(None, [*OVERRIDES, "dic.threads=3"])
     shared, _ = analysed(more, frames)
     assert all(difference(whole[n], s) == "" for n, s in shared.items())
+
 
 def test_without_a_background_a_is_nan_and_a_note_says_so(recorded):
     used, frames = recorded

@@ -180,7 +180,12 @@ def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path
     ("where", "words"),
     [
         (lambda run: setattr(run._pipeline, "step", broken("pipeline")), "it went away"),
-        (lambda run: setattr(run._recorder._sink, "append_samples", lambda *a: (_ for _ in ()).throw(OSError(28, "No space left"))), "No space left"),
+        (
+            lambda run: setattr(
+                run._workers.recorder._sink, "append_samples", lambda *a: (_ for _ in ()).throw(OSError(28, "No space left"))
+            ),
+            "No space left",
+        ),
         (lambda run: setattr(run._experiment, "advance", lambda *a: 1 / 0), "ZeroDivisionError"),
     ],
 )
@@ -212,7 +217,7 @@ def test_stop_motion_stops_in_the_calling_thread(tmp_path):
 
         in_drive(run, press)
 
-    run, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
+    _run, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
     assert stopped == [True]
     assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
     assert outcome.counts.frames_lost == 0

@@ -1,0 +1,171 @@
+"""Means over the azimuth: u_x(r) and other profiles about the contact's centre (paper, Figs 3, 7 and 11 to 13)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+F64 = NDArray[np.float64]
+
+FEWEST = 12  # points of a ring whose mean comes from a fit; with fewer it is the plain mean
+CENTRAL_RINGS = 4
+OUTLIER_MAD = 5.0  # a point this many median absolute deviations (scaled to a standard deviation) from its ring is left out
+
+
+@dataclass(frozen=True, slots=True)
+class Rings:
+    """An azimuthally averaged profile, one entry per ring; all of shape (n,).
+
+    Attributes
+    ----------
+    radius : ndarray
+        Mean radius of the ring's points; the ring's middle where it is empty.
+    mean, standard_error : ndarray
+        NaN in empty rings; the error also in rings with too few points to tell.
+    count : ndarray of int
+        Points that made the mean.
+    """
+
+    radius: F64
+    mean: F64
+    standard_error: F64
+    count: NDArray[np.int64]
+
+
+def ring_means(r: ArrayLike, values: ArrayLike, width: float, r_max: float | None = None, *, theta: ArrayLike | None = None) -> Rings:
+    """Azimuthal mean of a field in rings of a given width about r = 0, and its standard error.
+
+    Parameters
+    ----------
+    r, values : array_like, any common shape
+        Distance from the centre and value of each grid point; points where either is NaN are ignored.
+    width : float
+        Width of a ring, in the units of `r`.
+    r_max : float, optional
+        No ring reaches beyond; default: up to the farthest point.
+    theta : array_like, optional
+        Azimuth of each point. With it the mean is that of the fit ``mean + slope (r - radius) + first and second harmonics of
+        theta`` in each ring: a grid samples a ring unevenly, and the cos 2 theta of a sheared contact (u_x of a Hertz-like
+        traction) would leak into the mean and swell its standard error.
+
+    Notes
+    -----
+    Points further than five scaled median absolute deviations from their ring's median (or fit) are left out. The standard error counts
+    points as independent; boxes that overlap share noise, so that it is too small by up to the square root of the number of
+    boxes on one place.
+    """
+    if not width > 0:
+        raise ValueError(f"rings: a width of {width} was asked; it must be positive")
+    limit = np.inf if r_max is None else r_max
+    chosen = np.isfinite(r) & np.isfinite(values) & (np.asarray(r) < limit)
+    r, values = _chosen(r, chosen), _chosen(values, chosen)
+    n = int(limit // width) if r_max is not None else int(r.max() // width) + 1 if len(r) else 0
+    ring = (r / width).astype(np.int64)
+    inside = ring < n
+    r, values, ring = r[inside], values[inside], ring[inside]
+    keep = ~_outlying(values, ring, n)
+    if theta is None:
+        return _plain_means(r[keep], values[keep], ring[keep], n, width)
+    columns = _columns(r / width - ring - 0.5, _chosen(theta, chosen)[inside])
+    coefficients, _ = _ring_fits(columns[keep], values[keep], ring[keep], n)
+    # outliers show better against the fit than against the ring's median
+    keep = ~_outlying(values - np.einsum("ij,ij->i", columns, coefficients[ring]), ring, n)
+    return _fitted_means(columns[keep], r[keep], values[keep], ring[keep], n, width)
+
+
+def central_value(r: ArrayLike, values: ArrayLike, radius: float) -> float:
+    """Value of a field at the centre: of the parabola ``u0 + k r^2`` through its means over the rings within `radius`, outliers left out.
+
+    A plain mean over the disc would be off by half of what the field bends over it. NaN where there are too few points.
+    """
+    if not radius > 0:
+        return float("nan")
+    rings = ring_means(r, values, radius / CENTRAL_RINGS, radius)
+    full = rings.count > 0
+    if full.sum() < CENTRAL_RINGS - 1:
+        return float("nan")
+    weight = np.sqrt(rings.count[full])
+    columns = np.column_stack([np.ones(full.sum()), (rings.radius[full] / radius) ** 2])
+    return float(np.linalg.lstsq(columns * weight[:, None], rings.mean[full] * weight)[0][0])
+
+
+def _chosen(values: ArrayLike, chosen: NDArray[np.bool_]) -> F64:
+    return np.asarray(values, dtype=np.float64)[chosen]
+
+
+def _ring_median(values: F64, ring: NDArray[np.int64], n: int) -> F64:
+    """Median of the values of each ring, NaN in empty ones."""
+    count = np.bincount(ring, minlength=n)
+    ordered = values[np.lexsort((values, ring))]
+    first = np.cumsum(count) - count
+    median = np.full(n, np.nan)
+    full = count > 0
+    low, high = first + (count - 1) // 2, first + count // 2
+    median[full] = 0.5 * (ordered[low[full]] + ordered[high[full]])
+    return median
+
+
+def _outlying(values: F64, ring: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
+    """Which points lie too far from their ring's median."""
+    distance = np.abs(values - _ring_median(values, ring, n)[ring])
+    spread = 1.4826 * _ring_median(distance, ring, n)
+    return np.asarray(distance > OUTLIER_MAD * spread[ring])
+
+
+def _radii(r: F64, ring: NDArray[np.int64], n: int, width: float) -> tuple[NDArray[np.int64], F64]:
+    """Number of points of each ring and their mean radius."""
+    count = np.bincount(ring, minlength=n)
+    middle = (np.arange(n) + 0.5) * width
+    return count, np.where(count > 0, np.bincount(ring, r, minlength=n) / np.maximum(count, 1), middle)
+
+
+def _plain_means(r: F64, values: F64, ring: NDArray[np.int64], n: int, width: float) -> Rings:
+    count, radius = _radii(r, ring, n, width)
+    full = np.where(count > 0, count, np.nan)
+    mean = np.bincount(ring, values, minlength=n) / full
+    squares = np.bincount(ring, (values - mean[ring]) ** 2, minlength=n)
+    freedom = np.where(count > 1, count - 1.0, np.nan)
+    return Rings(radius, mean, np.sqrt(squares / freedom / full), count)
+
+
+def _columns(offset: F64, theta: F64) -> F64:
+    """What the values of a ring may depend on, shape (points, 6): 1, distance from the ring's middle, two harmonics of the azimuth."""
+    return np.stack([np.ones_like(offset), offset, np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)], axis=1)
+
+
+def _ring_fits(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tuple[F64, F64]:
+    """Least squares in each ring: coefficients, shape (n, 6), and the factor from variance of a point to that of the mean, shape (n,).
+
+    NaN factor: the ring has too few points, or too small a part of the circle; its only coefficient is the plain mean.
+    """
+    size = columns.shape[1]
+    sums = np.stack([np.bincount(ring, column * values, minlength=n) for column in columns.T], axis=1).astype(np.float64)
+    normal = np.empty((n, size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            normal[:, i, j] = normal[:, j, i] = np.bincount(ring, columns[:, i] * columns[:, j], minlength=n)
+    count = normal[:, 0, 0].copy()
+    poor = (count < FEWEST) | (np.linalg.eigvalsh(normal)[:, 0] < 1e-2 * count)
+    normal[poor] = np.eye(size)
+    sums[poor, 1:] = 0
+    sums[poor, 0] /= np.maximum(count[poor], 1)
+    factor = np.asarray(np.linalg.inv(normal)[:, 0, 0], dtype=np.float64)
+    factor[poor] = np.nan
+    return np.asarray(np.linalg.solve(normal, sums[:, :, None])[:, :, 0], dtype=np.float64), factor
+
+
+def _fitted_means(columns: F64, r: F64, values: F64, ring: NDArray[np.int64], n: int, width: float) -> Rings:
+    plain = _plain_means(r, values, ring, n, width)
+    coefficients, factor = _ring_fits(columns, values, ring, n)
+    residual = values - np.einsum("ij,ij->i", columns, coefficients[ring])
+    freedom = np.maximum(plain.count - columns.shape[1], 1)
+    error = np.sqrt(np.bincount(ring, residual**2, minlength=n) / freedom * factor)
+    fitted = np.isfinite(factor)
+    return Rings(
+        np.where(fitted, (np.arange(n) + 0.5) * width, plain.radius),
+        np.where(fitted, coefficients[:, 0], plain.mean),
+        np.where(fitted, error, plain.standard_error),
+        plain.count,
+    )

@@ -1,0 +1,97 @@
+"""The camera's side of a run: the fate of every trigger, to the disk without loss and to the analysis newest first."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from numpy.typing import NDArray
+
+from app.engine.channels import LatestChannel
+from app.engine.ending import Ending, sentence
+from app.engine.history import History
+from app.engine.recorder import Recorder
+from drivers.errors import DeviceTimeout
+from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
+
+POLL_S = 0.1
+PATIENCE_S = 3.0  # without an answer to a trigger that is past, then the camera is given up
+
+
+class Receiver:
+    """Asks the camera for every trigger's fate, in order, until the last one is accounted for.
+
+    Attributes
+    ----------
+    received, lost : int
+        Triggers answered so far, by a frame and by a named loss.
+    latest_image : ndarray or None
+        The newest frame's image, not to be written to.
+    """
+
+    def __init__(
+        self, camera: Camera, train: TriggerTrain, history: History, recorder: Recorder, to_analysis: LatestChannel[Frame], ending: Ending
+    ) -> None:
+        self.received = 0
+        self.lost = 0
+        self.latest_image: NDArray[Any] | None = None
+        self._camera = camera
+        self._train = train
+        self._history = history
+        self._recorder = recorder
+        self._to_analysis = to_analysis
+        self._ending = ending
+        self._awaited = (0, time.monotonic())  # the trigger whose answer is awaited, and since when
+
+    @property
+    def answered(self) -> int:
+        """Triggers whose fate is known."""
+        return self.received + self.lost
+
+    def check(self) -> None:
+        """Give the camera up when a trigger that is long past has had no answer for too long.
+
+        Raises
+        ------
+        DeviceTimeout
+            The camera is silent.
+        """
+        now = time.monotonic()
+        overdue = self._history.end - self._train.sample(self.answered) > 2 * self._train.divisor + self._history.exposure_samples
+        if not overdue or self.answered != self._awaited[0]:
+            self._awaited = (self.answered, now)
+        elif now - self._awaited[1] > PATIENCE_S:
+            raise DeviceTimeout(
+                f"{self._camera.name}: trigger {self.answered} had no answer for {PATIENCE_S:g} s; check the trigger line and the camera"
+            )
+
+    def work(self) -> None:
+        """Receive until the end; then every trigger without an answer is a named loss."""
+        try:
+            self._receive()
+        except Exception as error:
+            self._ending.call(sentence("camera", error), failed=True)
+        self._to_analysis.end()
+        self._history.wait_for_end()
+        for missing in range(self.answered, self._train.count_before(self._history.end)):
+            self._deliver(LostFrame(missing, self._train.sample(missing), f"no image came before the run ended: {self._ending.reason}"))
+
+    def _receive(self) -> None:
+        answered_at = time.monotonic()
+        while not self._history.has_ended or self.answered < self._train.count_before(self._history.end):
+            try:
+                self._deliver(self._camera.read(POLL_S))
+                answered_at = time.monotonic()
+            except DeviceTimeout:
+                if self._history.has_ended and time.monotonic() - answered_at > PATIENCE_S:
+                    return
+
+    def _deliver(self, answer: Frame | LostFrame) -> None:
+        if isinstance(answer, LostFrame):
+            self.lost += 1
+            self._recorder.lost_frame(answer)
+            return
+        self.received += 1
+        self.latest_image = answer.image
+        self._recorder.frame(answer)
+        self._to_analysis.put(answer)
