@@ -5,6 +5,7 @@ Nothing heavy is imported here, so that `slipscope --help` answers at once.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -198,4 +199,6 @@ def doctor(as_json: JsonFlag = False) -> None:
 
 def main() -> None:
     """Read the command line, do it, and end the program with its exit code."""
+    # the arrays here are small: threads of the linear algebra library would only take the cores from the correlation
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     app(prog_name="slipscope")

@@ -50,7 +50,7 @@ class Run(Section, frozen=True):
     shear_tolerance: Annotated[
         float, _f("Allowed initial |Q|, as a fraction of P; above it the contact must be renewed", "", gt=0, le=1)
     ] = 0.01
-    reference_time: Annotated[float, _f("Rest under load in which the reference image is taken, before the drive", "s", gt=0, le=60)] = 0.5
+    reference_time: Annotated[float, _f("Rest under load in which the reference image is taken, before the drive", "s", gt=0, le=60)] = 1.5
 
 
 class Forces(Section, frozen=True):

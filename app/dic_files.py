@@ -96,10 +96,7 @@ def read_image(path: Path) -> NDArray[Any]:
         data = np.fromfile(path, np.uint8)  # OpenCV itself opens only some paths on Windows
     except OSError as error:
         raise UserError(f"{path}: the file can not be read ({error.strerror or error}); check the name") from None
-    try:
-        found, pages = cv2.imdecodemulti(data, cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        found, pages = False, ()
+    found, pages = _decoded(data)
     if not found or not pages:
         raise UserError(f"{path}: not an image that can be read; give a PNG or TIFF file")
     if len(pages) > 1:
@@ -110,6 +107,19 @@ def read_image(path: Path) -> NDArray[Any]:
     if image.ndim != 2:
         raise UserError(f"{path}: a colour image ({image.shape[2]} channels); convert it to grey levels")
     return np.ascontiguousarray(image)
+
+
+def _decoded(data: NDArray[np.uint8]) -> tuple[bool, tuple[NDArray[Any], ...]]:
+    """The images in an encoded file; OpenCV's own words about a damaged one are kept off the terminal."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        found, pages = cv2.imdecodemulti(data, cv2.IMREAD_UNCHANGED)
+        return found, tuple(pages)
+    except cv2.error:
+        return False, ()
+    finally:
+        cv2.utils.logging.setLogLevel(level)
 
 
 def _like(image: NDArray[Any], first: NDArray[Any], path: Path, reference: Path) -> NDArray[Any]:

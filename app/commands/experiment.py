@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -36,6 +38,45 @@ class Recorded:
     source: Any
     session: Path
     before: object  # the mark of a file of that name before the run
+
+
+class _Reports:
+    """The report of each run, made once, when the run has ended: a window may stay open long after."""
+
+    def __init__(self, made: list[Recorded], report: Callable[[Recorded], dict[str, Any]]) -> None:
+        self._made = made
+        self._report = report
+        self._reported: list[dict[str, Any]] = []
+
+    @contextmanager
+    def as_they_end(self) -> Iterator[None]:
+        """Report every run as soon as it has ended, beside whatever the calling thread does."""
+        over = threading.Event()
+
+        def watch() -> None:
+            while not over.wait(POLL_S):
+                self._next()
+
+        watcher = threading.Thread(target=watch, name="slipscope-reports")
+        watcher.start()
+        try:
+            yield
+        finally:
+            over.set()
+            watcher.join()
+
+    def of_all(self) -> list[dict[str, Any]]:
+        """The reports of all runs that ended, in order."""
+        while self._next():
+            pass
+        return self._reported
+
+    def _next(self) -> bool:
+        started = [recorded for recorded in self._made if recorded.source.outcome() is not None]
+        if len(started) == len(self._reported):
+            return False
+        self._reported.append(self._report(started[len(self._reported)]))
+        return True
 
 
 def window_problem(headless: bool) -> str | None:
@@ -87,14 +128,15 @@ def run(
         _follow(source, as_json)
     else:
         _prepare(prepare, as_json)
-        _in_window(make, autostart=autostart)
-        for recorded in made:
-            _let_end(recorded.source)
-    ended = [
-        report_run(r.source.outcome(), r.session if mark_of(r.session) != r.before else None, config, as_json)
-        for r in made
-        if r.source.outcome() is not None
-    ]
+    reports = _Reports(
+        made, lambda r: report_run(r.source.outcome(), r.session if mark_of(r.session) != r.before else None, config, as_json)
+    )
+    if problem is None:
+        with reports.as_they_end():
+            _in_window(make, autostart=autostart)
+            for recorded in made:
+                _let_end(recorded.source)
+    ended = reports.of_all()
     if as_json:
         print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
     return FAILED if ended and ended[-1]["state"] == "failed" else DONE

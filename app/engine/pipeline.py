@@ -91,6 +91,8 @@ class Pipeline:
             min_contrast=dic.min_contrast,
             threads=dic.threads,
         )
+        at_rest = np.zeros(self.grid.shape)
+        self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
         self._reference_shear_n = now.shear_force_n
         self.reference_frame = index
         self._find_contact(image)
@@ -106,7 +108,7 @@ class Pipeline:
         found = apparent_contact(self._background, image)
         centre = found.centre_px
         if not all(map(math.isfinite, centre)):
-            self.notes.append("contact: none is seen in the background difference, so rings are drawn about the picture's middle")
+            self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
             centre = middle
         self.contact = ContactResult(
             centre,

@@ -11,6 +11,7 @@ what was measured reaches the disk, and the run ends in a named state with a rea
 
 from __future__ import annotations
 
+import math
 import shutil
 import threading
 import time
@@ -39,7 +40,7 @@ from drivers.protocols import Actuator, Camera, ForceSource, Frame, SampleBlock,
 READ_TIMEOUT_S = 2.0
 FREE_RUNNING_READS = 30
 REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
-UNHURRIED_DEPTH = 8  # frames kept for the analysis before the drive, when none should be skipped
+UNHURRIED_S = 1.5  # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
 
 
 class BenchDevices(Protocol):
@@ -104,7 +105,8 @@ class Run:
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._experiment = Experiment(config)
         self._history = History(self.sample_rate_hz, self._exposure)
-        self._to_analysis: LatestChannel[Frame] = LatestChannel(UNHURRIED_DEPTH, sender_waits=free_running)
+        self._unhurried_depth = math.ceil(UNHURRIED_S * self.sample_rate_hz / config.camera.divisor)
+        self._to_analysis: LatestChannel[Frame] = LatestChannel(self._unhurried_depth, sender_waits=free_running)
         self._ending = Ending(self._stop_actuator)
         self._workers: _Workers | None = None
         self._state = "idle"
@@ -280,7 +282,7 @@ class Run:
     def _act_on(self, phase: Phase) -> None:
         """What entering a phase means for the actuator."""
         if phase is Phase.DRIVE:
-            self._to_analysis.depth = UNHURRIED_DEPTH if self._free_running else 1
+            self._to_analysis.depth = self._unhurried_depth if self._free_running else 1
             self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
             if not self._ending.is_called.is_set():
                 self._bench.actuator.move_to(self._start_m + self._experiment.travel_m)

@@ -14,7 +14,7 @@ class Bench:
     """Drives an experiment with constant forces; keeps the sample count."""
 
     def __init__(self, *overrides):
-        self.experiment = Experiment(config.load(None, list(overrides)))
+        self.experiment = Experiment(config.load(None, ["run.reference_time=0.5", *overrides]))
         self.sample = 0
         self.travel_m = 0.0
 
