@@ -1,0 +1,1 @@
+"""From what the instruments read to what they measured."""

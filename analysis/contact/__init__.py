@@ -1,0 +1,1 @@
+"""The apparent contact: rigid registration, background difference, centre, radius, means over rings."""

@@ -1,0 +1,70 @@
+"""Where the displacement is measured: the square lattice of correlation boxes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The centres of the correlation boxes, in pixels; (0, 0) is the centre of the top-left pixel.
+
+    Attributes
+    ----------
+    box_px, step_px : int
+        Side lambda of a box and distance between neighbouring centres.
+    x_px : ndarray, shape (nx,), float64
+        Centres along x. The box covers the pixels from ``x - (box - 1) / 2`` to ``x + (box - 1) / 2``, so the centre of an
+        even box lies between two pixels.
+    y_px : ndarray, shape (ny,), float64
+        Centres along y (down).
+    """
+
+    box_px: int
+    step_px: int
+    x_px: NDArray[np.float64]
+    y_px: NDArray[np.float64]
+
+    @classmethod
+    def cover(cls, shape: tuple[int, int], box: int, step: int) -> Grid:
+        """The largest grid in an image of `shape` (rows, columns), centred in it.
+
+        One pixel is left free all round, so that a point which has not moved has its eight neighbouring correlations.
+
+        Raises
+        ------
+        ValueError
+            The box or the step is not positive, or the image is too small for a single box.
+        """
+        if box < 2 or step < 1:
+            raise ValueError(f"grid: box {box} px and step {step} px asked; use a box of 2 px or more and a step of 1 px or more")
+        if min(shape) < box + 2:
+            raise ValueError(
+                f"grid: a box of {box} px and one pixel around it do not fit the {shape[1]} x {shape[0]} image; use a smaller box"
+            )
+        y, x = (_centres(size, box, step) for size in shape)
+        return cls(box, step, x, y)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of a field on this grid, (ny, nx)."""
+        return len(self.y_px), len(self.x_px)
+
+    @property
+    def left(self) -> NDArray[np.int64]:
+        """First pixel column of the boxes, shape (nx,)."""
+        return np.rint(self.x_px - (self.box_px - 1) / 2).astype(np.int64)
+
+    @property
+    def top(self) -> NDArray[np.int64]:
+        """First pixel row of the boxes, shape (ny,)."""
+        return np.rint(self.y_px - (self.box_px - 1) / 2).astype(np.int64)
+
+
+def _centres(size: int, box: int, step: int) -> NDArray[np.float64]:
+    intervals, spare = divmod(size - 2 - box, step)
+    first = 1 + spare // 2
+    return first + (box - 1) / 2 + step * np.arange(intervals + 1, dtype=np.float64)

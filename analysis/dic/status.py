@@ -1,0 +1,20 @@
+"""What became of each point of a field."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """Whether a point's displacement can be used, and if not, why; only OK points carry numbers."""
+
+    OK = 0
+    LOW_CONTRAST = 1  # the box is too uniform to be recognised, in the reference or in the image
+    OUT_OF_IMAGE = 2  # the displaced box, or one of the eight around it, leaves the image
+    DECORRELATED = 3  # the best correlation stays below the limit, or no neighbour agrees with it
+    NOT_CONVERGED = 4  # no peak inside the search, or its nine values have no Gaussian maximum
+
+    @property
+    def label(self) -> str:
+        """The name as it is written to files: ``ok``, ``low_contrast`` ..."""
+        return self.name.lower()

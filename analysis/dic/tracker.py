@@ -1,0 +1,237 @@
+"""The displacement field of each image of a stream against one reference: the paper's direct correlation."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.dic import direct
+from analysis.dic.grid import Grid
+from analysis.dic.status import Status
+
+F32 = NDArray[np.float32]
+Shift = NDArray[np.int32]  # whole pixels (x, y), shape (2, ny, nx)
+SUPPORT = 3  # valid neighbours that make their median worth starting from
+ODD = 2  # a point further than this (px; a strain of 20 % if that is more) from its neighbours' median is asked again
+NEAR = 4  # half-width of the search of a lost point whose neighbours are known
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """The displacement of every box of a grid between the reference and one image.
+
+    Attributes
+    ----------
+    ux_px, uy_px : ndarray, shape (ny, nx), float32
+        Displacement along x and y; NaN where `status` is not 0. The receiver owns all arrays.
+    zncc : ndarray, shape (ny, nx), float32
+        Zero-mean normalised cross-correlation at the best whole-pixel displacement; NaN where `status` is not 0.
+    status : ndarray, shape (ny, nx), uint8
+        `Status` of each point.
+    """
+
+    ux_px: F32
+    uy_px: F32
+    zncc: F32
+    status: NDArray[np.uint8]
+
+
+class DirectTracker:
+    """Displacement fields by direct correlation with a reference, each search started from the field before.
+
+    Correlations are zero-mean and normalised, so that a change of the light's level and contrast is no displacement. The
+    sub-pixel part is the top of a 2D Gaussian through the highest correlation and its 8 neighbours. The start of a search
+    decides which peak is found, not what is measured there: a point that finds the same peak has the same bits.
+    A lost point is looked for again in every image, first from its neighbours. A peak with which no neighbour agrees (to 2 px
+    or 20 % of the step) is taken for a chance resemblance and the point for lost.
+
+    Parameters
+    ----------
+    reference : ndarray, shape (rows, columns), uint8, uint16 or float32
+        The image at t = 0.
+    box, step : int
+        Side of the correlation boxes and pitch of their grid, in pixels.
+    search : int
+        Half-width in pixels of the exhaustive search of points that have no start.
+    min_correlation : float
+        A point whose correlation stays below is lost (DECORRELATED).
+    min_contrast : float
+        Standard deviation in grey levels below which a box, in either image, is LOW_CONTRAST.
+    threads : int
+        Threads that share a field. The result does not depend on it, to the bit.
+
+    Raises
+    ------
+    ValueError
+        The image, the box or the step can not be used.
+
+    References
+    ----------
+    Prevost et al. (2013), section 2.3.2 and Fig. 4.
+    """
+
+    def __init__(
+        self,
+        reference: NDArray[Any],
+        box: int = 20,
+        step: int = 10,
+        *,
+        search: int = 16,
+        min_correlation: float = 0.5,
+        min_contrast: float = 2.0,
+        threads: int = 2,
+    ) -> None:
+        image = np.array(_checked(reference, "reference"), np.float32, order="C")
+        if search < 1 or threads < 1:
+            raise ValueError(f"tracker: search of {search} px on {threads} threads asked; use 1 or more of both")
+        self.grid = Grid.cover((image.shape[0], image.shape[1]), box, step)
+        top, left = self.grid.top, self.grid.left
+        self._target = direct.Target(np.empty_like(image), np.empty((image.shape[0] + 1, image.shape[1] + 1, 2)))
+        direct.summed_area(image, self._target.sums)
+        mean, deviations = direct.grid_moments(self._target.sums, top, left, box)
+        self._boxes = direct.Boxes(image, top, left, mean, deviations, box, max(box * box * float(min_contrast) ** 2, 1e-6))
+        self._search, self._min_correlation = search, min_correlation
+        self._tolerance = max(ODD, step / 5)
+        self._start: Shift | None = None
+        bands = min(self.grid.shape[0], 1 if threads == 1 else 8 * threads)
+        self._bands = list(pairwise(int(row) for row in np.linspace(0, self.grid.shape[0], bands + 1)))
+        self._pool = ThreadPoolExecutor(threads, "dic") if threads > 1 else None
+
+    def track(self, image: NDArray[Any]) -> Field:
+        """The displacement of every point between the reference and `image`.
+
+        Raises
+        ------
+        ValueError
+            The image differs from the reference in shape, or can not be used.
+        """
+        rows, columns = self._boxes.image.shape
+        if _checked(image, "image").shape != (rows, columns):
+            raise ValueError(f"image: {image.shape[1]} x {image.shape[0]} px found, the reference has {columns} x {rows}; use one size")
+        self._target.image[...] = image
+        direct.summed_area(self._target.image, self._target.sums)
+        if self._start is None:
+            start = np.zeros((2, *self.grid.shape), np.int32)
+            found = self._match(start, np.full(self.grid.shape, self._search, np.int32))
+        else:
+            start = self._start
+            found = self._match(start, np.zeros(self.grid.shape, np.int32))
+            self._scan_lost(found, start)
+        self._ask_neighbours(found)
+        found.reject(direct.contradicted(found.values, found.status, self._tolerance))
+        self._start = np.where(found.valid, found.shift, start)  # a lost point keeps its last place
+        ux, uy, zncc = found.values
+        return Field(ux, uy, zncc, found.status)
+
+    def start_from(self, ux_px: NDArray[Any], uy_px: NDArray[Any]) -> None:
+        """Start the next search from this field, shape (ny, nx); where it is NaN, from the nearest points that are not.
+
+        Raises
+        ------
+        ValueError
+            The field has another shape than the grid.
+        """
+        field = np.array([ux_px, uy_px], np.float64)
+        if field.shape[1:] != self.grid.shape:
+            raise ValueError(f"start field: shape {field.shape[1:]} found, the grid has {self.grid.shape}; use a field of this grid")
+        valid = np.isfinite(field).all(axis=0)
+        start = np.rint(np.where(valid, field, 0.0)).astype(np.int32)
+        while not valid.all():
+            median, known = direct.neighbour_median(start, valid, 1)
+            new = known & ~valid
+            if not new.any():
+                break
+            start[:, new] = median[:, new]
+            valid |= new
+        self._start = start
+
+    def reset(self) -> None:
+        """Forget the last field: the next search is a cold start around zero displacement."""
+        self._start = None
+
+    def close(self) -> None:
+        """End the threads. May be called twice."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def _match(self, start: Shift, radius: NDArray[np.int32]) -> _Found:
+        """Match the points of non-negative `radius`, in bands of rows shared by the threads."""
+        found = _Found(np.full((3, *self.grid.shape), np.nan, np.float32), np.full(self.grid.shape, Status.NOT_CONVERGED, np.uint8))
+
+        def match(rows: tuple[int, int]) -> None:
+            settings = self._search, self._min_correlation, rows
+            direct.match_rows(self._boxes, self._target, start, radius, *settings, found.values, found.status)
+
+        bands = [rows for rows in self._bands if radius[slice(*rows)].max() >= 0]
+        for _ in map(match, bands) if self._pool is None else self._pool.map(match, bands):
+            pass
+        return found
+
+    def _ask_neighbours(self, found: _Found) -> None:
+        """Try again from the neighbours' median where a point is lost or far from it; the higher correlation stays."""
+        valid, shift = found.valid, found.shift
+        median, known = direct.neighbour_median(shift, valid, SUPPORT)
+        odd = known & (~valid | (np.abs(shift - median) > self._tolerance).any(axis=0))
+        if odd.any():
+            found.improve(self._match(median, np.where(odd, 0, -1).astype(np.int32)), odd)
+
+    def _scan_lost(self, found: _Found, start: Shift) -> None:
+        """Try every displacement where a point is lost: near its neighbours' median, or else around its start."""
+        lost = (found.status == Status.DECORRELATED) | (found.status == Status.NOT_CONVERGED)
+        if lost.any():
+            median, known = direct.neighbour_median(found.shift, found.valid, SUPPORT)
+            radius = np.where(lost, np.where(known, NEAR, self._search), -1).astype(np.int32)
+            found.improve(self._match(np.where(known, median, start), radius), lost)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What is known so far of one image: `values` are u_x, u_y and ZNCC, shape (3, ny, nx)."""
+
+    values: F32
+    status: NDArray[np.uint8]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        return np.asarray(self.status == Status.OK)
+
+    @property
+    def shift(self) -> Shift:
+        """Displacements in whole pixels, 0 where there is none."""
+        return np.rint(np.where(self.valid, self.values[:2], 0)).astype(np.int32)
+
+    def improve(self, other: _Found, asked: NDArray[np.bool_]) -> None:
+        """Take over from `other`, where asked, what was lost here or has the higher correlation."""
+        better = asked & (~self.valid | (other.values[2] > self.values[2]))
+        self.values[:, better] = other.values[:, better]
+        self.status[better] = other.status[better]
+
+    def reject(self, false: NDArray[np.bool_]) -> None:
+        """Give up points whose peak was a chance resemblance."""
+        self.values[:, false] = np.nan
+        self.status[false] = Status.DECORRELATED
+
+
+def _checked(image: NDArray[Any], name: str) -> NDArray[Any]:
+    if image.ndim != 2:
+        raise ValueError(f"{name}: an array of shape {image.shape} found; use one grey level per pixel, shape (rows, columns)")
+    if image.dtype not in (np.uint8, np.uint16, np.float32):
+        raise ValueError(f"{name}: grey levels of type {image.dtype} found; use uint8, uint16 or float32")
+    if image.dtype == np.float32 and not np.isfinite(image).all():
+        raise ValueError(f"{name}: grey levels that are not finite found; replace them by numbers")
+    return image
+
+
+def compile_kernels() -> None:
+    """Compile every kernel of the correlation, or load it from the cache; takes seconds the first time on a machine."""
+    rng = np.random.default_rng(0)
+    image = rng.integers(0, 255, (48, 48)).astype(np.uint8)
+    tracker = DirectTracker(image, box=8, step=8, search=2, threads=1)
+    tracker.track(image)
+    tracker.track(rng.integers(0, 255, (48, 48)).astype(np.uint8))
+    tracker.start_from(np.full(tracker.grid.shape, np.nan), np.full(tracker.grid.shape, np.nan))

@@ -1,0 +1,1 @@
+"""Stick radius and onset of sliding."""

@@ -1,0 +1,169 @@
+"""Stick radius c from u_x(r): the Cattaneo-Mindlin profile, fitted live on every frame (paper, section 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis.mechanics.cattaneo_mindlin import phi0
+
+F64 = NDArray[np.float64]
+
+FEWEST = 6  # rings
+LARGEST = 0.999  # c/a: at 1 the profile is zero
+ZOOMS = 4
+NODES = 17
+TABLE = 8193
+VISIBLE = 16.0  # drop of chi2 (4 sigma) below which the profile does not stand out of the noise
+
+
+@dataclass(frozen=True, slots=True)
+class StickFit:
+    """A Cattaneo-Mindlin profile through u_x(r): ``u = offset - amplitude (Phi0(r; a) - c/a Phi0(r; c))``.
+
+    Attributes
+    ----------
+    stick_radius, stick_radius_sd : float
+        c and its standard uncertainty, metres. At full slip c is 0. NaN where nothing can be told: too few rings, or no profile
+        above the noise. Below about 0.1 a, where c is lost, c = 0 lies within two standard uncertainties.
+    amplitude : float
+        q0 (1 - nu/2) / (2 pi G), where q0 = 3 mu P / (2 pi a^2): dimensionless, 0 or more.
+    offset : float
+        Displacement of the block far away, D, metres.
+    reduced_chi2 : float
+        Per degree of freedom; the uncertainty is widened by its root where it is above 1.
+    """
+
+    stick_radius: float
+    stick_radius_sd: float
+    amplitude: float
+    offset: float
+    reduced_chi2: float
+
+
+LOST = StickFit(np.nan, np.nan, np.nan, np.nan, np.nan)
+
+
+def cattaneo_mindlin_profile(r: ArrayLike, stick_radius: ArrayLike, hertz_radius: float) -> F64:
+    """Azimuthal mean of u_x under Cattaneo-Mindlin's traction, for a unit amplitude; metres.
+
+    `stick_radius` of shape (k,) gives shape (k, n); it may be zero (full slip).
+
+    References
+    ----------
+    Mindlin (1949); Johnson, Contact Mechanics, section 7.2.
+    """
+    r, c, a = np.asarray(r, dtype=np.float64), np.atleast_1d(np.asarray(stick_radius, dtype=np.float64))[:, None], hertz_radius
+    share = np.maximum(c / a, 1e-9)
+    # Phi0(r; c) = c Phi0(r/c; 1)
+    return np.asarray(a * (_unit_phi0(r / a) - share**2 * _unit_phi0(r / (share * a))))
+
+
+@cache
+def _phi0_table() -> tuple[F64, F64]:
+    """Phi0(1/t; 1) outside the disc, for t from 0 to 1."""
+    t = np.linspace(0, 1, TABLE)
+    return t, np.concatenate([[0.0], phi0(1 / t[1:], 1.0)])
+
+
+def _unit_phi0(x: F64) -> F64:
+    """Phi0(x; 1) from a table, within 1e-6: the closed form and its series would take most of the time of a fit."""
+    return np.where(x < 1, np.pi**2 / 4 * (2 - x * x), np.interp(1 / np.maximum(x, 1), *_phi0_table()))
+
+
+def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: float) -> StickFit:
+    """Stick radius, with its uncertainty, from the azimuthal mean of u_x.
+
+    Parameters
+    ----------
+    r, u, sd : array_like, shape (n,)
+        Radius of each ring, mean of u_x over it and its standard error, metres; rings with a NaN are ignored. Rings should reach
+        well beyond the contact: what the displacement tends to far away is an unknown of the fit.
+    hertz_radius : float
+        a of the pressure, metres.
+
+    Notes
+    -----
+    For each c the two other unknowns are linear, so that chi2 is a function of c alone; it is tabulated on a grid that
+    closes in on its least value. The standard uncertainty is half of the distance at which it is 4 larger, on the longer side.
+    Neighbouring rings share noise because correlation boxes overlap: the uncertainty is widened by the correlation found between
+    the residuals of successive rings.
+
+    References
+    ----------
+    Prevost et al. 2013, section 5 and Fig. 14 (there c is taken where the stress is largest).
+    """
+    r, u, sd = (np.asarray(v, dtype=np.float64) for v in (r, u, sd))
+    good = np.isfinite(r) & np.isfinite(u) & np.isfinite(sd) & (sd > 0)
+    a = float(hertz_radius)
+    if good.sum() < FEWEST or not a > 0:
+        return LOST
+    r, u, sd = r[good], u[good], sd[good]
+    # a ring of three points may agree by chance: no ring counts for more than four typical ones
+    weight = np.maximum(sd, 0.5 * np.median(sd)) ** -2.0
+
+    low, high = 0.0, LARGEST
+    for _ in range(ZOOMS):
+        share = np.linspace(low, high, NODES)
+        chi2, _, _ = _linear_fit(cattaneo_mindlin_profile(r, share * a, a), u, weight)
+        best = int(np.argmin(chi2))
+        scale = max(1.0, chi2[best] / (len(r) - 3))
+        inside = np.flatnonzero(chi2 <= chi2[best] + 6 * scale)
+        low, high = share[max(inside[0] - 1, 0)], share[min(inside[-1] + 1, NODES - 1)]
+
+    minimum, at = _parabola(share, chi2, best)
+    _, amplitude, offset = _linear_fit(cattaneo_mindlin_profile(r, [minimum * a], a), u, weight)
+    residual = (u - offset[0] + amplitude[0] * cattaneo_mindlin_profile(r, [minimum * a], a)[0]) * np.sqrt(weight)
+    reduced = float(residual @ residual) / (len(r) - 3)
+    flat, _, _ = _linear_fit(np.zeros((1, len(r))), u, weight)
+    correlation = _correlation_factor(residual)
+    if flat[0] - at < VISIBLE * max(1.0, reduced) * correlation:
+        return LOST
+    spread = 0.5 * _longer_side(share, chi2, minimum, at + 4 * max(1.0, reduced))
+    return StickFit(minimum * a, spread * a * np.sqrt(correlation), float(amplitude[0]), float(offset[0]), reduced)
+
+
+def _linear_fit(profiles: F64, u: F64, weight: F64) -> tuple[F64, F64, F64]:
+    """chi2, amplitude (0 or more) and offset of ``u = offset - amplitude profile`` for each profile, shape (k, n) to (k,)."""
+    total = weight.sum()
+    mean_u, mean_s = weight @ u / total, profiles @ weight / total
+    du, ds = u - mean_u, profiles - mean_s[:, None]
+    square = (ds * ds) @ weight
+    product = np.maximum(-(ds @ (weight * du)), 0.0)
+    amplitude = np.divide(product, square, out=np.zeros_like(product), where=square > 0)
+    # from residuals, not from differences of large sums
+    residual = du + amplitude[:, None] * ds
+    return (residual * residual) @ weight, amplitude, mean_u + amplitude * mean_s
+
+
+def _parabola(x: F64, y: F64, best: int) -> tuple[float, float]:
+    """Place and value of the least y: of the parabola through the least node and its neighbours, or the node at an end."""
+    if 0 < best < len(x) - 1:
+        down, up = y[best - 1] - y[best], y[best + 1] - y[best]
+        if down + up > 0:
+            shift = 0.5 * (down - up) / (down + up)
+            return float(x[best] + shift * (x[1] - x[0])), float(y[best] - 0.25 * (down - up) * shift)
+    return float(x[best]), float(y[best])
+
+
+def _longer_side(x: F64, y: F64, minimum: float, level: float) -> float:
+    """How far from the minimum y stays below a level, on the longer side; the range's ends count as crossings."""
+    below = np.flatnonzero(y < level)
+    first, last = (below[0], below[-1]) if len(below) else (int(np.argmin(y)),) * 2
+    left, right = x[first], x[last]
+    if first > 0:
+        left = np.interp(level, [y[first], y[first - 1]], [x[first], x[first - 1]])
+    if last < len(x) - 1:
+        right = np.interp(level, [y[last], y[last + 1]], [x[last], x[last + 1]])
+    return float(max(minimum - left, right - minimum))
+
+
+def _correlation_factor(residual: F64) -> float:
+    """By how much the variance of a mean over rings exceeds that of independent rings: 1 + 2 (rho_1 + rho_2), 1 or more."""
+    power = residual @ residual
+    if not power > 0:
+        return 1.0
+    return max(1.0, float(1 + 2 * (residual[1:] @ residual[:-1] + residual[2:] @ residual[:-2]) / power))

@@ -1,0 +1,20 @@
+"""The table of the paper in the package's docstring names things that exist."""
+
+import importlib
+import re
+
+import pytest
+
+import analysis
+
+NAMES = re.findall(r"`(analysis\.[\w.]+)`", analysis.__doc__)
+
+
+def test_the_table_is_there():
+    assert len(NAMES) >= 14
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_entry_exists_and_is_documented(name):
+    module, _, item = name.rpartition(".")
+    assert getattr(importlib.import_module(module), item).__doc__

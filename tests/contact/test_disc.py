@@ -1,0 +1,64 @@
+"""Centre and radius of a disc of points against discs that the test draws: bias, scatter and the stated uncertainty."""
+
+import numpy as np
+import pytest
+
+from analysis.contact.disc import micro_contact_disc
+
+SHAPE = (1200, 1600)
+
+
+def _many(scatter, radius, law, centre, seeds, density=0.003, strays=1):
+    """(x, y, a) errors and stated uncertainties of one disc per seed, shapes (n, 3)."""
+    errors, sds = [], []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        x, y = scatter(rng, radius, density, law)
+        x, y = x + centre[0], y + centre[1]
+        seen = (x > -0.5) & (x < SHAPE[1] - 0.5) & (y > -0.5) & (y < SHAPE[0] - 0.5)
+        x = np.concatenate([x[seen], rng.uniform(0, SHAPE[1], strays)])
+        y = np.concatenate([y[seen], rng.uniform(0, SHAPE[0], strays)])
+        disc = micro_contact_disc(x, y, SHAPE)
+        errors.append(np.subtract((*disc.centre_px, disc.radius_px), (*centre, radius)))
+        sds.append((*disc.centre_sd_px, disc.radius_sd_px))
+    return np.array(errors), np.array(sds)
+
+
+@pytest.mark.parametrize(("radius", "seeds"), [(220, 24), (480, 6)])
+def test_hertz_like_density(micro_contact_scatter, radius, seeds):
+    errors, sds = _many(micro_contact_scatter, radius, 0.5, (810, 590), seeds)
+    assert abs(errors[:, 2].mean()) < 3
+    assert errors[:, 2].std() < 4.5
+    assert errors[:, :2].std() < 4
+    assert 0.5 < (errors / sds).std() < 1.4
+
+
+@pytest.mark.parametrize(("law", "bias", "spread"), [(0.0, 1, 1), (1.0, 8, 12)])
+def test_other_densities_are_not_mistaken(micro_contact_scatter, law, bias, spread):
+    errors, _ = _many(micro_contact_scatter, 220, law, (800, 600), 16)
+    assert abs(errors[:, 2].mean()) < bias
+    assert errors[:, 2].std() < spread
+
+
+def test_a_disc_cut_by_the_border(micro_contact_scatter):
+    errors, _ = _many(micro_contact_scatter, 350, 0.5, (800, 250), 8)
+    assert abs(errors[:, 2].mean()) < 3
+    assert np.abs(errors.mean(axis=0)[:2]).max() < 3
+
+
+def test_strays_do_not_stretch_the_disc(micro_contact_scatter):
+    errors, _ = _many(micro_contact_scatter, 220, 0.5, (800, 600), 12, strays=8)
+    assert abs(errors[:, 2].mean()) < 4
+
+
+def test_the_same_points_give_the_same_bits(micro_contact_scatter):
+    x, y = micro_contact_scatter(np.random.default_rng(0), 350, 0.003, 0.5)
+    assert micro_contact_disc(x + 800, y + 600, SHAPE) == micro_contact_disc(x + 800, y + 600, SHAPE)
+
+
+def test_only_a_disc_is_better_than_chance(micro_contact_scatter):
+    rng = np.random.default_rng(1)
+    x, y = micro_contact_scatter(rng, 350, 0.003, 0.5)
+    assert micro_contact_disc(x + 800, y + 600, SHAPE).gain > 100
+    for n in (12, 100):
+        assert micro_contact_disc(rng.uniform(0, SHAPE[1], n), rng.uniform(0, SHAPE[0], n), SHAPE).gain < 15

@@ -1,0 +1,59 @@
+"""Speckle images whose displacement is known exactly: Gaussian blobs integrated over the pixels, moved without interpolation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+MARGIN = 40
+
+
+@njit(cache=True)
+def _add(image, x, y, width, height):
+    rows, columns = image.shape
+    edge_x, edge_y = np.empty(65), np.empty(65)
+    for n in range(x.size):
+        scale = 1 / (width[n] * math.sqrt(2))
+        reach = int(6 * width[n]) + 2
+        j0, i0 = round(x[n]) - reach, round(y[n]) - reach
+        size = 2 * reach + 1
+        for k in range(size + 1):
+            edge_x[k] = math.erf((j0 + k - 0.5 - x[n]) * scale)
+            edge_y[k] = math.erf((i0 + k - 0.5 - y[n]) * scale)
+        for k in range(max(0, -i0), min(size, rows - i0)):
+            for m in range(max(0, -j0), min(size, columns - j0)):
+                image[i0 + k, j0 + m] += height[n] * (edge_x[m + 1] - edge_x[m]) * (edge_y[k + 1] - edge_y[k])
+
+
+class Speckle:
+    """A random pattern of blobs that can be imaged after any displacement.
+
+    `grain` is the standard deviation of a blob in pixels (least, greatest); `density` the blobs per pixel.
+    """
+
+    def __init__(self, shape: tuple[int, int] = (240, 320), seed: int = 1, grain=(0.75, 1.25), density: float = 0.15):
+        rng = np.random.default_rng(seed)
+        self.shape = shape
+        n = int(density * (shape[0] + 2 * MARGIN) * (shape[1] + 2 * MARGIN))
+        self.x = rng.uniform(-MARGIN, shape[1] + MARGIN, n)
+        self.y = rng.uniform(-MARGIN, shape[0] + MARGIN, n)
+        self.width = rng.uniform(*grain, n)
+        self.height = rng.uniform(0.4, 1.0, n) * self.width**2
+        self.spread = self._raw(0, 0).std()
+
+    def _raw(self, ux: float, uy: float) -> NDArray[np.float64]:
+        image = np.zeros(self.shape)
+        _add(image, self.x + ux, self.y + uy, self.width, self.height)
+        return image
+
+    def grey(self, ux: float = 0, uy: float = 0, contrast: float = 40, level: float = 20) -> NDArray[np.float64]:
+        """Grey levels, not rounded, with every blob moved by (ux, uy) pixels."""
+        return level + self._raw(ux, uy) * (contrast / self.spread)
+
+    def image(self, ux: float = 0, uy: float = 0, noise: float = 0, seed: int = 0, contrast: float = 40, level: float = 20):
+        """The same from an 8-bit camera with Gaussian noise (grey levels)."""
+        grey = self.grey(ux, uy, contrast, level) + noise * np.random.default_rng(seed).normal(size=self.shape)
+        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)

@@ -1,0 +1,177 @@
+"""Fields between image files: real images with a known answer, the files written, and input that can not be used."""
+
+import csv
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+from blobs import Speckle
+from scipy.interpolate import RegularGridInterpolator
+
+from app.dic_files import correlate_files, read_image
+from app.errors import UserError
+
+DATA = Path(__file__).parents[1] / "data" / "dic_challenge"
+
+
+def save(path, image):
+    cv2.imencode(path.suffix, image)[1].tofile(path)
+    return path
+
+
+def read_table(path):
+    """Frame -> column -> array (ny, nx), and the centres x and y."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    x, y = (sorted({float(row[name]) for row in rows}) for name in ("x_px", "y_px"))
+    frames = {}
+    for frame in sorted({int(row["frame"]) for row in rows}):
+        part = sorted((r for r in rows if int(r["frame"]) == frame), key=lambda r: (float(r["y_px"]), float(r["x_px"])))
+        numbers = {n: np.array([float(row[n]) for row in part]).reshape(len(y), len(x)) for n in ("ux_px", "uy_px", "zncc")}
+        frames[frame] = numbers | {"status": np.array([row["status"] for row in part]).reshape(len(y), len(x))}
+    return frames, np.array(x), np.array(y)
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bilder µ")
+    speckle = Speckle((120, 160))
+    return [save(folder / f"image {n}.png", speckle.image(1.2 * n, noise=1, seed=n)) for n in range(3)]
+
+
+def test_a_real_tensile_test_agrees_with_a_peer(tmp_path):
+    """DIC Challenge sample 12, displacements to 8 px; DICe's solution with the same box."""
+    images = [DATA / f"sample12_{n}.tif" for n in ("03", "11")]
+    correlate_files(DATA / "sample12_00.tif", images, tmp_path / "fields.csv", box=27, step=5)
+    frames, x, y = read_table(tmp_path / "fields.csv")
+    for frame, name in [(1, "03"), (2, "11")]:
+        peer = np.loadtxt(DATA / f"sample12_{name}_dice.csv", delimiter=",", skiprows=1)
+        for column, quantity in enumerate(("ux_px", "uy_px"), 2):
+            ours = RegularGridInterpolator((y, x), frames[frame][quantity])(peer[:, 1::-1])
+            difference = np.abs(ours - peer[:, column])
+            assert np.median(difference) < 0.03
+            assert np.percentile(difference, 95) < 0.15
+
+
+def test_real_speckle_under_changed_light_moves_by_a_tenth_of_a_pixel(tmp_path):
+    """DIC Challenge sample 5: (0, 0) and (0.10, 0.10) px with contrast and brightness changed."""
+    correlate_files(DATA / "sample5_reference.tif", [DATA / f"sample5_{n}.tif" for n in ("000", "001")], tmp_path / "fields.csv")
+    frames, _, _ = read_table(tmp_path / "fields.csv")
+    for frame, truth in [(1, 0.0), (2, 0.1)]:
+        assert (frames[frame]["status"] == "ok").all()
+        assert frames[frame]["ux_px"].mean() == pytest.approx(truth, abs=0.01)
+        assert frames[frame]["uy_px"].mean() == pytest.approx(truth, abs=0.01)
+
+
+def test_table_and_hdf5_hold_the_same_fields(pictures, tmp_path):
+    told = []
+    for name in ("a.csv", "a.h5"):
+        summary = correlate_files(pictures[0], pictures[1:], tmp_path / name, on_progress=lambda text, share: told.append((text, share)))
+        assert (summary.frames, sum(summary.statuses.values())) == (2, 2 * summary.points)
+    assert told[-1] == ("done", 1.0)
+    assert ("image 2.png", 0.5) in told
+    frames, x, y = read_table(tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text(encoding="utf-8").startswith("frame,x_px,y_px,ux_px,uy_px,status")
+    with h5py.File(tmp_path / "a.h5") as file:
+        data = file[file.attrs["default"]]
+        data = data[data.attrs["default"]]
+        assert data.attrs["NX_class"] == "NXdata"
+        assert list(data.attrs["axes"]) == ["frame", "y", "x"]
+        np.testing.assert_array_equal(data["x"], x)
+        np.testing.assert_array_equal(data["y"], y)
+        np.testing.assert_array_equal(data["frame"], [1, 2])
+        assert all(data[name].attrs["units"] == "px" for name in ("ux", "uy", "x", "y"))
+        for n, frame in frames.items():
+            for ours, theirs in [("ux", "ux_px"), ("uy", "uy_px"), ("zncc", "zncc")]:
+                np.testing.assert_allclose(data[ours][n - 1], frame[theirs], atol=1e-6)
+            assert ((data["status"][n - 1] == 0) == (frame["status"] == "ok")).all()
+        assert np.nanmedian(data["ux"][1]) == pytest.approx(2.4, abs=0.02)
+    assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "a.h5"}
+
+
+def test_lost_points_are_nan_with_a_reason(pictures, tmp_path):
+    blank = save(tmp_path / "blank.png", np.full((120, 160), 90, np.uint8))
+    correlate_files(pictures[0], [blank], tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()[1:]
+    assert all(line.split(",")[3:6] == ["nan", "nan", "low_contrast"] for line in lines)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_grey_levels_are_read_as_they_were_stored(tmp_path, suffix, dtype):
+    image = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, (20, 30)).astype(dtype)
+    assert np.array_equal(read_image(save(tmp_path / f"grau ä{suffix}", image)), image)
+    as_colour = save(tmp_path / f"rgb{suffix}", np.repeat(image[..., None], 3, axis=2))
+    assert np.array_equal(read_image(as_colour), image)
+
+
+def unusable(kind, pictures, folder):
+    grey = read_image(pictures[1])
+    path = folder / "bad.tif"
+    if kind == "text":
+        path.write_text("no image", encoding="utf-8")
+    elif kind == "nothing":
+        path.write_bytes(b"")
+    elif kind == "truncated":
+        path.write_bytes(cv2.imencode(".tif", grey)[1].tobytes()[:3000])
+    elif kind == "colour":
+        save(path, np.dstack([grey, grey, grey // 2]))
+    elif kind == "size":
+        save(path, grey[:-1])
+    elif kind == "depth":
+        save(path, grey.astype(np.uint16))
+    elif kind == "pages":
+        cv2.imencodemulti(".tif", [grey, grey])[1].tofile(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("missing", "no such file"),
+        ("text", "not an image"),
+        ("nothing", "not an image"),
+        ("truncated", "not an image"),
+        ("colour", "colour image"),
+        ("size", "160 x 119 uint8 found"),
+        ("depth", "160 x 120 uint16 found"),
+        ("pages", "2 images found"),
+    ],
+)
+@pytest.mark.parametrize("ending", ["csv", "h5"])
+def test_an_image_that_can_not_be_used_leaves_nothing_behind(pictures, tmp_path, kind, words, ending):
+    bad = unusable(kind, pictures, tmp_path)
+    before = set(tmp_path.iterdir())
+    with pytest.raises(UserError, match=words) as caught:
+        correlate_files(pictures[0], [pictures[1], bad], tmp_path / f"fields.{ending}")
+    assert str(bad) in str(caught.value)
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
+    for images, output, options, words in [
+        ([], "a.csv", {}, "no images"),
+        (pictures, "a.txt", {}, "ending '.txt'"),
+        (pictures, "none/a.csv", {}, "existing folder"),
+        (pictures, "a.csv", {"box": 119}, "do not fit"),
+        (pictures, "a.csv", {"threads": 0}, "threads"),
+    ]:
+        with pytest.raises(UserError, match=words):
+            correlate_files(pictures[0], images, tmp_path / output, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", ["csv", "h5"])
+def test_an_existing_file_is_replaced_only_when_asked(pictures, tmp_path, ending):
+    output = tmp_path / f"a.{ending}"
+    output.write_text("precious", encoding="utf-8")
+    with pytest.raises(UserError, match="exists"):
+        correlate_files(pictures[0], pictures[1:], output)
+    with pytest.raises(UserError, match="no such file"):
+        correlate_files(pictures[0], [tmp_path / "missing.png"], output, overwrite=True)
+    assert output.read_text(encoding="utf-8") == "precious"
+    correlate_files(pictures[0], pictures[1:], output, overwrite=True)
+    assert output.stat().st_size > 1000
+    assert list(tmp_path.iterdir()) == [output]
