@@ -19,6 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from analysis.dic import Grid
 from app import config as settings
 from app import live
 from app.results import Phase
@@ -42,9 +43,7 @@ def main() -> None:
         run.start()
         outcome = run.wait()
         assert outcome is not None
-        print(
-            f"{platform.processor() or platform.machine()}, {platform.system()}, {datetime.date.today()}, pace {asked.pace}, {' '.join(asked.set)}"
-        )
+        print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}, pace {asked.pace}, {' '.join(asked.set)}")
         print(f"{outcome.state}: {outcome.reason}")
         print(outcome.counts)
         print(outcome.resources)
@@ -85,38 +84,45 @@ def compare(path: Path, world, config: settings.Config) -> None:
     last = world.truth(snapshots[-1].sample)
     mu = config.sim.friction
     force = last.state.normal_force_n
-    print(
-        f"u_x over the contact: rms error {np.sqrt(squares / count):.4f} px = {np.sqrt(squares / count) * pixel_um * 1e3:.0f} nm (0.033 px asked);"
-        f" worst frame {worst:.4f} px; {lost} of {total} points lost"
-    )
+    rms = np.sqrt(squares / count)
+    row("u_x over the contact, rms error", f"{rms:.4f} px = {rms * pixel_um * 1e3:.0f} nm", "0.033 px")
+    row("  worst frame; points lost", f"{worst:.4f} px; {lost} of {total}")
     share, error, sd = np.array(stick).T
-    asked_range = (share >= 0.3) & (share <= 0.9)
-    print(
-        f"c / a_H, c/a from 0.3 to 0.9: bias {error[asked_range].mean():+.4f}, scatter {error[asked_range].std():.4f},"
-        f" worst {np.abs(error[asked_range]).max():.4f} (0.05 asked), stated sd {np.median(sd[asked_range]):.4f}; {asked_range.sum()} frames"
+    chosen = (share >= 0.3) & (share <= 0.9)
+    row(
+        "c, as a share of a_H, c/a 0.3 to 0.9",
+        f"bias {error[chosen].mean():+.4f}, scatter {error[chosen].std():.4f}, worst {np.abs(error[chosen]).max():.4f}",
+        "0.05",
     )
-    a_um, true_um = contact.apparent_radius_m * 1e6, world.truth(reference).state.apparent_radius_m * 1e6
-    print(
-        f"apparent radius: {a_um:.1f} +- {contact.apparent_radius_sd_m * 1e6:.1f} um, truth {true_um:.1f} um: {a_um - true_um:+.1f} um (45 asked)"
+    row("  stated sd (median); frames", f"{np.median(sd[chosen]):.4f}; {chosen.sum()}")
+    at_rest = world.truth(reference).state
+    a_um, true_um = contact.apparent_radius_m * 1e6, at_rest.apparent_radius_m * 1e6
+    row(
+        "apparent radius",
+        f"{a_um:.1f} +- {contact.apparent_radius_sd_m * 1e6:.1f} um, truth {true_um:.1f} um: {a_um - true_um:+.1f} um",
+        "45 um",
     )
-    centre = np.array(world.truth(reference).state.lens_centre_m) / config.camera.pixel * 1e6
-    print(f"centre: {contact.centre_px[0] - centre[0]:+.2f}, {contact.centre_px[1] - centre[1]:+.2f} px from the truth")
-    print(
-        f"Q_s: {summary.static_force_n:.5f} N, truth {mu * force:.5f}: {100 * (summary.static_force_n / (mu * force) - 1):+.2f} % (2 asked)"
-    )
-    print(f"mu_s: {summary.mu_s:.5f} +- {summary.mu_s_sd:.5f}, truth {mu}: {100 * (summary.mu_s / mu - 1):+.2f} % (2 asked)")
-    print(f"mu_d: {summary.mu_d:.5f} in {summary.mu_d_range}, truth {mu}: {100 * (summary.mu_d / mu - 1):+.2f} %")
+    dx, dy = np.array(contact.centre_px) - np.array(at_rest.lens_centre_m) / config.camera.pixel * 1e6
+    row("  centre", f"{dx:+.2f}, {dy:+.2f} px from the truth")
+    for name, found, true, asked in (
+        ("Q_s (N)", summary.static_force_n, mu * force, "2 %"),
+        ("mu_s", summary.mu_s, mu, "2 %"),
+        ("mu_d", summary.mu_d, mu, ""),
+    ):
+        row(name, f"{found:.5f}, truth {true:.5f}: {100 * (found / true - 1):+.2f} %", asked)
     drive = next(s for s in snapshots if s.phase is Phase.DRIVE)
-    onset = (
-        last.onset_sample - (drive.sample + config.camera.exposure / 2 - drive.time_s * config.forces.sample_rate)
-    ) / config.forces.sample_rate
-    print(f"t_s: {summary.onset_time_s:.3f} +- {summary.onset_time_sd_s:.3f} s, truth {onset:.3f} s")
+    rate = config.forces.sample_rate
+    onset = (last.onset_sample - (drive.sample + settings.exposure_samples(config) / 2 - drive.time_s * rate)) / rate
+    row("t_s (s)", f"{summary.onset_time_s:.3f} +- {summary.onset_time_sd_s:.3f}, truth {onset:.3f}")
+
+
+def row(what: str, found: str, asked: str = "") -> None:
+    """Print one line: what was measured, and what was asked of it."""
+    print(f"{what:38s} {found}" + (f"  ({asked} asked)" if asked else ""))
 
 
 def grid(config: settings.Config):
     """Box centres (x, y) of the run's DIC grid, px."""
-    from analysis.dic import Grid
-
     cover = Grid.cover((config.camera.height, config.camera.width), config.dic.box, config.dic.step)
     return cover.x_px, cover.y_px
 
