@@ -46,10 +46,8 @@ def packages() -> list[Finding]:
     except metadata.PackageNotFoundError:
         return [Finding(DISTRIBUTION, "not installed", False, True, "in its folder, run: pip install -e .")]
     found = [Finding(DISTRIBUTION, metadata.version(DISTRIBUTION))]
-    for requirement in requirements:
-        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
-        if "extra ==" in requirement:
-            continue
+    needed = {re.split(r"[^\w.-]", text, maxsplit=1)[0]: text for text in requirements if "extra ==" not in text}
+    for name, requirement in needed.items():
         try:
             found.append(Finding(name, metadata.version(name)))
         except metadata.PackageNotFoundError:
@@ -64,7 +62,7 @@ def vendor_packages() -> list[Finding]:
         if find_spec(name) is not None:
             findings.append(Finding(name, f"{metadata.version(name)}, for {what}"))
         else:
-            advice = f'pip install "{DISTRIBUTION}[{extra}]" and the vendor\'s driver'
+            advice = f"in the folder of SlipScope: pip install '.[{extra}]', and the vendor's driver"
             findings.append(Finding(name, f"not installed, needed only for {what}", False, False, advice))
     return findings
 

@@ -74,6 +74,7 @@ class Replay:
         self._latest_image: NDArray[Any] | None = None
         self._stop = threading.Event()
         self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
         self._state, self._reason = "idle", ""
         self._outcome: Outcome | None = None
         self._identical = 0
@@ -84,11 +85,13 @@ class Replay:
         if self._state != "idle":
             raise RuntimeError(f"replay: start was asked, but it is {self._state}; make a new one")
         self._state = "running"
-        threading.Thread(target=self._play, name="slipscope-replay", daemon=True).start()
+        self._thread = threading.Thread(target=self._play, name="slipscope-replay", daemon=True)
+        self._thread.start()
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
-        """The outcome once the replay has ended, None if it has not after `timeout` seconds."""
-        self._ended.wait(timeout)
+        """The outcome once the replay has ended and its thread is gone, None if it has not after `timeout` seconds."""
+        if self._ended.wait(timeout) and self._thread is not None:
+            self._thread.join()  # an interpreter that ends while the thread lets go of its arrays may crash
         return self._outcome
 
     def request_stop(self, reason: str) -> None:

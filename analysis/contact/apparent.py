@@ -15,6 +15,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 RING_PIXELS = 3000
+LEAST_RIM = 0.4  # share of the contact's rim that must be seen
 DARK_RINGS = 3  # rings in a row below background + 3 sd that end the contact
 FEWEST_MICRO_CONTACTS = 12
 LEAST_GAIN = 15.0  # by which the disc must explain the micro-contacts better than chance does, in log-likelihood
@@ -90,10 +91,24 @@ def apparent_contact(background: NDArray[np.generic], image: NDArray[np.generic]
         return _unseen(
             f"contact: the {len(x)} bright spots of the difference are scattered over the picture and form no disc", shift, len(x)
         )
+    visible = _visible_rim(disc, (rows, columns))
+    if visible < LEAST_RIM:
+        return _unseen(
+            f"contact: {1 - visible:.0%} of its rim lies outside the picture, so a can not be measured; use a lower force or magnification",
+            shift,
+            len(x),
+        )
     radius, grey, dark = _profile(difference, known, disc)
     return ApparentContact(
         disc.centre_px, disc.centre_sd_px, disc.radius_px, disc.radius_sd_px, dark, shift, radius, grey, len(x),
     )  # fmt: skip
+
+
+def _visible_rim(disc: Disc, shape: tuple[int, int]) -> float:
+    """Share of the circle of radius a that lies in the picture."""
+    angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    x, y = disc.centre_px[0] + disc.radius_px * np.cos(angle), disc.centre_px[1] + disc.radius_px * np.sin(angle)
+    return float(np.mean((x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])))
 
 
 def background_difference(

@@ -18,6 +18,7 @@ from app.errors import UserError
 from app.results import Health, Outcome
 
 POLL_S = 0.1
+LEAVE_S = 10.0  # what a run has to come to its end when it is left in a hurry
 
 
 class Source(Protocol):
@@ -203,8 +204,10 @@ def _in_window(make: Callable[[], Any], *, autostart: bool) -> None:
 
 def _let_end(source: Source) -> None:
     """Wait for what the window left behind, once it was told to stop."""
-    if source.health().state not in ("idle", "done", "failed"):
+    state = source.health().state
+    if state not in ("idle", "done", "failed"):
         source.request_stop("the window was closed")
+    if state != "idle":
         source.wait()
 
 
@@ -228,6 +231,7 @@ def _follow(source: Source, as_json: bool) -> Outcome:
                     source.request_stop("Ctrl-C was pressed")
     except BaseException:
         source.stop_motion()
+        source.wait(LEAVE_S)
         raise
 
 

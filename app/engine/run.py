@@ -112,6 +112,7 @@ class Run:
         self._state = "idle"
         self._starting = threading.Lock()
         self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
         self._outcome: Outcome | None = None
         self._start_m = 0.0
         self._progress = 0.0
@@ -124,11 +125,12 @@ class Run:
             if self._state != "idle":
                 raise RuntimeError(f"run: start was asked, but the run is {self._state}; make a new run")
             self._state = "armed"
-        self._ending.spawn("control", self._control)
+        self._thread = self._ending.spawn("control", self._control)
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
-        """The outcome once the run has ended, None if it has not after `timeout` seconds."""
-        self._ended.wait(timeout)
+        """The outcome once the run has ended and its threads are gone, None if it has not after `timeout` seconds."""
+        if self._ended.wait(timeout) and self._thread is not None:
+            self._thread.join()  # an interpreter that ends while the thread lets go of its arrays may crash
         return self._outcome
 
     def request_stop(self, reason: str) -> None:

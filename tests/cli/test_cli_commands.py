@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 import tomllib
 from collections.abc import Callable
 from importlib import metadata
@@ -165,3 +168,21 @@ def test_dic_writes_the_fields_of_plain_image_files(slipscope: Command, tmp_path
     assert header.startswith("frame,x_px,y_px,ux_px,uy_px,status")
     ux = [float(line.split(",")[3]) for line in lines if line.split(",")[5] == "ok"]
     assert np.median(ux) == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("command", ["replay", "info"])
+def test_the_program_ends_cleanly_as_a_process(session, command):
+    """A thread that outlives its run brings the interpreter down at its end: that shows only from outside."""
+    options = ["--headless"] if command == "replay" else []
+    for _ in range(3):
+        done = subprocess.run(
+            [sys.executable, "-m", "app", command, str(session), "--json", *options],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+            cwd=session.parent,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        assert json.loads(done.stdout)["state"] == "done"

@@ -77,3 +77,10 @@ def test_another_background_is_said_not_to_fit(pair):
     assert np.isnan(contact.radius_px)
     assert np.isnan(contact.shift_px).all()
     assert "registration" in contact.notes[0]
+
+
+def test_a_contact_larger_than_the_picture_has_no_radius(pair):
+    """The disc that fits what is seen ends at the picture's corners; that is no measurement."""
+    found = apparent_contact(*pair(5, (300, 400), 420.0, (205, 148), shift=(2.0, 1.0)))
+    assert np.isnan(found.radius_px)
+    assert found.notes
