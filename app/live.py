@@ -88,18 +88,21 @@ def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
         )
 
 
-def prepare(on_progress: Callable[[str, float], None]) -> None:
-    """Compile what is compiled at first use, so that nothing does so during a run; cached for the next start."""
+def prepare(say: Callable[[str], None]) -> None:
+    """Compile what is compiled at first use, so that nothing does so during a run; cached for the next start.
+
+    `say` is told what is at hand.
+    """
     from drivers.sim.images import Renderer
 
-    on_progress("image correlation", 0.0)
+    say("compiling the image correlation")
     dic.compile_kernels()
-    on_progress("simulated camera", 0.6)
+    say("compiling the simulated camera")
     world = World(WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None)
     world.start()
     world.advance(50)
     Renderer(world.settings).image(world.state(40), 0)
-    on_progress("ready", 1.0)
+    say("opening the bench")
 
 
 def make_bench(config: Config, pace: float | None) -> Bench:
@@ -148,4 +151,4 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
         )
 
     title = "simulated bench" if set(sources) == {"sim"} else " + ".join(sources)
-    return Run(config, bench, create_sink, free_running=pace is None, title=title, output=output)
+    return Run(config, bench, create_sink, free_running=pace is None, title=title, output=output, prepare=prepare)

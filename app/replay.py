@@ -14,6 +14,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from analysis.dic import compile_kernels
 from app.config import Config, from_data
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
@@ -75,7 +76,7 @@ class Replay:
         self._stop = threading.Event()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
-        self._state, self._reason = "idle", ""
+        self._state, self._reason, self._preparing = "idle", "", ""
         self._outcome: Outcome | None = None
         self._identical = 0
         self._first_difference = ""
@@ -130,7 +131,7 @@ class Replay:
         done = len(self._snapshots)
         return Health(
             state=self._state,
-            reason=self._reason,
+            reason=self._reason or self._preparing,
             phase=str(self._snapshots[-1].phase) if done else "",
             counts=self._count(),
             queue_fill=0.0,
@@ -154,6 +155,9 @@ class Replay:
         cpu, wall, peak = process.cpu_times(), time.monotonic(), 0
         failed = False
         try:
+            self._preparing = "compiling the image correlation"
+            compile_kernels()
+            self._preparing = ""
             with SessionReader(self.path) as session:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)
                 feed = _Feed(session, self.config, self._history)

@@ -110,7 +110,7 @@ def run(
         raise UserError(
             f"{problem}; `slipscope run --headless` runs the simulated experiment without one" if problem else "no window was asked"
         )
-    from app.live import make_run, prepare
+    from app.live import make_run
 
     made: list[Recorded] = []
 
@@ -125,10 +125,7 @@ def run(
     if problem is not None:
         source = make()  # whatever is wrong with what was asked is said before the long part begins
         _say_why_headless(problem, as_json)
-        _prepare(prepare, as_json)
         _follow(source, as_json)
-    else:
-        _prepare(prepare, as_json)
     reports = _Reports(
         made, lambda r: report_run(r.source.outcome(), r.session if mark_of(r.session) != r.before else None, config, as_json)
     )
@@ -158,11 +155,9 @@ def replay(session: Path, headless: bool, pace: str | None, as_json: bool) -> in
     if problem is not None:
         source = make()
         _say_why_headless(problem, as_json)
-        _prepare(_prepare_replay, as_json)
         _follow(source, as_json)
     else:
         make_replay(session, pace=speed)  # a session that can not be replayed is refused here, not in a window
-        _prepare(_prepare_replay, as_json)
         _in_window(make, autostart=True)
         for replayed in made:
             _let_end(replayed)
@@ -179,21 +174,6 @@ def replay(session: Path, headless: bool, pace: str | None, as_json: bool) -> in
 def _say_why_headless(problem: str, as_json: bool) -> None:
     if problem and not as_json:
         say(f"{problem} (going on without a window)")
-
-
-def _prepare_replay(on_progress: Callable[[str, float], None]) -> None:
-    """What a replay needs compiled; no driver is touched."""
-    from analysis import dic
-
-    on_progress("image correlation", 0.0)
-    dic.compile_kernels()
-    on_progress("ready", 1.0)
-
-
-def _prepare(prepare: Callable[[Callable[[str, float], None]], None], as_json: bool) -> None:
-    """Compile at the first start, with progress; a moment at every later one."""
-    with Bar("preparing", quiet=as_json) as bar:
-        prepare(lambda what, share: bar.show(f"preparing: {what}", share))
 
 
 def _in_window(make: Callable[[], Any], *, autostart: bool) -> None:
@@ -238,5 +218,5 @@ def _follow(source: Source, as_json: bool) -> Outcome:
 def _progress_text(health: Health) -> str:
     counts = health.counts
     frames = f"{counts.frames_received} frames" + (f", {counts.frames_lost} lost" if counts.frames_lost else "")
-    advice = f": {health.reason}" if health.reason and health.state == "running" else ""
+    advice = f": {health.reason}" if health.reason and health.state in ("armed", "running") else ""
     return f"{health.phase or health.state}{advice} ({frames})"

@@ -85,10 +85,20 @@ class Run:
         Name of the bench, for people.
     output : Path
         Where the session goes.
+    prepare : callable
+        Done first, before the bench is opened (compilation); it tells what it is at.
     """
 
     def __init__(
-        self, config: Config, bench: BenchDevices, create_sink: CreateSink, *, free_running: bool, title: str, output: Path
+        self,
+        config: Config,
+        bench: BenchDevices,
+        create_sink: CreateSink,
+        *,
+        free_running: bool,
+        title: str,
+        output: Path,
+        prepare: Callable[[Callable[[str], None]], None],
     ) -> None:
         self.config = config
         self.title = title
@@ -98,6 +108,8 @@ class Run:
         self._bench = bench
         self._create_sink = create_sink
         self._free_running = free_running
+        self._prepare = prepare
+        self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
         self._exposure = exposure_samples(config)
         self._chain = sensor_chain(config)
@@ -170,7 +182,7 @@ class Run:
         under_way = self._state in ("running", "stopping")
         return Health(
             state=self._state,
-            reason=self._ending.reason or (self._experiment.advice if under_way else ""),
+            reason=self._ending.reason or (self._experiment.advice if under_way else self._preparing),
             phase=str(self._experiment.phase) if under_way else "",
             counts=self._count(),
             queue_fill=self._workers.recorder.fill if self._workers else 0.0,
@@ -188,6 +200,7 @@ class Run:
         used, began = process.cpu_times(), time.monotonic()
         sink: SessionSink | None = None
         try:
+            self._prepare(self._say_preparing)
             self._bench.open()
             self._check_camera()
             sink = self._create_sink(self._bench.camera.shape, self._bench.camera.dtype, self.grid_x_px, self.grid_y_px)
@@ -209,6 +222,9 @@ class Run:
         self._outcome = self._describe(resources)
         self._state = self._outcome.state
         self._ended.set()
+
+    def _say_preparing(self, what: str) -> None:
+        self._preparing = what
 
     def _check_camera(self) -> None:
         rows, columns = self._bench.camera.shape
