@@ -136,7 +136,7 @@ class Replay:
             counts=self._count(),
             queue_fill=0.0,
             queue_seconds=0.0,
-            disk_free_bytes=0,
+            disk_free_bytes=-1,  # nothing is written
             sample=self._history.end if self._history else 0,
             progress=1.0 if self._outcome else done / len(self._analysed),
         )

@@ -152,7 +152,8 @@ class Outcome:
 class Health:
     """The state of a run at a glance: cheap to read, at any time, from any thread.
 
-    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can hold; `progress` runs from 0 to 1.
+    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can hold; `progress` runs from 0 to 1;
+    `disk_free_bytes` is negative where nothing is written (a replay).
     """
 
     state: str
