@@ -92,7 +92,7 @@ def _end(sentence: str, code: int, error: BaseException, as_json: bool, debug: b
 
 
 class Bar:
-    """A progress bar on standard error, gone when it is done; nothing at all where `quiet` or where nobody looks."""
+    """A progress bar on standard error, gone when it is done; a line per tenth where that is no terminal; nothing where `quiet`."""
 
     def __init__(self, description: str, *, quiet: bool) -> None:
         console = Console(stderr=True, highlight=False)
@@ -105,6 +105,7 @@ class Bar:
             transient=True,
             disable=quiet or not console.is_terminal,
         )
+        self._lines_left = [] if quiet or console.is_terminal else [tenth / 10 for tenth in range(1, 11)]
         self._task: TaskID = self._progress.add_task(description, total=1.0)
 
     def __enter__(self) -> Bar:
@@ -117,3 +118,6 @@ class Bar:
     def show(self, description: str, share: float) -> None:
         """Set the text and the share done, 0 to 1."""
         self._progress.update(self._task, description=description, completed=share)
+        if self._lines_left and share >= self._lines_left[0]:
+            self._lines_left = [tenth for tenth in self._lines_left if tenth > share]
+            say(f"{share:4.0%} {description}")
