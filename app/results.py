@@ -62,8 +62,10 @@ class Snapshot:
         Means over the exposure.
     travel_m : float
         Stage displacement since the reference (delta of the paper's Fig. 5).
+    lens_m : float
+        Displacement of the lens since the reference, by the compliance of its holder: to be taken off `ux_px`. NaN before the reference.
     ux_px, uy_px, zncc : ndarray, shape (ny, nx), float32
-        Displacement from the reference (lens compliance not yet removed) and correlation at the peak; NaN where `status` is not 0.
+        Displacement from the reference in the image (lens compliance not removed) and correlation at the peak; NaN where `status` is not 0.
         Empty (0, 0) before there is a reference.
     status : ndarray, shape (ny, nx), uint8
         `analysis.dic.Status`.
@@ -82,6 +84,7 @@ class Snapshot:
     normal_force_n: float
     shear_force_n: float
     travel_m: float
+    lens_m: float
     ux_px: F32
     uy_px: F32
     zncc: F32

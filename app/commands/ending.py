@@ -7,14 +7,13 @@ from typing import Any
 
 from app.commands.names import picture_of
 from app.commands.terminal import output, print_rows, say
-from app.config import Config
 from app.errors import UserError
 from app.results import Outcome
 
 
-def report_run(outcome: Outcome, session: Path | None, config: Config, as_json: bool) -> dict[str, Any]:
+def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
     """Tell how a run ended and draw its picture; the same as data. `session` is None where nothing was recorded."""
-    picture = _draw(session, config, as_json) if session else None
+    picture = _draw(session, as_json) if session else None
     return _report(outcome, "run", session, picture, as_json, {})
 
 
@@ -23,7 +22,7 @@ def report_replay(source: Any, outcome: Outcome, session: Path, as_json: bool) -
     comparison = source.comparison()
     picture: Path | None = picture_of(session)
     if not picture_of(session).exists():
-        picture = _draw(session, source.config, as_json)
+        picture = _draw(session, as_json)
     same = f"{comparison.identical} of {comparison.frames} frames gave the recorded results to the bit"
     if comparison.first_difference:
         same += f"; first difference: {comparison.first_difference}"
@@ -52,7 +51,7 @@ def _report(
     return {**paths, **outcome_data(outcome), **extra}
 
 
-def _draw(session: Path, config: Config, as_json: bool) -> Path | None:
+def _draw(session: Path, as_json: bool) -> Path | None:
     """The picture of a session, made from what is on disk; None, with the reason on the terminal, where there is nothing to draw."""
     from app.report.figures import experiment_picture, numbered_instants
     from app.results import without_fields
@@ -78,7 +77,6 @@ def _draw(session: Path, config: Config, as_json: bool) -> Path | None:
                 reader.grid_y_px,
                 reader.pixel_m,
                 path,
-                lens_compliance_m_per_n=config.sample.lens_compliance * 1e-6,
                 title=session.name,
             )
     except (UserError, OSError) as error:

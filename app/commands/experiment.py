@@ -126,9 +126,7 @@ def run(
         source = make()  # whatever is wrong with what was asked is said before the long part begins
         _say_why_headless(problem, as_json)
         _follow(source, as_json)
-    reports = _Reports(
-        made, lambda r: report_run(r.source.outcome(), r.session if mark_of(r.session) != r.before else None, config, as_json)
-    )
+    reports = _Reports(made, lambda r: report_run(r.source.outcome(), r.session if mark_of(r.session) != r.before else None, as_json))
     if problem is None:
         with reports.as_they_end():
             _in_window(make, autostart=autostart)

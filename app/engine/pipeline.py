@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ class Pipeline:
         elif now.phase is Phase.REFERENCE and self._tracker is None:
             self._take_reference(index, image, now)
         if self._tracker is None:
-            return self._snapshot(index, sample, now)
+            return _nothing_yet(index, sample, now)
         return self._measure(index, sample, image, now)
 
     def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
@@ -138,10 +139,9 @@ class Pipeline:
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
             fit = fit_stick_radius(rings.radius, rings.mean, rings.standard_error, hertz_m)
             stick_m, stick_sd_m = fit.stick_radius, fit.stick_radius_sd
-        return self._snapshot(
-            index,
-            sample,
-            now,
+        return replace(
+            _nothing_yet(index, sample, now),
+            lens_m=lens_m,
             ux_px=field.ux_px,
             uy_px=field.uy_px,
             zncc=field.zncc,
@@ -161,30 +161,29 @@ class Pipeline:
         x, y = self.grid.x_px, self.grid.y_px
         return max(0.0, float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy))) * self._pixel_m
 
-    @staticmethod
-    def _snapshot(index: int, sample: int, now: Conditions, **found: object) -> Snapshot:
-        empty: dict[str, object] = {
-            "ux_px": _NO_FIELD,
-            "uy_px": _NO_FIELD,
-            "zncc": _NO_FIELD,
-            "status": _NO_STATUS,
-            "ring_radius_m": _NO_RINGS,
-            "ring_ux_m": _NO_RINGS,
-            "ring_sd_m": _NO_RINGS,
-            "centre_ux_m": math.nan,
-            "stick_radius_m": math.nan,
-            "stick_radius_sd_m": math.nan,
-        }
-        return Snapshot(
-            frame=index,
-            sample=sample,
-            phase=now.phase,
-            time_s=now.time_s,
-            normal_force_n=now.normal_force_n,
-            shear_force_n=now.shear_force_n,
-            travel_m=now.travel_m,
-            **{**empty, **found},  # type: ignore[arg-type]
-        )
+
+def _nothing_yet(index: int, sample: int, now: Conditions) -> Snapshot:
+    """The snapshot of a frame on which no displacement could be measured."""
+    return Snapshot(
+        frame=index,
+        sample=sample,
+        phase=now.phase,
+        time_s=now.time_s,
+        normal_force_n=now.normal_force_n,
+        shear_force_n=now.shear_force_n,
+        travel_m=now.travel_m,
+        lens_m=math.nan,
+        ux_px=_NO_FIELD,
+        uy_px=_NO_FIELD,
+        zncc=_NO_FIELD,
+        status=_NO_STATUS,
+        ring_radius_m=_NO_RINGS,
+        ring_ux_m=_NO_RINGS,
+        ring_sd_m=_NO_RINGS,
+        centre_ux_m=math.nan,
+        stick_radius_m=math.nan,
+        stick_radius_sd_m=math.nan,
+    )
 
 
 def summarise(config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]) -> Summary:

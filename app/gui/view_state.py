@@ -202,9 +202,8 @@ def symmetric_limit(values: F32) -> float:
 
 
 def field_view(snapshot: Snapshot, scene: Scene) -> FieldView:
-    """u_x of `snapshot` in micrometres, the motion of the lens (compliance x Q) taken off."""
-    lens_um = scene.config.sample.lens_compliance * snapshot.shear_force_n
-    ux_um = (snapshot.ux_px * np.float32(scene.pixel_um) - np.float32(lens_um if math.isfinite(lens_um) else 0.0)).astype(np.float32)
+    """u_x of `snapshot` in micrometres, the motion of the lens taken off."""
+    ux_um = snapshot.ux_px * np.float32(scene.pixel_um) - np.float32(snapshot.lens_m * 1e6)
     when = f", t = {snapshot.time_s:.2f} s" if math.isfinite(snapshot.time_s) else ""
     return FieldView(ux_um, scene.field_rect_px, symmetric_limit(ux_um), f"uₓ of frame {snapshot.frame}{when}", snapshot.frame)
 

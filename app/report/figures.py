@@ -72,7 +72,6 @@ def experiment_figure(
     grid_y_px: NDArray[np.float64],
     pixel_m: float,
     *,
-    lens_compliance_m_per_n: float = 0.0,
     title: str = "",
 ) -> Figure:
     """The figure of one loading experiment.
@@ -87,8 +86,6 @@ def experiment_figure(
         Box centres.
     pixel_m : float
         Size of a pixel on the interface.
-    lens_compliance_m_per_n : float
-        Displacement of the lens holder per newton of Q, taken off every u_x field (paper, section 2.3.2).
     """
     instants = numbered_instants(snapshots, summary)
     drive = [s for s in snapshots if s.phase is Phase.DRIVE]
@@ -114,7 +111,7 @@ def experiment_figure(
                 panel.set_visible(False)
                 continue
             shot = snapshots[instants[number - 1]]
-            ux_um = (np.asarray(shot.ux_px, np.float64) * pixel_m - lens_compliance_m_per_n * shot.shear_force_n) * 1e6
+            ux_um = (np.asarray(shot.ux_px, np.float64) * pixel_m - shot.lens_m) * 1e6
             _draw_field(fields, panel, ux_um, x_mm, y_mm, number, shot)
             _draw_circles(panel, contact, shot)
             panel.label_outer()
@@ -132,13 +129,10 @@ def experiment_picture(
     pixel_m: float,
     path: Path,
     *,
-    lens_compliance_m_per_n: float = 0.0,
     title: str = "",
 ) -> None:
     """Write `experiment_figure` to `path` (the ending tells the format: .png, .pdf, .svg)."""
-    figure = experiment_figure(
-        snapshots, contact, summary, grid_x_px, grid_y_px, pixel_m, lens_compliance_m_per_n=lens_compliance_m_per_n, title=title
-    )
+    figure = experiment_figure(snapshots, contact, summary, grid_x_px, grid_y_px, pixel_m, title=title)
     with matplotlib.rc_context(STYLE):
         figure.savefig(path, dpi=200)
 

@@ -88,6 +88,16 @@ def test_a_run_that_never_slid_has_no_onset_and_says_why(recorded):
     assert any("onset" in note for note in summary.notes)
 
 
+def test_the_lens_displacement_counts_from_the_reference(recorded, whole):
+    _, frames = recorded
+    reference = next(now.shear_force_n for _, _, _, now in frames if now.phase is Phase.REFERENCE)
+    for index, _, _, now in frames:
+        if whole[index].ux_px.size:
+            assert whole[index].lens_m == pytest.approx(0.68e-6 * (now.shear_force_n - reference), abs=1e-15)
+        else:
+            assert math.isnan(whole[index].lens_m)
+
+
 def test_no_field_before_the_reference(recorded, whole):
     _, frames = recorded
     for index, _, _, now in frames:

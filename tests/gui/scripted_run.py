@@ -66,7 +66,24 @@ class ScriptedRun:
         time_s = (sample + 5 - REFERENCE * PERIOD) / 1000 if n >= REFERENCE else math.nan
         normal, status = 0.0 if n < BACKGROUND else P, np.zeros(ux.shape, np.uint8)
         return Snapshot(
-            n, sample, phase, time_s, normal, shear, travel, ux, uy, zncc, status, rings, rings * 0, rings * 0, 0.0, stick, stick_sd
+            n,
+            sample,
+            phase,
+            time_s,
+            normal,
+            shear,
+            travel,
+            0.68e-6 * shear,
+            ux,
+            uy,
+            zncc,
+            status,
+            rings,
+            rings * 0,
+            rings * 0,
+            0.0,
+            stick,
+            stick_sd,
         )
 
     def start(self) -> None:

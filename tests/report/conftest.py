@@ -74,6 +74,7 @@ def loading() -> Loading:
                 P_N,
                 float(force),
                 float(travel),
+                float(LENS_M_PER_N * force),
                 (ux_m / PIXEL_M).astype(np.float32),
                 np.zeros(r.shape, np.float32),
                 np.ones(r.shape, np.float32),

@@ -26,7 +26,6 @@ def draw(loading: Any, **changes: Any) -> Figure:
         "grid_x_px": loading.x_px,
         "grid_y_px": loading.y_px,
         "pixel_m": PIXEL_M,
-        "lens_compliance_m_per_n": LENS_M_PER_N,
     }
     return experiment_figure(**{**given, **changes})
 

@@ -58,6 +58,7 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
         normal_force_n=float(rng.normal()),
         shear_force_n=0.1 * frame,
         travel_m=1e-6 * frame,
+        lens_m=1e-8 * frame,
         ux_px=ux,
         uy_px=uy,
         zncc=zncc,
