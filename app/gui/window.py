@@ -19,7 +19,7 @@ from app.gui.source import RunSource
 from app.gui.view_state import ViewState
 from app.results import Outcome
 
-REFRESH_MS = 100  # a redraw costs about 30 ms of a core that the analysis needs too; buttons and keys do not wait for it
+REFRESH_MS = 100  # a redraw takes a core that the analysis needs too; buttons and keys do not wait for it
 SILENT_S = 1.0  # a source that has not answered for so long is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 
