@@ -2,11 +2,27 @@
 
 ================================  ============================================================
 paper, section 2.3.2 and Fig. 4   `DirectTracker`: direct correlation, 2D Gaussian, warm start
+beyond the paper                  `Correlation`: that, IC-GN and shared passes behind one `Tracker`; `strain`
 ================================  ============================================================
 """
 
+from analysis.dic.correlation import INTERPOLANTS, METHODS, Correlation, compile_kernels
+from analysis.dic.field import Field, Tracker
 from analysis.dic.grid import Grid
 from analysis.dic.status import Status
-from analysis.dic.tracker import DirectTracker, Field, compile_kernels
+from analysis.dic.strain import Strain, strain
+from analysis.dic.tracker import DirectTracker
 
-__all__ = ["DirectTracker", "Field", "Grid", "Status", "compile_kernels"]
+__all__ = [
+    "INTERPOLANTS",
+    "METHODS",
+    "Correlation",
+    "DirectTracker",
+    "Field",
+    "Grid",
+    "Status",
+    "Strain",
+    "Tracker",
+    "compile_kernels",
+    "strain",
+]

@@ -319,16 +319,20 @@ def contradicted(field: NDArray[np.float32], status: NDArray[np.uint8], toleranc
     out = np.zeros((ny, nx), np.bool_)
     for i in range(ny):
         for j in range(nx):
-            if status[i, j] != OK:
-                continue
-            for k in range(max(0, i - 1), min(ny, i + 2)):
-                for m in range(max(0, j - 1), min(nx, j + 2)):
-                    if status[k, m] != LOW_CONTRAST and (k != i or m != j):
-                        out[i, j] = True
-            for k in range(max(0, i - 1), min(ny, i + 2)):
-                for m in range(max(0, j - 1), min(nx, j + 2)):
-                    if status[k, m] == OK and (k != i or m != j):
-                        away = max(abs(field[0, k, m] - field[0, i, j]), abs(field[1, k, m] - field[1, i, j]))
-                        if away <= tolerance:
-                            out[i, j] = False
+            if status[i, j] == OK:
+                out[i, j] = is_contradicted(field, status, tolerance, i, j)
     return out
+
+
+@njit(cache=True, nogil=True)
+def is_contradicted(field: NDArray[np.float32], status: NDArray[np.uint8], tolerance: float, i: int, j: int) -> bool:
+    """Whether point (i, j) has neighbours that have contrast, none of which agrees with it."""
+    alone = True
+    for k in range(max(0, i - 1), min(field.shape[1], i + 2)):
+        for m in range(max(0, j - 1), min(field.shape[2], j + 2)):
+            if k == i and m == j:
+                continue
+            if status[k, m] == OK and max(abs(field[0, k, m] - field[0, i, j]), abs(field[1, k, m] - field[1, i, j])) <= tolerance:
+                return False
+            alone &= status[k, m] == LOW_CONTRAST
+    return not alone

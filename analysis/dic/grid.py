@@ -63,6 +63,12 @@ class Grid:
         """First pixel row of the boxes, shape (ny,)."""
         return np.rint(self.y_px - (self.box_px - 1) / 2).astype(np.int64)
 
+    def is_inside(self, u_px: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """Whether a box displaced by u, shape (2, ny, nx), lies wholly in an image of `shape` (rows, columns)."""
+        x, y = self.left + u_px[0], self.top[:, None] + u_px[1]
+        inside: NDArray[np.bool_] = (x >= 0) & (y >= 0) & (x <= shape[1] - self.box_px) & (y <= shape[0] - self.box_px)
+        return inside
+
 
 def _centres(size: int, box: int, step: int) -> NDArray[np.float64]:
     intervals, spare = divmod(size - 2 - box, step)

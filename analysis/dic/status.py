@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 
 class Status(IntEnum):
@@ -12,9 +18,50 @@ class Status(IntEnum):
     LOW_CONTRAST = 1  # the box is too uniform to be recognised, in the reference or in the image
     OUT_OF_IMAGE = 2  # the displaced box, or one of the eight around it, leaves the image
     DECORRELATED = 3  # the best correlation stays below the limit, or no neighbour agrees with it
-    NOT_CONVERGED = 4  # no peak inside the search, or its nine values have no Gaussian maximum
+    NOT_CONVERGED = 4  # no peak inside the search, or the iteration did not come to rest
+    SATURATED = 5  # too many pixels of the box, in the reference or in the image, are at the end of the grey scale
+    MASKED = 6  # the point was not asked for, or too few pixels of its box may be used
 
     @property
     def label(self) -> str:
         """The name as it is written to files: ``ok``, ``low_contrast`` ..."""
         return self.name.lower()
+
+
+OK, LOW_CONTRAST, SATURATED = int(Status.OK), int(Status.LOW_CONTRAST), int(Status.SATURATED)
+
+
+@njit(cache=True, nogil=True)
+def explain(
+    image: NDArray[Any],
+    left: NDArray[np.int64],
+    top: NDArray[np.int64],
+    box: int,
+    min_contrast: float,
+    full_scale: float,
+    max_saturated: float,
+    status: NDArray[np.uint8],
+) -> None:
+    """Set the status of points that are OK to LOW_CONTRAST or SATURATED if the boxes at `left`, `top`, shape (ny, nx), are.
+
+    `min_contrast` is the least standard deviation of the grey levels, `max_saturated` the largest number of pixels at
+    `full_scale` or above.
+    """
+    rows, columns = image.shape
+    for i in range(status.shape[0]):
+        for j in range(status.shape[1]):
+            if status[i, j] != OK:
+                continue
+            y, x = min(max(top[i, j], 0), rows - box), min(max(left[i, j], 0), columns - box)
+            total, squares, full = 0.0, 0.0, 0
+            for r in range(y, y + box):
+                for c in range(x, x + box):
+                    g = float(image[r, c])
+                    total += g
+                    squares += g * g
+                    full += g >= full_scale
+            n = box * box
+            if math.sqrt(max(0.0, squares / n - (total / n) ** 2)) < min_contrast:
+                status[i, j] = LOW_CONTRAST
+            elif full > max_saturated:
+                status[i, j] = SATURATED

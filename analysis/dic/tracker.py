@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.dic import direct
+from analysis.dic.field import Field, checked, start_field
 from analysis.dic.grid import Grid
+from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.status import Status
 
 F32 = NDArray[np.float32]
@@ -19,26 +23,6 @@ Shift = NDArray[np.int32]  # whole pixels (x, y), shape (2, ny, nx)
 SUPPORT = 3  # valid neighbours that make their median worth starting from
 ODD = 2  # a point further than this (px; a strain of 20 % if that is more) from its neighbours' median is asked again
 NEAR = 4  # half-width of the search of a lost point whose neighbours are known
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """The displacement of every box of a grid between the reference and one image.
-
-    Attributes
-    ----------
-    ux_px, uy_px : ndarray, shape (ny, nx), float32
-        Displacement along x and y; NaN where `status` is not 0. The receiver owns all arrays.
-    zncc : ndarray, shape (ny, nx), float32
-        Zero-mean normalised cross-correlation at the best whole-pixel displacement; NaN where `status` is not 0.
-    status : ndarray, shape (ny, nx), uint8
-        `Status` of each point.
-    """
-
-    ux_px: F32
-    uy_px: F32
-    zncc: F32
-    status: NDArray[np.uint8]
 
 
 class DirectTracker:
@@ -64,6 +48,12 @@ class DirectTracker:
         Standard deviation in grey levels below which a box, in either image, is LOW_CONTRAST.
     threads : int
         Threads that share a field. The result does not depend on it, to the bit.
+    first_guess : callable or None
+        ``first_guess(image)`` says where to start, shape (2, ny, nx), when there is no field before; None: every displacement
+        within `search` is tried.
+    uncertainty : bool
+        Whether to state one: the scatter that this reference has when it is displaced by a quarter of a pixel, and in
+        quadrature the noise of both images. Costs one more field.
 
     Raises
     ------
@@ -85,8 +75,10 @@ class DirectTracker:
         min_correlation: float = 0.5,
         min_contrast: float = 2.0,
         threads: int = 2,
+        first_guess: Callable[[NDArray[Any]], NDArray[np.float64]] | None = None,
+        uncertainty: bool = True,
     ) -> None:
-        image = np.array(_checked(reference, "reference"), np.float32, order="C")
+        image = np.array(checked(reference, "reference"), np.float32, order="C")
         if search < 1 or threads < 1:
             raise ValueError(f"tracker: search of {search} px on {threads} threads asked; use 1 or more of both")
         self.grid = Grid.cover((image.shape[0], image.shape[1]), box, step)
@@ -101,6 +93,8 @@ class DirectTracker:
         bands = min(self.grid.shape[0], 1 if threads == 1 else 8 * threads)
         self._bands = list(pairwise(int(row) for row in np.linspace(0, self.grid.shape[0], bands + 1)))
         self._pool = ThreadPoolExecutor(threads, "dic") if threads > 1 else None
+        self._first_guess = first_guess
+        self._std = self._uncertainty(image) if uncertainty else np.full((2, *self.grid.shape), np.nan, np.float32)
 
     def track(self, image: NDArray[Any]) -> Field:
         """The displacement of every point between the reference and `image`.
@@ -110,11 +104,11 @@ class DirectTracker:
         ValueError
             The image differs from the reference in shape, or can not be used.
         """
-        rows, columns = self._boxes.image.shape
-        if _checked(image, "image").shape != (rows, columns):
-            raise ValueError(f"image: {image.shape[1]} x {image.shape[0]} px found, the reference has {columns} x {rows}; use one size")
+        checked(image, "image", like=self._boxes.image)
         self._target.image[...] = image
         direct.summed_area(self._target.image, self._target.sums)
+        if self._start is None and self._first_guess is not None:
+            self._start = np.rint(self._first_guess(image)).astype(np.int32)
         if self._start is None:
             start = np.zeros((2, *self.grid.shape), np.int32)
             found = self._match(start, np.full(self.grid.shape, self._search, np.int32))
@@ -126,7 +120,8 @@ class DirectTracker:
         found.reject(direct.contradicted(found.values, found.status, self._tolerance))
         self._start = np.where(found.valid, found.shift, start)  # a lost point keeps its last place
         ux, uy, zncc = found.values
-        return Field(ux, uy, zncc, found.status)
+        ux_std, uy_std = np.where(found.valid, self._std, np.float32(np.nan))
+        return Field(ux, uy, zncc, found.status, ux_std, uy_std, np.ones(self.grid.shape, np.uint8))
 
     def start_from(self, ux_px: NDArray[Any], uy_px: NDArray[Any]) -> None:
         """Start the next search from this field, shape (ny, nx); where it is NaN, from the nearest points that are not.
@@ -136,19 +131,7 @@ class DirectTracker:
         ValueError
             The field has another shape than the grid.
         """
-        field = np.array([ux_px, uy_px], np.float64)
-        if field.shape[1:] != self.grid.shape:
-            raise ValueError(f"start field: shape {field.shape[1:]} found, the grid has {self.grid.shape}; use a field of this grid")
-        valid = np.isfinite(field).all(axis=0)
-        start = np.rint(np.where(valid, field, 0.0)).astype(np.int32)
-        while not valid.all():
-            median, known = direct.neighbour_median(start, valid, 1)
-            new = known & ~valid
-            if not new.any():
-                break
-            start[:, new] = median[:, new]
-            valid |= new
-        self._start = start
+        self._start = np.rint(start_field(ux_px, uy_px, self.grid)).astype(np.int32)
 
     def reset(self) -> None:
         """Forget the last field: the next search is a cold start around zero displacement."""
@@ -158,6 +141,25 @@ class DirectTracker:
         """End the threads. May be called twice."""
         if self._pool is not None:
             self._pool.shutdown()
+
+    def _uncertainty(self, image: F32) -> F32:
+        """Standard uncertainty of u_x and u_y at each point, shape (2, ny, nx)."""
+        grain, shift = texture(image), 0.25
+        std = np.empty((2, *self.grid.shape), np.float32)
+        for axis, power in enumerate((grain.power_x, grain.power_y)):
+            weights = interpolation(power).at(shift).astype(np.float32)
+            slope = gradient(power, grain.noise_share).astype(np.float32)
+            shape = (1, -1) if axis == 0 else (-1, 1)
+            self._target.image[...] = cv2.filter2D(image, -1, weights.reshape(shape), anchor=(3, 0) if axis == 0 else (0, 3))
+            direct.summed_area(self._target.image, self._target.sums)
+            found = self._match(np.zeros((2, *self.grid.shape), np.int32), np.zeros(self.grid.shape, np.int32))
+            miss = found.values[axis][found.valid] + shift
+            scatter = float(np.sqrt(np.mean(miss.astype(np.float64) ** 2))) if miss.size else 0.0
+            squares = cv2.integral(cv2.filter2D(image, -1, slope.reshape(shape)) ** 2, sdepth=cv2.CV_64F)
+            top, left, box = self.grid.top[:, None], self.grid.left, self.grid.box_px
+            total = squares[top + box, left + box] - squares[top, left + box] - squares[top + box, left] + squares[top, left]
+            std[axis] = np.sqrt(scatter**2 + 2 * grain.noise**2 / np.maximum(total, 1e-9))
+        return std
 
     def _match(self, start: Shift, radius: NDArray[np.int32]) -> _Found:
         """Match the points of non-negative `radius`, in bands of rows shared by the threads."""
@@ -215,23 +217,3 @@ class _Found:
         """Give up points whose peak was a chance resemblance."""
         self.values[:, false] = np.nan
         self.status[false] = Status.DECORRELATED
-
-
-def _checked(image: NDArray[Any], name: str) -> NDArray[Any]:
-    if image.ndim != 2:
-        raise ValueError(f"{name}: an array of shape {image.shape} found; use one grey level per pixel, shape (rows, columns)")
-    if image.dtype not in (np.uint8, np.uint16, np.float32):
-        raise ValueError(f"{name}: grey levels of type {image.dtype} found; use uint8, uint16 or float32")
-    if image.dtype == np.float32 and not np.isfinite(image).all():
-        raise ValueError(f"{name}: grey levels that are not finite found; replace them by numbers")
-    return image
-
-
-def compile_kernels() -> None:
-    """Compile every kernel of the correlation, or load it from the cache; takes seconds the first time on a machine."""
-    rng = np.random.default_rng(0)
-    image = rng.integers(0, 255, (48, 48)).astype(np.uint8)
-    tracker = DirectTracker(image, box=8, step=8, search=2, threads=1)
-    tracker.track(image)
-    tracker.track(rng.integers(0, 255, (48, 48)).astype(np.uint8))
-    tracker.start_from(np.full(tracker.grid.shape, np.nan), np.full(tracker.grid.shape, np.nan))

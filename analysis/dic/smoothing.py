@@ -1,0 +1,60 @@
+"""A field made smooth, and the control points of the spline that reads it anywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def extended(field: F64, pad: int) -> F64:
+    """The rows of a field with `pad` more at both ends, mirrored through the first and the last, so that a slope goes on."""
+    n = field.shape[0]
+    out = np.empty((n + 2 * pad, field.shape[1]))
+    out[pad : pad + n] = field
+    for k in range(1, pad + 1):
+        inside = min(k, n - 1)
+        for j in range(field.shape[1]):
+            out[pad - k, j] = 2.0 * field[0, j] - field[inside, j]
+            out[pad + n - 1 + k, j] = 2.0 * field[n - 1, j] - field[n - 1 - inside, j]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def averaged(field: F64, width: int) -> F64:
+    """Moving averages over `width` rows; that many less one are left."""
+    out = np.empty((field.shape[0] - width + 1, field.shape[1]))
+    total = np.zeros(field.shape[1])
+    for i in range(field.shape[0]):
+        for j in range(total.size):
+            total[j] += field[i, j]
+        if i >= width - 1:
+            for j in range(total.size):
+                out[i - width + 1, j] = total[j] / width
+                total[j] -= field[i - width + 1, j]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def smooth(u: F64, grey: F32, width: int, pad: int, control: F32, centre: F64) -> None:
+    """Control points, (.., ny + 2 pad, nx + 2 pad), of a cubic B-spline at the moving averages of u, (2, ny, nx), and its values there.
+
+    The average is over `width` x `width` points (odd); at the edges the field is continued by its slope. The expected grey
+    levels, shape (3, ny, nx), follow as they are, continued by their last values.
+    """
+    _, ny, nx = u.shape
+    for k in range(3):
+        for i in range(ny + 2 * pad):
+            for j in range(nx + 2 * pad):
+                control[k + 2, i, j] = grey[k, min(max(i - pad, 0), ny - 1), min(max(j - pad, 0), nx - 1)]
+    for k in range(2):
+        down = averaged(extended(u[k], pad + width // 2), width)
+        points = averaged(extended(np.ascontiguousarray(down.T), pad + width // 2), width)
+        control[k] = points.T
+        rows = points[pad - 1 : -pad - 1] + 4.0 * points[pad:-pad] + points[pad + 1 : points.shape[0] - pad + 1]
+        values = rows[:, pad - 1 : -pad - 1] + 4.0 * rows[:, pad:-pad] + rows[:, pad + 1 : rows.shape[1] - pad + 1]
+        centre[k] = values.T / 36.0

@@ -1,0 +1,132 @@
+"""What a speckle image is made of: its noise, the size of its grains, and the filters that read it best between the pixels.
+
+The power spectrum of the reference tells how its grey levels are correlated at any distance, whole pixels or not. From that
+correlation follow, by linear least squares, the weights that predict the grey level (or its gradient) at any place from the
+pixels around it: of all filters of that length the ones with the smallest error for this very texture.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.dic.interpolation import Interpolant
+
+F64 = NDArray[np.float64]
+TAPS = 8
+DEGREE = 6  # of the polynomials for the weights of a tap
+BEYOND = 0.3  # how far outside 0 to 1 the fraction of a pixel may lie
+CORNER = 0.42  # cycles per px; texture that a camera can resolve has no power where both frequencies are above
+LEAST_POWER = 1e-7  # of the texture's: keeps the normal equations solvable for textures smoother than any noise
+
+
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """The correlations of the grey levels of one image.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of the white part (camera noise and rounding), in grey levels.
+    contrast : float
+        Standard deviation of the rest, in grey levels.
+    grain_px2 : float
+        Correlation area: the sum over all lags of the squared correlation coefficient. A box of N pixels holds about
+        N / grain_px2 independent grains.
+    power_x, power_y : ndarray, shape (columns // 2 + 1,), (rows // 2 + 1,)
+        Share of the texture's variance at each spatial frequency along x and y, from 0 to half a cycle per px.
+    """
+
+    noise: float
+    contrast: float
+    grain_px2: float
+    power_x: F64
+    power_y: F64
+
+    @property
+    def power(self) -> F64:
+        """The mean of both spectra, at the frequencies of `power_x`."""
+        place = np.linspace(0.0, 1.0, self.power_x.size), np.linspace(0.0, 1.0, self.power_y.size)
+        other = np.interp(*place, self.power_y)
+        mean: F64 = (self.power_x + other / other.sum()) / 2
+        return mean
+
+    @property
+    def noise_share(self) -> float:
+        """Power of the noise in units of the texture's; 1 for an image without texture."""
+        return (self.noise / self.contrast) ** 2 if self.contrast else 1.0
+
+
+def texture(image: NDArray[np.float32]) -> Texture:
+    """Noise, contrast and spectra of an image, shape (rows, columns), from its periodogram under a Hann window."""
+    rows, columns = image.shape
+    window = np.hanning(rows + 2)[1:-1, None] * np.hanning(columns + 2)[1:-1]
+    window /= math.sqrt(float((window**2).sum()))
+    spectrum = np.fft.fft2((image - image.mean(dtype=np.float64)) * window)
+    power = spectrum.real**2 + spectrum.imag**2
+    fy, fx = np.abs(np.fft.fftfreq(rows)), np.abs(np.fft.fftfreq(columns))
+    corner = power[np.ix_(fy > CORNER, fx > CORNER)]
+    noise = float(np.median(corner)) / math.log(2) if corner.size else 0.0  # a periodogram's ordinates are exponentially distributed
+    signal = np.maximum(power - noise, 0.0)
+    if not signal.any():
+        signal += 1.0
+    variance = float(power.sum()) / power.size
+    return Texture(
+        math.sqrt(noise), math.sqrt(max(0.0, variance - noise)), _grain(signal), _one_sided(signal.sum(0)), _one_sided(signal.sum(1))
+    )
+
+
+def interpolation(power: F64) -> Interpolant:
+    """The least-squares interpolation of a texture of this spectrum along one axis, for fractions from -BEYOND to 1 + BEYOND.
+
+    A constant grey level is kept to rounding.
+    """
+    taps = np.arange(TAPS) - (TAPS // 2 - 1)
+    t = np.linspace(-BEYOND, 1 + BEYOND, 65)
+    normal = np.ones((TAPS + 1, TAPS + 1))  # bordered by the condition that the weights add to 1
+    normal[:TAPS, :TAPS] = _correlation(power, taps[:, None] - taps[None, :]) + LEAST_POWER * np.eye(TAPS)
+    normal[TAPS, TAPS] = 0.0
+    exact = np.linalg.solve(normal, np.vstack([_correlation(power, taps[:, None] - t[None, :]), np.ones(t.size)]))[:TAPS]
+    return Interpolant("matched", np.polynomial.polynomial.polyfit(t, exact.T, DEGREE).T)
+
+
+def gradient(power: F64, noise_share: float) -> F64:
+    """Antisymmetric weights, shape (9,), of the least-squares estimate of the gradient (per px) at the middle pixel.
+
+    The noise is part of the statistics: its power relative to the texture's is `noise_share`. For such an estimate
+    sum(estimate x truth) = sum(estimate^2) on average, hence Gauss-Newton steps built on it have the right length.
+    """
+    taps = np.arange(-4, 5)
+    omega = np.linspace(0.0, math.pi, power.size)
+    slope = (power[:, None] * omega[:, None] * np.sin(omega[:, None] * taps)).sum(axis=0)
+    normal = _correlation(power, taps[:, None] - taps[None, :]) + (noise_share + LEAST_POWER) * np.eye(taps.size)
+    weights: F64 = np.linalg.solve(normal, slope)
+    return (weights - weights[::-1]) / 2
+
+
+def _one_sided(power: F64) -> F64:
+    """Shares of the variance at the frequencies 0 ... 1/2 from the two-sided spectrum."""
+    half = power.size // 2
+    folded = power[: half + 1].copy()
+    folded[1 : (power.size + 1) // 2] += power[:half:-1]
+    shares: F64 = folded / folded.sum()
+    return shares
+
+
+def _correlation(power: F64, lag: NDArray[np.generic]) -> F64:
+    """Correlation coefficients, in the shape of `lag` (px), of a texture with this spectrum."""
+    omega = np.linspace(0.0, math.pi, power.size)
+    coefficients: F64 = np.tensordot(power, np.cos(np.multiply.outer(omega, lag)), 1)
+    return coefficients
+
+
+def _grain(signal: F64) -> float:
+    """Sum of the squared correlation coefficients over the lags near zero, px^2; beyond lie only chance correlations."""
+    correlation = np.fft.fftshift(np.fft.ifft2(signal).real)
+    reach = min(64, min(signal.shape) // 8)
+    row, column = (size // 2 for size in signal.shape)
+    near = correlation[row - reach : row + reach + 1, column - reach : column + reach + 1]
+    return float((near**2).sum() / correlation[row, column] ** 2)
