@@ -24,7 +24,7 @@ FLAT = -1.5  # ... and of a box without contrast
 LEAST_CORRELATION = 0.02  # values below are raised to this before the logarithm is taken
 
 OK, LOW_CONTRAST, OUT_OF_IMAGE = int(Status.OK), int(Status.LOW_CONTRAST), int(Status.OUT_OF_IMAGE)
-DECORRELATED, NOT_CONVERGED = int(Status.DECORRELATED), int(Status.NOT_CONVERGED)
+DECORRELATED, NOT_CONVERGED, MASKED = int(Status.DECORRELATED), int(Status.NOT_CONVERGED), int(Status.MASKED)
 
 
 class Boxes(NamedTuple):
@@ -334,5 +334,5 @@ def is_contradicted(field: NDArray[np.float32], status: NDArray[np.uint8], toler
                 continue
             if status[k, m] == OK and max(abs(field[0, k, m] - field[0, i, j]), abs(field[1, k, m] - field[1, i, j])) <= tolerance:
                 return False
-            alone &= status[k, m] == LOW_CONTRAST
+            alone &= status[k, m] == LOW_CONTRAST or status[k, m] == MASKED
     return not alone

@@ -22,7 +22,6 @@ from analysis.dic.interpolation import CHUNK, FAST, MARGIN, Interpolant, Real, T
 from analysis.dic.status import Status
 
 F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 PARAMETERS = (2, 6, 12)  # of the orders 0, 1, 2
 # Parameter k is the derivative of order POWER[k] of displacement component COMPONENT[k]; it multiplies term TERM[k] of
@@ -45,8 +44,8 @@ class Boxes(NamedTuple):
     """The reference and what its boxes need to solve for a displacement."""
 
     planes: Real  # (4, rows, columns) usable, grey level, gradient along x, gradient along y (0 in pixels that are not usable)
-    top: I64  # (ny,) first row of the boxes
-    left: I64  # (nx,)
+    top: NDArray[np.int64]  # (ny,) first row of the boxes
+    left: NDArray[np.int64]  # (nx,)
     box: int
     order: int
     pitch: int  # distance of the rows of a box in working memory
@@ -109,7 +108,7 @@ class Scratch(NamedTuple):
 def grey_sums(planes: Real, g: Real, first: int, last: int, out: F64) -> None:
     """Add products of grey levels, pixels `first` to `last` of a box, with (1, reference, gradients) and themselves."""
     v, w, f, fx, fy = g[first:last], planes[0, first:last], planes[1, first:last], planes[2, first:last], planes[3, first:last]
-    s = sf = sx = sy = sg = v[0] - v[0]
+    s = sf = sx = sy = sg = v[0] - v[0]  # zero in the precision of the pixels
     for j in range(v.size):
         u = w[j] * v[j]
         s += u
@@ -268,9 +267,9 @@ def solve_rows(boxes: Boxes, target: Target, stops: Stops, rows: tuple[int, int]
             for k in range(n):
                 result.parameters[k, i, j] = p[COMPONENT[k], TERM[k]] * FACTOR[k] / half ** POWER[k] if is_ok else math.nan
             result.zncc[i, j] = out[0] if is_ok else math.nan
-            result.std[0, i, j], result.std[1, i, j] = (out[1], out[2]) if is_ok else (math.nan, math.nan)
-            result.iterations[i, j] = iterations
-            result.status[i, j] = status
+            for axis in range(2):
+                result.std[axis, i, j] = out[1 + axis] if is_ok else math.nan
+            result.status[i, j], result.iterations[i, j] = status, iterations
 
 
 class IcgnSolver:
@@ -310,7 +309,7 @@ class IcgnSolver:
     Raises
     ------
     ValueError
-        Order, precision, or the shape of an array can not be used.
+        Order, precision, box, iterations, or the shape of an array can not be used.
 
     References
     ----------
@@ -333,8 +332,11 @@ class IcgnSolver:
         furthest_px: float = 5.0,
         clip: float = 0.0,
     ) -> None:
-        if order not in (0, 1, 2) or precision not in ("single", "double"):
-            raise ValueError(f"ic-gn: order {order} in {precision} precision asked; use order 0, 1 or 2 in single or double precision")
+        box = grid.box_px
+        is_known = order in (0, 1, 2) and precision in ("single", "double")
+        if not (is_known and LEAST_BOX <= box <= CHUNK and 1 <= max_iterations <= 255):
+            asked = f"order {order}, {precision} precision, a box of {box} px and {max_iterations} iterations asked"
+            raise ValueError(f"ic-gn: {asked}; use order 0 to 2, single or double, {LEAST_BOX} to {CHUNK} px and 1 to 255 iterations")
         kind = np.float32 if precision == "single" else np.float64
         usable = np.ones(reference.shape, np.bool_) if weights is None else weights
         if not (reference.shape == gradient_x.shape == gradient_y.shape == usable.shape):
@@ -342,15 +344,8 @@ class IcgnSolver:
             raise ValueError(f"ic-gn: reference, gradients and weights of shapes {found} found; use one shape")
         self._interpolant, self._level = interpolant, float(reference[usable].mean(dtype=np.float64))
         planes = np.where(usable, np.stack([usable, reference - self._level, gradient_x, gradient_y]), 0).astype(kind)
-        box = grid.box_px
-        if not LEAST_BOX <= box <= CHUNK:
-            raise ValueError(f"ic-gn: a box of {box} px asked; use {LEAST_BOX} to {CHUNK} px")
         self._target = interpolation.target_for(reference.shape, interpolant, kind)
-        pitch = interpolation.row_length(self._target, box, order)
-        row, column = np.divmod(np.arange(box * pitch, dtype=np.int32), np.int32(pitch))
-        pixels = np.stack([np.minimum(column, box - 1), row])
-        x, y = (pixels - (box - 1) / 2) / (box / 2)
-        places = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+        pitch, pixels, places = interpolation.lay_out(self._target, box, order)
         moments, inverse = _normal_equations(planes, grid, places.reshape(6, box, pitch)[:, :, :box].reshape(6, -1), order)
         self._boxes = Boxes(planes, grid.top, grid.left, box, order, pitch, places.astype(kind), pixels, moments, inverse)
         self._stops = Stops(int(max_iterations), float(tolerance_px), float(furthest_px), float(clip))

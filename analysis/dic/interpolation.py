@@ -154,9 +154,17 @@ def target_for(shape: tuple[int, ...], interpolant: Interpolant, kind: type) -> 
     return Target(np.zeros((shape[0] + 2 * MARGIN, shape[1] + 2 * MARGIN), kind), polynomials, taps)
 
 
-def row_length(target: Target, box: int, order: int) -> int:
-    """Distance between the rows of a box in working memory: with the taps around it (order 0), or in full vectors."""
-    return box + target.polynomials.shape[0] - 1 if order == 0 else -(-box // 8) * 8
+def lay_out(target: Target, box: int, order: int) -> tuple[int, NDArray[np.int32], F64]:
+    """Distance between the rows of a box in working memory, and the pixels and places of `read_deformed`.
+
+    Rows have room for the taps around the box (order 0), or fill whole vectors; columns beyond the box stand for its last.
+    Places are the terms 1, x, y, x^2, x y, y^2, from the centre of the box in units of its half-width.
+    """
+    pitch = box + target.polynomials.shape[0] - 1 if order == 0 else -(-box // 8) * 8
+    row, column = np.divmod(np.arange(box * pitch, dtype=np.int32), np.int32(pitch))
+    pixels = np.stack([np.minimum(column, box - 1), row])
+    x, y = (pixels - (box - 1) / 2) / (box / 2)
+    return pitch, pixels, np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
 
 
 @njit(cache=True, nogil=True)

@@ -52,6 +52,8 @@ class SharedPasses:
     max_passes : int
     """
 
+    is_shared = True
+
     def __init__(
         self,
         image: NDArray[Any],
@@ -87,7 +89,8 @@ class SharedPasses:
         regular = np.linalg.cond(normal) < 1e10
         inverse[regular, :10] = np.linalg.inv(normal[regular])[:, *np.triu_indices(4)]
         inverse[..., 10] = self.pixels
-        inverse[..., 11:] = np.sqrt(inverse[..., [7, 9]])
+        self._width = max(1, round((SMOOTHING * grid.box_px / grid.step_px - 1) / 2) * 2 + 1)
+        inverse[..., 11:] = np.sqrt(inverse[..., [7, 9]]) * _amplification(grid, self._width)
         rounding = 0.0 if image.dtype == np.float32 else scale**2 / 12
         self.reference = shared.Reference(
             _cut(planes, self.layout),
@@ -100,7 +103,6 @@ class SharedPasses:
             level,
             scale,
         )
-        self._width = max(1, round((SMOOTHING * grid.box_px / grid.step_px - 1) / 2) * 2 + 1)
         self._cells = np.zeros((shared.SUMS, self.layout.row_edges.size - 1, self.layout.column_edges.size - 1))
         ny, nx = grid.shape
         self._grey = np.broadcast_to(NOTHING_EXPECTED[:, None, None], (3, ny, nx)).copy()
@@ -238,11 +240,12 @@ def _quantised(planes: F32, usable: NDArray[np.bool_], most: int, grey: float | 
 
 
 def _cut(planes: NDArray[Any], layout: shared.Layout) -> NDArray[Any]:
-    """The planes in the order in which they are read: strip, block, row, plane, column."""
+    """The planes in the order in which they are read: strip, block, row, plane, column; what fills them up is not usable."""
     first, last = layout.column_edges[0], layout.column_edges[-1]
     blocks = math.ceil((last - first) / BLOCK)
     rows = (int(layout.strip_rows.max()) + 1) // 2 * 2
     out = np.zeros((layout.strip_top.size, blocks, rows, PLANES, BLOCK), planes.dtype)
+    out[:, :, :, 0] = np.iinfo(planes.dtype).min
     for strip, (top, n) in enumerate(zip(layout.strip_top, layout.strip_rows, strict=True)):
         for block in range(blocks):
             left = first + block * BLOCK
@@ -274,6 +277,26 @@ def _cubic(t: F64) -> tuple[F64, F64]:
     value = np.where(near, 4 - 6 * s**2 + 3 * s**3, np.clip(2 - s, 0, None) ** 3) / 6
     slope = np.where(near, 1.5 * s**2 - 2 * s, -0.5 * np.clip(2 - s, 0, None) ** 2) * np.sign(t - 2)
     return value, slope
+
+
+def _amplification(grid: Grid, width: int) -> float:
+    """How much passes without end amplify the noise that one box has.
+
+    A pass gives u = S u' + e - K S u', with S the smoothing, K the average over a box and e the boxes' noise, whose correlation
+    is their overlap; hence u = e / (1 - S + K S), here for every wavelength on the grid.
+    """
+    angle = 2 * np.pi * np.arange(48) / 48
+    overlap, average, smoothing = (np.zeros(48) for _ in range(3))
+    offsets = (np.arange(grid.box_px) - (grid.box_px - 1) / 2) / grid.step_px
+    for m in range(-grid.box_px // grid.step_px - 3, grid.box_px // grid.step_px + 4):
+        overlap += max(0.0, 1 - abs(m) * grid.step_px / grid.box_px) * np.cos(m * angle)
+        average += _cubic(offsets - m + 2)[0].mean() * np.cos(m * angle)
+    for m in range(-(width // 2), width // 2 + 1):
+        smoothing += np.cos(m * angle) / width
+    s, ks = smoothing * (4 + 2 * np.cos(angle)) / 6, smoothing * average
+    gain = 1 / (1 - np.outer(s, s) + np.outer(ks, ks))
+    weight = np.outer(overlap, overlap)
+    return float(np.sqrt((gain**2 * weight).sum() / weight.sum()))
 
 
 def _eight_taps(interpolant: Interpolant) -> F32:

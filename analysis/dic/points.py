@@ -32,6 +32,8 @@ class SeparatePoints:
         None: the least-squares interpolation of the reference's texture, the same along x and y.
     """
 
+    is_shared = False
+
     def __init__(
         self,
         image: NDArray[Any],

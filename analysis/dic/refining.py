@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
@@ -23,6 +24,7 @@ F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 LOST = 0.02  # share of the points that were followed so far; if more are lost at once, they are searched for in the whole image
 CHANCE = 1e-4  # probability that a box which is not there is taken for found
+ALMOST_SURE = 0.95  # a correlation that is enough however small the box
 LEAST_USABLE = 0.5  # share of the pixels of a box
 REPAIRS = 3  # rounds at most in which lost points start from their neighbours
 FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
@@ -44,6 +46,7 @@ class Method(Protocol):
 
     pixels: F64  # (ny, nx) usable pixels of each box
     contrast: F64  # (ny, nx) standard deviation of the reference's grey levels in each box
+    is_shared: bool  # points depend on each other, so that all are found even if few are asked for
 
     def refine(self, image: NDArray[Any], start: F64, wanted: Bool) -> Estimate:
         """The displacement of at least the wanted points from a guess, shape (2, ny, nx), finite."""
@@ -80,7 +83,8 @@ class RefiningTracker:
     usable : ndarray of bool, shape (rows, columns), or None
         Pixels that may be used; None: all. Boxes with too few of them are MASKED.
     roi : tuple of int, or None
-        Left, top, right, bottom, in pixels: points outside are MASKED.
+        Left, top, right, bottom, in pixels: points outside are MASKED. What is found inside does not depend on it, to the bit,
+        except for points that were repaired from points outside.
     threads : int
         The result does not depend on it, to the bit.
 
@@ -119,10 +123,18 @@ class RefiningTracker:
         self._coarse = CoarseSearch(image, self.grid, search, threads)
         self._min_contrast, self._tolerance = min_contrast, max(2.0, step / 5)
         grains = np.maximum(self._method.pixels / grain.grain_px2 - 4, 1.0)
-        self._min_correlation = np.maximum(min_correlation, np.sqrt(betaincinv(1.5, grains / 2, 1 - CHANCE)))
+        chance = np.sqrt(betaincinv(1.5, grains / 2, 1 - CHANCE))
+        self._min_correlation = np.maximum(min_correlation, np.minimum(chance, ALMOST_SURE))
         self._full = full_scale or FULL_SCALE.get(str(image.dtype), math.inf)
         self._max_saturated = max_saturated * box * box
-        self._fixed = self._judge_reference(roi)
+        self._fixed = self._judge_reference()
+        x, y = np.meshgrid(self.grid.x_px, self.grid.y_px)
+        left, top, right, bottom = roi or (0, 0, image.shape[1], image.shape[0])
+        self._outside = (x < left) | (x > right) | (y < top) | (y > bottom)
+        if (self._outside | (self._fixed == Status.MASKED)).all():
+            raise ValueError(f"tracker: no box of {box} px lies in the region and mask asked for; widen them")
+        if not self._method.is_shared:
+            self._fixed[self._outside] = Status.MASKED
         self._last: F64 | None = None
         self._motion: F64 | float = 0.0  # from one image to the next
         self._followed = np.zeros(self.grid.shape, np.bool_)
@@ -192,18 +204,12 @@ class RefiningTracker:
         newly = int((self._followed & ~ok).sum())
         return newly > max(4, LOST * int(self._followed.sum())) or int(ok.sum()) < int(usable.sum()) // 2
 
-    def _judge_reference(self, roi: tuple[int, int, int, int] | None) -> NDArray[np.uint8]:
+    def _judge_reference(self) -> NDArray[np.uint8]:
         """The status of the points that can never be found; OK elsewhere."""
         status = np.full(self.grid.shape, Status.OK, np.uint8)
         self._explain(self._image, np.zeros((2, *self.grid.shape)), status)
         status[~(self._method.contrast > self._min_contrast)] = Status.LOW_CONTRAST
         status[self._method.pixels < LEAST_USABLE * self.grid.box_px**2] = Status.MASKED
-        if roi is not None:
-            left, top, right, bottom = roi
-            x, y = np.meshgrid(self.grid.x_px, self.grid.y_px)
-            status[(x < left) | (x > right) | (y < top) | (y > bottom)] = Status.MASKED
-        if not (status != Status.MASKED).any():
-            raise ValueError(f"tracker: no box of {self.grid.box_px} px lies in the region and mask asked for; widen them")
         return status
 
     def _judge(self, image: NDArray[Any], found: Estimate) -> NDArray[np.uint8]:
@@ -225,6 +231,13 @@ class RefiningTracker:
         left, top = (np.rint(place).astype(np.int64) for place in (self.grid.left + u[0], self.grid.top[:, None] + u[1]))
         explain(image, left, top, self.grid.box_px, self._min_contrast, self._full, self._max_saturated, status)
 
+    def _foreseen(self, motion: F64, known: Bool) -> F64:
+        """The motion to the next image: the last one. Where points share a prediction only what five boxes share, not their noise."""
+        if not self._method.is_shared:
+            return np.where(known, motion, 0.0)
+        width = 5 * self.grid.box_px // self.grid.step_px | 1
+        return np.stack([cv2.blur(plane, (width, width), borderType=cv2.BORDER_REPLICATE) for plane in filled(motion, known)])
+
     def _finish(self, found: Estimate, status: NDArray[np.uint8]) -> Field:
         """Take lonely points for lost, keep the rest for the next start and hand it out."""
         values = np.array([*found.u, found.zncc, *found.std], np.float32)
@@ -233,9 +246,10 @@ class RefiningTracker:
         if ok.any():
             last = filled(found.u, ok)
             both = ok & self._followed
-            self._motion = filled(last - self._last, both) if self._last is not None and both.any() else 0.0
+            self._motion = 0.0 if self._last is None else self._foreseen(last - self._last, both)
             self._last = last
         self._followed = ok
-        values[:, ~ok] = np.nan
+        status[self._outside] = Status.MASKED
+        values[:, status != Status.OK] = np.nan
         ux, uy, zncc, ux_std, uy_std = values
         return Field(ux, uy, zncc, status, ux_std, uy_std, found.iterations)

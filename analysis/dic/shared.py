@@ -128,8 +128,8 @@ def add_two_rows(v: F32, w: F32, planes: NDArray[Any], columns: F32, y: np.float
     """Read two rows between their columns and add their products with the reference to `sums`, column by column.
 
     `columns` holds, for each column, the change of the displacement per row (x, y; times the gain), the expected gain and
-    offset of the grey levels and the largest believable difference from them, beyond which the expected level stands; y is
-    the first row's distance from the middle.
+    offset of the grey levels and the largest believable difference from them: a larger one counts less and less, and one
+    twice as large not at all (Hampel et al. 1986). y is the first row's distance from the middle.
     """
     z = y + np.float32(1.0)
     for j in range(U(n)):
@@ -143,12 +143,12 @@ def add_two_rows(v: F32, w: F32, planes: NDArray[Any], columns: F32, y: np.float
         g += y * (slope_x * x_g + slope_y * y_g)
         h += z * (slope_x * x_h + slope_y * y_h)
         expected_g, expected_h = gain * f_g + offset, gain * f_h + offset
-        apart_g, apart_h = abs(g - expected_g), abs(h - expected_h)
-        odd_g = odd_h = np.float32(0.0)
-        if apart_g > most:
-            g, apart_g, odd_g = expected_g, np.float32(0.0), np.float32(1.0)
-        if apart_h > most:
-            h, apart_h, odd_h = expected_h, np.float32(0.0), np.float32(1.0)
+        away_g, away_h = g - expected_g, h - expected_h
+        apart_g, apart_h = abs(away_g), abs(away_h)
+        odd_g = np.float32(1.0) if apart_g > most else np.float32(0.0)
+        odd_h = np.float32(1.0) if apart_h > most else np.float32(0.0)
+        apart_g, apart_h = min(apart_g, max(most + most - apart_g, np.float32(0.0))), min(apart_h, max(most + most - apart_h, np.float32(0.0)))
+        g, h = expected_g + math.copysign(apart_g, away_g), expected_h + math.copysign(apart_h, away_h)
         if f_g == unusable:
             g = apart_g = odd_g = np.float32(0.0)
         if f_h == unusable:
@@ -358,7 +358,9 @@ def solve_boxes(cells: F64, layout: Layout, reference: Reference, guess: Guess, 
             result.u[0, i, j] = guess.centre[0, i, j] + dx
             result.u[1, i, j] = guess.centre[1, i, j] + dy
             result.step[i, j] = step
-            result.zncc[i, j] = math.copysign(math.sqrt(max(0.0, 1.0 - residual / (squares - s0 * s0 * per_pixel))), gain)
+            deviations = squares - s0 * s0 * per_pixel
+            is_flat = deviations <= q[10] * (reference.rounding + 1e-6)
+            result.zncc[i, j] = 0.0 if is_flat else math.copysign(math.sqrt(max(0.0, 1.0 - residual / deviations)), gain)
             result.odd[i, j] = sums[5, j] * per_pixel
             result.std[0, i, j] = sigma * abs(per_gain) * q[11]
             result.std[1, i, j] = sigma * abs(per_gain) * q[12]

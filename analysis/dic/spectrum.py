@@ -124,9 +124,15 @@ def _correlation(power: F64, lag: NDArray[np.generic]) -> F64:
 
 
 def _grain(signal: F64) -> float:
-    """Sum of the squared correlation coefficients over the lags near zero, px^2; beyond lie only chance correlations."""
-    correlation = np.fft.fftshift(np.fft.ifft2(signal).real)
-    reach = min(64, min(signal.shape) // 8)
+    """Sum of the squared correlation coefficients over the lags near zero, px^2, less the chance correlations found further out."""
+    squares = np.fft.fftshift(np.fft.ifft2(signal).real) ** 2
     row, column = (size // 2 for size in signal.shape)
-    near = correlation[row - reach : row + reach + 1, column - reach : column + reach + 1]
-    return float((near**2).sum() / correlation[row, column] ** 2)
+    reach = min(48, min(signal.shape) // 8)
+
+    def total(reach: int) -> tuple[float, int]:
+        near = squares[row - reach : row + reach + 1, column - reach : column + reach + 1]
+        return float(near.sum()), near.size
+
+    (inner, lags), (outer, more) = total(reach), total(2 * reach)
+    chance = (outer - inner) / (more - lags)
+    return max(1.0, (inner - lags * chance) / float(squares[row, column]))

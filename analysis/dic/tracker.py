@@ -49,8 +49,8 @@ class DirectTracker:
     threads : int
         Threads that share a field. The result does not depend on it, to the bit.
     first_guess : callable or None
-        ``first_guess(image)`` says where to start, shape (2, ny, nx), when there is no field before; None: every displacement
-        within `search` is tried.
+        ``first_guess(image)`` says where to start, shape (2, ny, nx), when there is no field before or most points are lost;
+        None: every displacement within `search` is tried.
     uncertainty : bool
         Whether to state one: the scatter that this reference has when it is displaced by a quarter of a pixel, and in
         quadrature the noise of both images. Costs one more field.
@@ -115,6 +115,9 @@ class DirectTracker:
         else:
             start = self._start
             found = self._match(start, np.zeros(self.grid.shape, np.int32))
+            if self._first_guess is not None and self._is_off(found):
+                start = np.rint(self._first_guess(image)).astype(np.int32)
+                found = self._match(start, np.zeros(self.grid.shape, np.int32))
             self._scan_lost(found, start)
         self._ask_neighbours(found)
         found.reject(direct.contradicted(found.values, found.status, self._tolerance))
@@ -173,6 +176,10 @@ class DirectTracker:
         for _ in map(match, bands) if self._pool is None else self._pool.map(match, bands):
             pass
         return found
+
+    def _is_off(self, found: _Found) -> bool:
+        """Whether most of the points that can be found are lost."""
+        return int(found.valid.sum()) < int((self._boxes.deviations > self._boxes.least_deviations).sum()) // 2
 
     def _ask_neighbours(self, found: _Found) -> None:
         """Try again from the neighbours' median where a point is lost or far from it; the higher correlation stays."""

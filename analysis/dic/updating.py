@@ -20,8 +20,9 @@ class UpdatingTracker:
     """Displacements from the first reference, added up over the references that replace it.
 
     The displacement of a point is what it had when the reference was replaced, plus what the place it had reached then has
-    moved since, read linearly from the new field. The uncertainties add up in quadrature: that growth is the drift. A point
-    that is lost at a replacement stays lost.
+    moved since, read linearly from the new field. The uncertainties add up in quadrature; that growth is the drift, and an upper
+    bound: the noise of a reference that was replaced is in two of the terms, with opposite signs. A point that is lost at a
+    replacement stays lost.
 
     Parameters
     ----------

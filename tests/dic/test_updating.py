@@ -1,0 +1,59 @@
+"""References that replace one another: totals, drift, losses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.dic import Correlation, Status
+from blobs import Speckle
+
+SPECKLE = Speckle((240, 320))
+
+
+def follow(images, **options):
+    tracker = Correlation(threads=1, **options).open(images[0])
+    tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
+    fields = [tracker.track(image) for image in images[1:]]
+    return tracker, fields
+
+
+def inner(field, margin=4):
+    return field[margin:-margin, margin:-margin]
+
+
+@pytest.mark.parametrize("options", [{"update": "every", "update_every": 3}, {"update": "quality", "update_below": 0.9999}])
+def test_displacements_add_up_and_the_drift_is_told(options) -> None:
+    steps = [0.45 * n for n in range(10)]
+    tracker, fields = follow([SPECKLE.image(ux, -0.2 * ux, noise=2, seed=n) for n, ux in enumerate(steps)], **options)
+    assert tracker.updates == (3 if options["update"] == "every" else 9)
+    for ux, field in zip(steps[1:], fields, strict=True):
+        assert (inner(field.status) == Status.OK).all()
+        miss = inner(field.ux_px) - ux
+        assert np.sqrt(np.mean(miss**2)) < 0.0056 * np.sqrt(tracker.updates + 1) * 1.2
+    normalised = (inner(fields[-1].ux_px) - steps[-1]) / inner(fields[-1].ux_std_px)
+    assert 0.2 < np.std(normalised) < 1.1  # the noise of a replaced reference counts twice in the drift, but cancels in the sum
+    assert tracker.drift_px == pytest.approx(0.0056 * np.sqrt(tracker.updates), rel=0.15)
+
+
+def test_a_surface_that_changes_slowly_is_followed_only_with_updates() -> None:
+    """From one pattern to another one in 8 steps while it moves: the first reference is no longer recognised."""
+    other = Speckle((240, 320), seed=2)
+    images = []
+    for n in range(9):
+        share, ux = n / 8, 0.3 * n
+        grey = 20 + (1 - share) * SPECKLE.grey(ux, level=0) + share * other.grey(ux, level=0)
+        images.append(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
+    _, never = follow(images)
+    tracker, quality = follow(images, update="quality", update_below=0.9)
+    assert (never[-1].status == Status.OK).mean() < 0.01
+    assert tracker.updates >= 2
+    assert (inner(quality[-1].status) == Status.OK).all()
+    assert np.abs(np.mean(inner(quality[-1].ux_px)) - 2.4) < 0.05
+
+
+def test_without_updates_there_is_no_drift() -> None:
+    tracker, _ = follow([SPECKLE.image(), SPECKLE.image(0.2)], update="quality", update_below=0.5)
+    assert tracker.drift_px == tracker.updates == 0
+    with pytest.raises(ValueError, match="mask of the first reference"):
+        Correlation(update="every").open(SPECKLE.image(), usable=np.ones((240, 320), bool))
