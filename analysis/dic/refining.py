@@ -26,6 +26,7 @@ LOST = 0.02  # share of the points that were followed so far; if more are lost a
 CHANCE = 1e-4  # probability that a box which is not there is taken for found
 ALMOST_SURE = 0.95  # a correlation that is enough however small the box
 LEAST_USABLE = 0.5  # share of the pixels of a box
+PROBE = 6  # every so many points along both axes are tried first where points are refined one by one
 REPAIRS = 3  # rounds at most in which lost points start from their neighbours
 FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 
@@ -151,8 +152,10 @@ class RefiningTracker:
         if image.dtype != self._image.dtype:
             raise ValueError(f"image: grey levels of type {image.dtype} found, the reference has {self._image.dtype}; use one type")
         image = np.ascontiguousarray(image)
-        start = self._coarse.find(image) if self._last is None else self._last + self._motion
         usable = self._fixed == Status.OK
+        start = self._coarse.find(image) if self._last is None else self._last + self._motion
+        if self._last is not None and not self._method.is_shared and self._is_off(image, start, usable):
+            start = self._coarse.find(image)
         found = self._method.refine(image, start, usable)
         status = self._judge(image, found)
         if self._last is not None and self._too_many_lost(status):
@@ -198,6 +201,13 @@ class RefiningTracker:
         names = ("u", "zncc", "std", "at_rest", "iterations")
         both = Estimate(*(np.where(lost, getattr(new, name), getattr(found, name)) for name in names))
         return both, self._judge(image, both)
+
+    def _is_off(self, image: NDArray[Any], start: F64, usable: Bool) -> bool:
+        """Whether most of a few points can not be refined from there, so that it is not worth trying with all of them."""
+        few = np.zeros_like(usable)
+        few[::PROBE, ::PROBE] = usable[::PROBE, ::PROBE]
+        ok = self._judge(image, self._method.refine(image, start, few)) == Status.OK
+        return int((ok & few).sum()) < int(few.sum()) // 2
 
     def _too_many_lost(self, status: NDArray[np.uint8]) -> bool:
         ok, usable = status == Status.OK, self._fixed == Status.OK

@@ -147,7 +147,10 @@ def add_two_rows(v: F32, w: F32, planes: NDArray[Any], columns: F32, y: np.float
         apart_g, apart_h = abs(away_g), abs(away_h)
         odd_g = np.float32(1.0) if apart_g > most else np.float32(0.0)
         odd_h = np.float32(1.0) if apart_h > most else np.float32(0.0)
-        apart_g, apart_h = min(apart_g, max(most + most - apart_g, np.float32(0.0))), min(apart_h, max(most + most - apart_h, np.float32(0.0)))
+        apart_g, apart_h = (
+            min(apart_g, max(most + most - apart_g, np.float32(0.0))),
+            min(apart_h, max(most + most - apart_h, np.float32(0.0))),
+        )
         g, h = expected_g + math.copysign(apart_g, away_g), expected_h + math.copysign(apart_h, away_h)
         if f_g == unusable:
             g = apart_g = odd_g = np.float32(0.0)
