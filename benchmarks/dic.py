@@ -77,9 +77,8 @@ def frames_of(name: str, noise: float, limit: int | None) -> list[Frame]:
 
 def table(limit: int | None) -> None:
     """Every method on both sets."""
-    print(
-        "method                     kpoints/s   n 0: bias / sigma / rmse       ring    n 2: bias / sigma / rmse       ring    lost %  error/std"
-    )
+    errors = "bias / sigma / rmse       ring"
+    print(f"method                     kpoints/s   noise 0: {errors}   noise 2: {errors}   lost %  error/std")
     for name, correlation in METHODS.items():
         cells, spent, lost, normalised = [], [], 0.0, []
         for noise in (0, 2):
@@ -94,10 +93,9 @@ def table(limit: int | None) -> None:
                     for frame, (x, y, ux, _), std in zip(frames[1:], measured, stated[-len(measured) :], strict=True):
                         normalised.append((ux - frame.truth(x, y)[0]) / std)
                 lost = max(lost, wrong)
-        errors = np.concatenate(normalised)
+        unit = np.concatenate(normalised)
         rate = measured[0][0].size / np.median(spent) / 1e3
-        unit = np.std(errors[np.abs(errors) < 8])
-        print(f"{name:24s} {rate:10.0f}    {'   '.join(cells)}   {100 * lost:6.3f}   {unit:.3f}", flush=True)
+        print(f"{name:24s} {rate:10.0f}    {'   '.join(cells)}   {100 * lost:6.3f}   {np.std(unit[np.abs(unit) < 8]):.3f}", flush=True)
     floors = [np.sqrt(np.mean(noise_floor(Grid.cover(SIZE, 20, 10), noise) ** 2)) for noise in (0, 2)]
     print(f"floor at box 20: {floors[0]:.5f} px without noise (rounding), {floors[1]:.5f} px with noise 2")
 

@@ -13,6 +13,7 @@ from analysis.dic.grid import Grid
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+FURTHEST = 1e5  # px; no start is further away
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ class Tracker(Protocol):
         """
 
     def start_from(self, ux_px: NDArray[Any], uy_px: NDArray[Any]) -> None:
-        """Start the next search from this field, shape (ny, nx); where it is NaN, from the points around.
+        """Start the next search from this field, shape (ny, nx); where it is NaN or absurd, from the points around.
 
         Raises
         ------
@@ -123,4 +124,4 @@ def start_field(ux_px: NDArray[Any], uy_px: NDArray[Any], grid: Grid) -> F64:
     field = np.array([ux_px, uy_px], np.float64)
     if field.shape[1:] != grid.shape:
         raise ValueError(f"start field: shape {field.shape[1:]} found, the grid has {grid.shape}; use a field of this grid")
-    return filled(field, np.isfinite(field[0] + field[1]))
+    return filled(field, np.abs(field).max(axis=0) < FURTHEST)

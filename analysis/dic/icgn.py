@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any, Literal, NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
@@ -349,8 +350,7 @@ class IcgnSolver:
         moments, inverse = _normal_equations(planes, grid, places.reshape(6, box, pitch)[:, :, :box].reshape(6, -1), order)
         self._boxes = Boxes(planes, grid.top, grid.left, box, order, pitch, places.astype(kind), pixels, moments, inverse)
         self._stops = Stops(int(max_iterations), float(tolerance_px), float(furthest_px), float(clip))
-        self.pixels: F64 = moments[:, :, 0]
-        self.contrast: F64 = np.sqrt(moments[:, :, 2] / np.maximum(self.pixels, 1))
+        self.pixels, self.contrast = moments[:, :, 0], np.sqrt(moments[:, :, 2] / np.maximum(moments[:, :, 0], 1))
 
     def load(self, image: NDArray[Any]) -> None:
         """Make `image` the one in which the boxes are looked for.
@@ -360,10 +360,11 @@ class IcgnSolver:
         ValueError
             The image differs from the reference in shape.
         """
-        inner = self._target.image[MARGIN:-MARGIN, MARGIN:-MARGIN]
-        if image.shape != inner.shape:
-            raise ValueError(f"ic-gn: an image of shape {image.shape} found, the reference has {inner.shape}; use one shape")
-        inner[...] = self._interpolant.prepare(image.astype(inner.dtype) - inner.dtype.type(self._level))
+        kind = self._target.image.dtype.type
+        if image.shape != (shape := self._boxes.planes.shape[1:]):
+            raise ValueError(f"ic-gn: an image of shape {image.shape} found, the reference has {shape}; use one shape")
+        read = self._interpolant.prepare(image.astype(kind) - kind(self._level))
+        self._target.image[...] = cv2.copyMakeBorder(read, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REFLECT_101)
 
     def solve(self, rows: tuple[int, int], start: F64, result: Result) -> None:
         """Solve the boxes in the rows from rows[0] to before rows[1] of the grid; several threads may, each its own rows.

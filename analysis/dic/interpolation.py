@@ -18,11 +18,12 @@ F64 = NDArray[np.float64]
 Real = NDArray[Any]  # float32 or float64, as the precision asks
 CHUNK = 512  # pixels worked on at a time, so that what they need stays in the fastest memory
 LANES = 32  # neighbouring pixels read together if they are displaced by the same whole pixels
-MARGIN = LANES + 8  # pixels around the image that are read but never used
+MARGIN = LANES + 8  # pixels around the image, its reflection about the outermost ones: no place lies there, but taps do
 COEFFICIENTS = 8  # of the weights' polynomials; lower degrees are filled up with zeros
 U = np.uint64  # unsigned indices need no check for negative ones
 U1, U2, U3, C1, C2, C3 = U(1), U(2), U(3), U(CHUNK), U(2 * CHUNK), U(3 * CHUNK)
 FAST = {"reassoc", "contract", "nsz"}
+SLACK = 2  # pixels that the places of a box may lie outside the image
 BETA = 4.0  # of the Kaiser window; least bias on speckle of 2 to 4 px: 0.0025 px with 6 taps, below 0.0005 px with 8
 POLE = {3: math.sqrt(3) - 2, 5: -0.43057534709997}  # slowest decay of the inverse of a sampled B-spline, per pixel
 
@@ -223,8 +224,9 @@ def read_shifted(target: Target, memory: Taps, warp: Real, box: int, pitch: int,
     `out` has rows of `pitch` pixels, of which the first `box` are meant.
     """
     rows, columns = target.image.shape
-    y, x, first, last = top + MARGIN, left + MARGIN, MARGIN + target.taps // 2 - 1, MARGIN + target.taps // 2
-    if y < first or x < first or y + box + last > rows or x + box + last > columns:
+    y, x = top + MARGIN, left + MARGIN
+    least = MARGIN - SLACK
+    if y < least or x < least or y + box + least > rows or x + box + least > columns:
         return False
     taps, w = target.polynomials.shape[0], memory.weights
     lines, before = box + taps - 1, taps // 2 - 1
@@ -285,12 +287,13 @@ def read_deformed(
 ) -> bool:
     """Read the image at the places of a deformed box, each with its own fraction of a pixel; False: it leaves the image."""
     rows, columns = target.image.shape
-    x, y, first, last = left + MARGIN, top + MARGIN, MARGIN + target.taps // 2 - 1, MARGIN + target.taps // 2
+    x, y = left + MARGIN, top + MARGIN
     image, taps = target.image.reshape(-1), target.polynomials.shape[0]
     before = taps // 2 - 1
     per_chunk = max(1, CHUNK // pitch)
     fraction, whole, weights, lanes = memory.fraction, memory.whole, memory.weights, memory.lanes[:pitch]
-    low, high = (first - x, first - y), (columns - last - 1 - x, rows - last - 1 - y)
+    first, last = MARGIN - SLACK, MARGIN - SLACK + 1
+    low, high = (first - x, first - y), (columns - last - x, rows - last - y)
     for start in range(0, box, per_chunk):
         height = min(per_chunk, box - start)
         n = height * pitch

@@ -127,7 +127,7 @@ def _grain(signal: F64) -> float:
     """Sum of the squared correlation coefficients over the lags near zero, px^2, less the chance correlations found further out."""
     squares = np.fft.fftshift(np.fft.ifft2(signal).real) ** 2
     row, column = (size // 2 for size in signal.shape)
-    reach = min(48, min(signal.shape) // 8)
+    reach = min(48, max(1, min(signal.shape) // 8))
 
     def total(reach: int) -> tuple[float, int]:
         near = squares[row - reach : row + reach + 1, column - reach : column + reach + 1]

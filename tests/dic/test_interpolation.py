@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from analysis.dic import interpolation
-from analysis.dic.interpolation import CLASSICAL, MARGIN, Interpolant, lay_out, read_deformed, read_shifted, room
+from analysis.dic.interpolation import CLASSICAL, MARGIN, SLACK, Interpolant, lay_out, read_deformed, read_shifted, room
 
 RNG = np.random.default_rng(3)
 IMAGE = RNG.uniform(0, 255, (40, 50))
@@ -124,9 +124,9 @@ def test_boxes_are_read_as_defined(name, kind, error, jit):
     assert out.reshape(box, pitch)[:, :box] == pytest.approx(expected, abs=5 * error)
 
 
-@pytest.mark.parametrize(("name", "before", "after"), [("bilinear", 0, 1), ("bicubic", 1, 2), ("sinc6", 2, 3), ("sinc8", 3, 4)])
+@pytest.mark.parametrize("name", ["bilinear", "sinc8"])
 @pytest.mark.parametrize("read", [read_shifted, read_deformed])
-def test_a_box_is_outside_as_soon_as_a_tap_is(name, before, after, read):
+def test_a_box_is_outside_if_it_leaves_by_more_than_a_little(name, read):
     box = 9
     target, pitch, memory, out, *layout = prepared(CLASSICAL[name], np.float32, box, 0 if read is read_shifted else 1)
     more = () if read is read_shifted else layout
@@ -134,10 +134,10 @@ def test_a_box_is_outside_as_soon_as_a_tap_is(name, before, after, read):
     def inside(top, left):
         return read(target, memory, np.full((2, 6), [0.5, 0, 0, 0, 0, 0], np.float32), *more, box, pitch, top, left, out)
 
-    bottom, right = (size - box - after for size in IMAGE.shape)
-    assert inside(before, before)
-    assert inside(bottom, right)
-    assert not any(inside(*corner) for corner in [(before - 1, 20), (20, before - 1), (bottom + 1, 20), (20, right + 1)])
+    bottom, right = (size - box + SLACK for size in IMAGE.shape)
+    assert inside(-SLACK, -SLACK)
+    assert inside(bottom - 1, right - 1)
+    assert not any(inside(*corner) for corner in [(-SLACK - 1, 20), (20, -SLACK - 1), (bottom + 1, 20), (20, right + 1)])
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from blobs import Speckle
 
 from analysis.dic import Correlation, Status
 from analysis.dic.field import filled
-from blobs import Speckle
 
 SPECKLE = Speckle((240, 320))
 REFERENCE = SPECKLE.image(noise=2, seed=1)
@@ -228,7 +228,7 @@ def test_settings_that_can_not_be_used_are_refused_in_one_sentence(options) -> N
 def test_images_that_can_not_be_used_are_refused() -> None:
     tracker = tracker_at_rest()
     for image in (REFERENCE[:-1], REFERENCE[..., None], REFERENCE.astype(np.uint16), REFERENCE.astype(complex)):
-        with pytest.raises(ValueError, match="image: .*found"):
+        with pytest.raises(ValueError, match=r"image: .*found"):
             tracker.track(image)
     with pytest.raises(ValueError, match="mask: shape"):
         tracker_at_rest(usable=np.ones((3, 3), bool))
@@ -236,3 +236,27 @@ def test_images_that_can_not_be_used_are_refused() -> None:
         tracker_at_rest(roi=(0, 0, 3, 3))
     with pytest.raises(ValueError, match="start field: shape"):
         tracker.start_from(np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("method", [*METHODS, "direct"])
+@pytest.mark.parametrize("shape", [(6, 6), (7, 40), (22, 22), (23, 131), (300, 24)])
+def test_tiny_and_narrow_images_are_correlated(method: str, shape: tuple[int, int]) -> None:
+    pattern = Speckle(shape, seed=4)
+    box = min(20, min(shape) - 2)
+    tracker = Correlation(method=method, box=box, step=5, threads=1).open(pattern.image(noise=1))
+    field = tracker.track(pattern.image(0.2, noise=1, seed=1))
+    ok = field.status == Status.OK
+    assert np.isfinite(field.ux_px[ok]).all()
+    if box == 20:
+        assert ok.mean() > 0.5
+        assert np.median(np.abs(field.ux_px[ok] - 0.2)) < 0.06
+
+
+@pytest.mark.parametrize("method", [*METHODS, "direct"])
+def test_absurd_starts_do_no_harm(method: str) -> None:
+    tracker = Correlation(method=method, threads=1).open(REFERENCE)
+    for start in (1e30, -np.inf, 5000.0):
+        tracker.start_from(*np.full((2, *tracker.grid.shape), start))
+        tracker.track(SPECKLE.image(0.3, noise=2, seed=2))
+        field = tracker.track(SPECKLE.image(0.3, noise=2, seed=2))
+        assert (inner(field.status) == Status.OK).all()

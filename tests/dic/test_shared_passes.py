@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from blobs import Speckle
 
 from analysis.dic import Correlation, Grid
 from analysis.dic.passes import SharedPasses
 from analysis.dic.spectrum import gradient, interpolation, texture
 from benchmarks.speckle import Motion, Pattern, camera
-from blobs import Speckle
 
 SPECKLE = Speckle((240, 320))
 
@@ -105,7 +105,9 @@ print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tol
 
     def run(without: str):
         env = os.environ | {"NUMBA_DISABLE_JIT": without, "PYTHONPATH": os.pathsep.join([".", str(Path(__file__).parent)])}
-        done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], env=env, capture_output=True, text=True, check=False, timeout=100)
+        done = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", code], env=env, capture_output=True, text=True, check=False, timeout=100
+        )
         assert done.returncode == 0, done.stderr
         return np.array(json.loads(done.stdout.splitlines()[-1]))
 
