@@ -15,7 +15,7 @@ from analysis.dic.grid import Grid
 from analysis.dic.interpolation import Interpolant
 from analysis.dic.refining import Estimate, Share
 from analysis.dic.shared import BLOCK, COEFFICIENTS, MARGIN, PLANES, ROWS, TAPS
-from analysis.dic.smoothing import smooth
+from analysis.dic.smoothing import smooth, widen
 from analysis.dic.spectrum import BEYOND, Texture, gradient, interpolation
 
 F32 = NDArray[np.float32]
@@ -26,7 +26,7 @@ BELIEVABLE = 3.5  # a grey level further from the expected one than so many time
 LEAST_BELIEVABLE = 0.15  # ... given this much more, of the contrast, for what the points have moved since
 MOST_ODD = 0.15  # share of a box's pixels; if more are not believed, the expectation is wrong
 SETTLED = 0.75  # limits that shrink to less of what they were are tried again
-NOTHING_EXPECTED = np.array([1.0, 0.0, 1e9], np.float32)  # gain, offset and largest believable difference
+UNLIMITED = 1e9  # the widest believable difference where nothing is expected
 RESTLESS = 1e-3  # share of the points whose last step may be long
 ALIKE = 0.5  # correlation below which a point's step says nothing
 AT_REST = 0.5  # px; a point whose last step is longer has no place
@@ -67,7 +67,7 @@ class SharedPasses:
         tolerance_px: float = 0.06,
         max_passes: int = 5,
     ) -> None:
-        self._grid, self._share, self._tolerance, self._max_passes = grid, share, tolerance_px, max_passes
+        self._grid, self._share, self._max_passes = grid, share, max_passes
         scale = 1 / max(texture.contrast, 1e-6)
         is_8_bit = image.dtype == np.uint8
         level = 128.0 if is_8_bit else float(image.mean(dtype=np.float64))
@@ -105,14 +105,17 @@ class SharedPasses:
         )
         self._cells = np.zeros((shared.SUMS, self.layout.row_edges.size - 1, self.layout.column_edges.size - 1))
         ny, nx = grid.shape
-        self._grey = np.broadcast_to(NOTHING_EXPECTED[:, None, None], (3, ny, nx)).copy()
+        self._grey = np.stack([np.full(grid.shape, value, np.float32) for value in (1.0, 0.0, UNLIMITED)])
+        self._limits = shared.Limits(ALIKE, MOST_ODD, BELIEVABLE, LEAST_BELIEVABLE, UNLIMITED, float(tolerance_px))
         self._result = shared.Result(
             u=np.empty((2, ny, nx)),
             step=np.empty((ny, nx)),
             zncc=np.empty((ny, nx)),
             std=np.empty((2, ny, nx)),
             odd=np.empty((ny, nx)),
-            grey=np.empty((3, ny, nx), np.float32),
+            expected=np.empty((3, ny, nx), np.float32),
+            wrong=np.empty(ny, np.int64),
+            restless=np.empty(ny, np.int64),
         )
         self._cell_bands, self._box_bands = (_bands(n, bands) for n in (self._cells.shape[1], grid.shape[0]))
 
@@ -121,21 +124,16 @@ class SharedPasses:
         u, grey = start, self._grey
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
-        for n in range(1, self._max_passes + 1):
+        n, is_last = 0, False
+        while not is_last:
             last = self._pass(image, u, grey)
-            expected, is_settled = self._expected(last, grey)
-            if n == self._max_passes or (is_settled and self._is_at_rest(last, image.shape)):
-                break
-            u, grey = np.where(np.isfinite(last.u), last.u, u), expected
-        self._grey = expected
-        passes = np.full(self._grid.shape, n, np.uint8)
-        return Estimate(
-            np.where(np.isfinite(last.u), last.u, u),
-            last.zncc.copy(),
-            last.std.copy(),
-            (last.step <= AT_REST) & (last.odd <= MOST_ODD),
-            passes,
-        )
+            n, few = n + 1, RESTLESS * last.step.size
+            is_settled = last.wrong.sum() <= few and _typical(last.expected[2]) > SETTLED * _typical(grey[2])
+            is_last = n == self._max_passes or (is_settled and last.restless.sum() <= few)
+            u, grey = last.u.copy(), last.expected.copy()
+        self._grey = grey
+        at_rest = (last.step <= AT_REST) & (last.odd <= MOST_ODD)
+        return Estimate(u, last.zncc.copy(), last.std.copy(), at_rest, np.full(self._grid.shape, n, np.uint8))
 
     def _pass(self, image: NDArray[Any], u: F64, grey: F32) -> shared.Result:
         """One pass: the field that is left after the image is deformed back by the smoothed field `u`, added to it.
@@ -145,41 +143,24 @@ class SharedPasses:
         u : ndarray, shape (2, ny, nx), float64
             Predicted displacement, px; finite.
         grey : ndarray, shape (3, ny, nx), float32
-            Expected gain and offset, and largest believable difference of a grey level; see `_expected`.
+            Expected gain and offset, and largest believable difference of a grey level.
         """
-        guess = self._guess(u, grey)
-        result = self._result
-        self._share(
-            lambda rows: shared.sum_cells(image, self.layout, self.reference, self.splines, guess, rows, self._cells), self._cell_bands
-        )
-        self._share(lambda rows: shared.solve_boxes(self._cells, self.layout, self.reference, guess, rows, result), self._box_bands)
-        return result
-
-    def _is_at_rest(self, last: shared.Result, shape: tuple[int, ...]) -> bool:
-        """Whether nearly all of the points that resemble the reference made a short step."""
-        long = last.step > np.maximum(self._tolerance, 4 * np.maximum(last.std[0], last.std[1]))
-        return bool(np.count_nonzero(long & (last.zncc > ALIKE) & self._grid.is_inside(last.u, shape)) <= RESTLESS * long.size)
-
-    def _expected(self, last: shared.Result, grey: F32) -> tuple[F32, bool]:
-        """Gain, offset and largest believable difference of the grey levels after a pass, and whether it found what it expected.
-
-        Nothing is expected where the pass found no resemblance, or another light than it had expected.
-        """
-        gain, offset, apart = last.grey
-        wrong = (last.odd > MOST_ODD) | ((grey[2] < NOTHING_EXPECTED[2]) & ~(last.zncc > ALIKE))
-        known = np.isfinite(gain + offset) & (last.zncc > ALIKE) & ~wrong
-        most = BELIEVABLE * apart + LEAST_BELIEVABLE * np.abs(gain)
-        new = np.where(known, np.stack([gain, offset, most]), NOTHING_EXPECTED[:, None, None]).astype(np.float32)
-        is_settled = np.count_nonzero(wrong) <= RESTLESS * wrong.size and np.median(new[2]) > SETTLED * np.median(grey[2])
-        return new, bool(is_settled)
-
-    def _guess(self, u: F64, grey: F32) -> shared.Guess:
-        """Control points of the smoothed field, and its values at the points of the grid."""
-        n = self._pad
-        ny, nx = self._grid.shape
+        layout, reference, splines, cells, result = self.layout, self.reference, self.splines, self._cells, self._result
+        n, (ny, nx), shape = self._pad, self._grid.shape, (image.shape[0], image.shape[1])
         control, centre = np.empty((5, ny + 2 * n, nx + 2 * n), np.float32), np.empty((2, ny, nx))
-        smooth(u, grey, self._width, n, control, centre)
-        return shared.Guess(control, centre)
+        guess = shared.Guess(control, grey, centre)
+
+        def predict(fields: tuple[int, int]) -> None:
+            for k in range(*fields):
+                if k < 2:
+                    smooth(u[k], self._width, n, control[k], centre[k])
+                else:
+                    widen(grey[k - 2], n, control[k])
+
+        self._share(predict, [(0, 1), (1, 2), (2, 5)])
+        self._share(lambda rows: shared.sum_cells(image, layout, reference, splines, guess, rows, cells), self._cell_bands)
+        self._share(lambda rows: shared.solve_boxes(cells, layout, reference, guess, self._limits, shape, rows, result), self._box_bands)
+        return result
 
     def _normal_matrices(self, planes: F32) -> F64:
         """Sums over every box of the products of the planes, shape (ny, nx, 4, 4)."""
@@ -192,6 +173,11 @@ class SharedPasses:
                 box = sums[np.ix_(high_y, high_x)] - sums[np.ix_(low_y, high_x)] - sums[np.ix_(high_y, low_x)] + sums[np.ix_(low_y, low_x)]
                 out[:, :, i, k] = out[:, :, k, i] = box
         return out
+
+
+def _typical(values: F32) -> float:
+    """The median of every third value along both axes."""
+    return float(np.median(values[::3, ::3]))
 
 
 def _layout(grid: Grid) -> shared.Layout:

@@ -6,7 +6,7 @@ to first order in the distance from that row for the others. Interpolation costs
 because a pixel is read once; so do the products with the reference, because they are added up in cells, the pieces that the
 edges of all boxes cut the image into, and a box is a block of cells.
 
-Working arrays have one dimension and rows of a fixed length, so that the compiler knows every distance and vectorises.
+Working arrays have one dimension and rows of a fixed length: the compiler knows every distance and vectorises.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+Rows = tuple[int, int]  # the first, and one past the last
 TAPS = 8  # of the interpolation along each axis; fewer are filled up with zeros
 COEFFICIENTS = 8  # of the polynomials for their weights
 BLOCK = 128  # columns worked on at a time: what they need stays in the fastest memory
@@ -29,8 +30,7 @@ PITCH = BLOCK + 2 * MARGIN + 4
 ROWS = 16  # rows of a strip at most; even
 PLANES = 3  # of the reference: grey level, gradient along x, gradient along y; a pixel with the lowest possible grey level is not usable
 FIELDS = 7  # of the prediction: displacement along x and y, their change per row, gain, offset and widest difference of grey levels
-# Sums of image x (usable, grey level, gradient x, gradient y), of image^2, of the pixels that were not believed, and of the
-# absolute differences of the others from the expected grey levels.
+# Sums of image x (usable, grey level, gradients), of image^2, of pixels not believed, of the others' differences from expectation.
 SUMS = 7
 HIGHEST_STEP = 1.5  # px; one linear step is trusted no further
 
@@ -86,18 +86,32 @@ class Guess(NamedTuple):
     """What is known before a pass."""
 
     control: F32  # (5, ny + ..., nx + ...) control points of displacement x, y (px), gain, offset, widest difference
+    grey: F32  # (3, ny, nx) expected gain and offset, and widest believable difference, in the middle of every box
     centre: F64  # (2, ny, nx) the displacement in the middle of every box
 
 
+class Limits(NamedTuple):
+    """When a pass is believed and when it is the last."""
+
+    alike: float  # correlation above which a point resembles the reference
+    most_odd: float  # share of a box's pixels that may be unbelievable before the expectation is wrong
+    believable: float  # mean differences within which a grey level is believed ...
+    least_believable: float  # ... given this much more, of the contrast
+    unlimited: float  # the widest difference of a point of which nothing is expected
+    tolerance: float  # px; a longer step is not at rest, unless its noise explains it
+
+
 class Result(NamedTuple):
-    """What a pass finds, (ny, nx) each; NaN where the normal equations have no solution."""
+    """What a pass finds, (ny, nx) each; where the normal equations have no solution the prediction, and NaN."""
 
     u: F64  # (2, ny, nx) displacement, px
     step: F64  # distance from the prediction, px
     zncc: F64
     std: F64  # (2, ny, nx) standard uncertainty of u, px, for residuals independent from pixel to pixel
     odd: F64  # share of the pixels that were not believed
-    grey: F32  # (3, ny, nx) gain, offset and mean absolute difference from the expected grey levels
+    expected: F32  # (3, ny, nx) gain, offset and widest believable difference for the next pass
+    wrong: I64  # (ny,) points in each row where the pass found another light than expected
+    restless: I64  # (ny,) points in each row that resemble the reference but made a long step
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
@@ -334,7 +348,9 @@ def add_boxes(cells: F64, layout: Layout, row: int, running: F64, out: F64) -> N
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_boxes(cells: F64, layout: Layout, reference: Reference, guess: Guess, rows: tuple[int, int], result: Result) -> None:
+def solve_boxes(
+    cells: F64, layout: Layout, reference: Reference, guess: Guess, limits: Limits, shape: tuple[int, int], rows: Rows, result: Result
+) -> None:
     """Displacement, correlation and uncertainty of the boxes in some rows of the grid, from the sums over the cells.
 
     Least squares for the image in a box: ``image = offset + gain * (reference - d . gradient)``, d being what is left of the
@@ -343,6 +359,7 @@ def solve_boxes(cells: F64, layout: Layout, reference: Reference, guess: Guess, 
     sums, running = np.zeros((SUMS, layout.left.size)), np.zeros(cells.shape[2] + 1)
     for i in range(rows[0], rows[1]):
         add_boxes(cells, layout, i, running, sums)
+        result.wrong[i] = result.restless[i] = 0
         for j in range(layout.left.size):
             s0, s1, s2, s3, squares = sums[0, j], sums[1, j], sums[2, j], sums[3, j], sums[4, j]
             q = reference.inverse[i, j]
@@ -350,21 +367,30 @@ def solve_boxes(cells: F64, layout: Layout, reference: Reference, guess: Guess, 
             gain = q[1] * s0 + q[4] * s1 + q[5] * s2 + q[6] * s3
             px = q[2] * s0 + q[5] * s1 + q[7] * s2 + q[8] * s3
             py = q[3] * s0 + q[6] * s1 + q[8] * s2 + q[9] * s3
-            per_gain = 1.0 / gain
+            per_gain, per_pixel = 1.0 / gain, 1.0 / q[10]
             dx, dy = -px * per_gain, -py * per_gain
             step = math.sqrt(dx * dx + dy * dy)
-            if step > HIGHEST_STEP:
+            if not step < math.inf:
+                dx = dy = 0.0
+            elif step > HIGHEST_STEP:
                 dx, dy = dx * HIGHEST_STEP / step, dy * HIGHEST_STEP / step
             residual = max(0.0, squares - offset * s0 - gain * s1 - px * s2 - py * s3)
-            per_pixel = 1.0 / q[10]
             sigma = math.sqrt(max(residual / (q[10] - 4.0), reference.rounding))
-            result.u[0, i, j] = guess.centre[0, i, j] + dx
-            result.u[1, i, j] = guess.centre[1, i, j] + dy
-            result.step[i, j] = step
             deviations = squares - s0 * s0 * per_pixel
             is_flat = deviations <= q[10] * (reference.rounding + 1e-6)
-            result.zncc[i, j] = 0.0 if is_flat else math.copysign(math.sqrt(max(0.0, 1.0 - residual / deviations)), gain)
-            result.odd[i, j] = sums[5, j] * per_pixel
-            result.std[0, i, j] = sigma * abs(per_gain) * q[11]
-            result.std[1, i, j] = sigma * abs(per_gain) * q[12]
-            result.grey[0, i, j], result.grey[1, i, j], result.grey[2, i, j] = gain, offset, sums[6, j] * per_pixel
+            zncc = 0.0 if is_flat else math.copysign(math.sqrt(max(0.0, 1.0 - residual / deviations)), gain)
+            x, y = guess.centre[0, i, j] + dx, guess.centre[1, i, j] + dy
+            std_x, std_y, odd = sigma * abs(per_gain) * q[11], sigma * abs(per_gain) * q[12], sums[5, j] * per_pixel
+            result.u[0, i, j], result.u[1, i, j], result.step[i, j], result.zncc[i, j] = x, y, step, zncc
+            result.std[0, i, j], result.std[1, i, j], result.odd[i, j] = std_x, std_y, odd
+            is_alike = zncc > limits.alike
+            is_wrong = odd > limits.most_odd or (guess.grey[2, i, j] < limits.unlimited and not is_alike)
+            result.wrong[i] += is_wrong
+            if is_alike and not is_wrong:
+                most = limits.believable * sums[6, j] * per_pixel + limits.least_believable * abs(gain)
+                result.expected[0, i, j], result.expected[1, i, j], result.expected[2, i, j] = gain, offset, most
+            else:
+                result.expected[0, i, j], result.expected[1, i, j], result.expected[2, i, j] = 1.0, 0.0, limits.unlimited
+            left, top = layout.left[j] + x, layout.top[i] + y
+            is_inside = left >= 0 and top >= 0 and left + layout.box <= shape[1] and top + layout.box <= shape[0]
+            result.restless[i] += is_alike and is_inside and step > max(limits.tolerance, 4.0 * max(std_x, std_y))

@@ -40,21 +40,25 @@ def averaged(field: F64, width: int) -> F64:
 
 
 @njit(cache=True, nogil=True)
-def smooth(u: F64, grey: F32, width: int, pad: int, control: F32, centre: F64) -> None:
-    """Control points, (.., ny + 2 pad, nx + 2 pad), of a cubic B-spline at the moving averages of u, (2, ny, nx), and its values there.
+def smooth(u: F64, width: int, pad: int, control: F32, centre: F64) -> None:
+    """Control points, shape (ny + 2 pad, nx + 2 pad), of a cubic B-spline at the moving averages of u, (ny, nx), and its values there.
 
-    The average is over `width` x `width` points (odd); at the edges the field is continued by its slope. The expected grey
-    levels, shape (3, ny, nx), follow as they are, continued by their last values.
+    The average is over `width` x `width` points (odd); at the edges the field is continued by its slope.
     """
-    _, ny, nx = u.shape
-    for k in range(3):
-        for i in range(ny + 2 * pad):
-            for j in range(nx + 2 * pad):
-                control[k + 2, i, j] = grey[k, min(max(i - pad, 0), ny - 1), min(max(j - pad, 0), nx - 1)]
-    for k in range(2):
-        down = averaged(extended(u[k], pad + width // 2), width)
-        points = averaged(extended(np.ascontiguousarray(down.T), pad + width // 2), width)
-        control[k] = points.T
-        rows = points[pad - 1 : -pad - 1] + 4.0 * points[pad:-pad] + points[pad + 1 : points.shape[0] - pad + 1]
-        values = rows[:, pad - 1 : -pad - 1] + 4.0 * rows[:, pad:-pad] + rows[:, pad + 1 : rows.shape[1] - pad + 1]
-        centre[k] = values.T / 36.0
+    down = averaged(extended(u, pad + width // 2), width)
+    points = averaged(extended(np.ascontiguousarray(down.T), pad + width // 2), width)
+    control[:] = points.T
+    rows = points[pad - 1 : -pad - 1] + 4.0 * points[pad:-pad] + points[pad + 1 : points.shape[0] - pad + 1]
+    values = rows[:, pad - 1 : -pad - 1] + 4.0 * rows[:, pad:-pad] + rows[:, pad + 1 : rows.shape[1] - pad + 1]
+    centre[:] = values.T / 36.0
+
+
+@njit(cache=True, nogil=True)
+def widen(field: F32, pad: int, out: F32) -> None:
+    """A field, shape (ny, nx), with its outermost values repeated `pad` times on all sides."""
+    ny, nx = field.shape
+    for i in range(out.shape[0]):
+        row, source = out[i], field[min(max(i - pad, 0), ny - 1)]
+        row[:pad] = source[0]
+        row[pad : pad + nx] = source
+        row[pad + nx :] = source[nx - 1]
