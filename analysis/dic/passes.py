@@ -29,6 +29,7 @@ SETTLED = 0.75  # limits that shrink to less of what they were are tried again
 UNLIMITED = 1e9  # the widest believable difference where nothing is expected
 RESTLESS = 1e-3  # share of the points whose last step may be long
 ALIKE = 0.5  # correlation below which a point's step says nothing
+SINGULAR = 1e-8  # determinant of the normal matrix with units on its diagonal
 AT_REST = 0.5  # px; a point whose last step is longer has no place
 
 
@@ -86,7 +87,9 @@ class SharedPasses:
         variance = normal[:, :, 1, 1] / self.pixels.clip(1) - (normal[:, :, 0, 1] / self.pixels.clip(1)) ** 2
         self.contrast = np.sqrt(variance.clip(0)) / scale
         inverse = np.full((*grid.shape, 13), np.nan)
-        regular = np.linalg.cond(normal) < 1e10
+        size = np.sqrt(np.einsum("...ii->...i", normal))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            regular = np.linalg.det(normal / (size[..., :, None] * size[..., None, :])) > SINGULAR
         inverse[regular, :10] = np.linalg.inv(normal[regular])[:, *np.triu_indices(4)]
         inverse[..., 10] = self.pixels
         self._width = max(1, round((SMOOTHING * grid.box_px / grid.step_px - 1) / 2) * 2 + 1)

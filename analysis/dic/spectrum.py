@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft2, rfft2
 
 from analysis.dic.interpolation import Interpolant
 
@@ -20,6 +21,7 @@ TAPS = 8
 DEGREE = 6  # of the polynomials for the weights of a tap
 BEYOND = 0.3  # how far outside 0 to 1 the fraction of a pixel may lie
 CORNER = 0.42  # cycles per px; texture that a camera can resolve has no power where both frequencies are above
+LARGEST = 1024  # px; this much of an image is enough
 LEAST_POWER = 1e-7  # of the texture's: keeps the normal equations solvable for textures smoother than any noise
 
 
@@ -61,21 +63,25 @@ class Texture:
 
 
 def texture(image: NDArray[np.float32]) -> Texture:
-    """Noise, contrast and spectra of an image, shape (rows, columns), from its periodogram under a Hann window."""
-    rows, columns = image.shape
-    window = np.hanning(rows + 2)[1:-1, None] * np.hanning(columns + 2)[1:-1]
+    """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its middle under a Hann window."""
+    rows, columns = (min(size // 2 * 2, LARGEST) for size in image.shape)
+    top, left = (image.shape[0] - rows) // 2, (image.shape[1] - columns) // 2
+    image = image[top : top + rows, left : left + columns]
+    window = np.multiply.outer(np.hanning(rows + 2)[1:-1], np.hanning(columns + 2)[1:-1])
     window /= math.sqrt(float((window**2).sum()))
-    spectrum = np.fft.fft2((image - image.mean(dtype=np.float64)) * window)
-    power = spectrum.real**2 + spectrum.imag**2
-    fy, fx = np.abs(np.fft.fftfreq(rows)), np.abs(np.fft.fftfreq(columns))
-    corner = power[np.ix_(fy > CORNER, fx > CORNER)]
+    spectrum = rfft2(((image - image.mean(dtype=np.float64)) * window).astype(np.float32))
+    power = spectrum.real.astype(np.float64) ** 2 + spectrum.imag.astype(np.float64) ** 2
+    corner = power[np.ix_(np.abs(np.fft.fftfreq(rows)) > CORNER, np.fft.rfftfreq(columns) > CORNER)]
     noise = float(np.median(corner)) / math.log(2) if corner.size else 0.0  # a periodogram's ordinates are exponentially distributed
     signal = np.maximum(power - noise, 0.0)
     if not signal.any():
         signal += 1.0
-    variance = float(power.sum()) / power.size
+    both = np.where((np.arange(columns // 2 + 1) % (columns // 2)) == 0, 1.0, 2.0)  # what stands for a negative frequency too
+    variance = float((power @ both).sum()) / (rows * columns)
+    along_x, along_y = signal.sum(axis=0) * both, signal @ both
+    along_y = np.concatenate([along_y[:1], along_y[1 : rows // 2] + along_y[: rows // 2 : -1], along_y[rows // 2 : rows // 2 + 1]])
     return Texture(
-        math.sqrt(noise), math.sqrt(max(0.0, variance - noise)), _grain(signal), _one_sided(signal.sum(0)), _one_sided(signal.sum(1))
+        math.sqrt(noise), math.sqrt(max(0.0, variance - noise)), _grain(signal), along_x / along_x.sum(), along_y / along_y.sum()
     )
 
 
@@ -107,15 +113,6 @@ def gradient(power: F64, noise_share: float) -> F64:
     return (weights - weights[::-1]) / 2
 
 
-def _one_sided(power: F64) -> F64:
-    """Shares of the variance at the frequencies 0 ... 1/2 from the two-sided spectrum."""
-    half = power.size // 2
-    folded = power[: half + 1].copy()
-    folded[1 : (power.size + 1) // 2] += power[:half:-1]
-    shares: F64 = folded / folded.sum()
-    return shares
-
-
 def _correlation(power: F64, lag: NDArray[np.generic]) -> F64:
     """Correlation coefficients, in the shape of `lag` (px), of a texture with this spectrum."""
     omega = np.linspace(0.0, math.pi, power.size)
@@ -125,9 +122,9 @@ def _correlation(power: F64, lag: NDArray[np.generic]) -> F64:
 
 def _grain(signal: F64) -> float:
     """Sum of the squared correlation coefficients over the lags near zero, px^2, less the chance correlations found further out."""
-    squares = np.fft.fftshift(np.fft.ifft2(signal).real) ** 2
-    row, column = (size // 2 for size in signal.shape)
-    reach = min(48, max(1, min(signal.shape) // 8))
+    squares = np.fft.fftshift(irfft2(signal.astype(np.float32))) ** 2
+    row, column = (size // 2 for size in squares.shape)
+    reach = min(48, max(1, min(squares.shape) // 8))
 
     def total(reach: int) -> tuple[float, int]:
         near = squares[row - reach : row + reach + 1, column - reach : column + reach + 1]
