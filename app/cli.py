@@ -151,28 +151,52 @@ def info(session: SessionFile, as_json: JsonFlag = False) -> None:
 def dic(
     reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="The image before any displacement.", show_default=False)],
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Images to compare with it, in order.", show_default=False)],
-    fields: Annotated[Path, typer.Option("-o", "--output", metavar="FIELDS.h5|.csv", help="Where the fields go.", show_default=False)],
-    box: Annotated[int, typer.Option(help="Side of the correlation box, px.")] = 20,
+    fields: Annotated[Path, typer.Option("-o", "--output", metavar="FIELDS.h5|.csv|.npz", help="Where the fields go.", show_default=False)],
+    method: Annotated[
+        str, typer.Option(help="shared: passes over the whole image; icgn: each box by itself; direct: the paper's search.")
+    ] = "shared",
+    box: Annotated[int, typer.Option(help="Side of the correlation box, 4 to 200 px.")] = 20,
     step: Annotated[int, typer.Option(help="Pitch of the grid of boxes, px.")] = 10,
-    search: Annotated[int, typer.Option(help="Half-width of the first search, px: at least the largest displacement.")] = 16,
+    order: Annotated[int, typer.Option(help="Deformation of a box in icgn: 0 shift, 1 and its gradient, 2 and its curvature.")] = 1,
+    interpolant: Annotated[
+        str,
+        typer.Option(help="Reading between pixels: matched to the texture, bilinear, bicubic, bspline3, bspline5, sinc6 or sinc8."),
+    ] = "matched",
+    precision: Annotated[str, typer.Option(help="single, or double (icgn only).")] = "single",
+    tolerance: Annotated[float, typer.Option(help="A step shorter than this is the last, px; 0: the method's own limit.")] = 0.0,
+    search: Annotated[int, typer.Option(help="Largest jump between two images that must be found, 1 to 200 px.")] = 64,
+    min_correlation: Annotated[float, typer.Option(help="A point whose correlation (0 to 1) is lower is lost.")] = 0.5,
+    min_contrast: Annotated[float, typer.Option(help="Least standard deviation in a box, grey levels.")] = 2.0,
+    max_saturated: Annotated[float, typer.Option(help="Share of a box (0 to 1) that may be at full scale (shared, icgn).")] = 0.2,
+    full_scale: Annotated[int, typer.Option(help="End of the grey scale, 4095 for 12 bit; 0: that of the image type.")] = 0,
+    mask: Annotated[
+        Path | None, typer.Option(metavar="IMAGE", help="Image of the same size: pixels that are not 0 may be used.", show_default=False)
+    ] = None,
+    roi: Annotated[
+        tuple[int, int, int, int] | None,
+        typer.Option(metavar="LEFT TOP RIGHT BOTTOM", help="Region of the box centres, px. Without it all.", show_default=False),
+    ] = None,
+    update: Annotated[str, typer.Option(help="When an image becomes the new reference: never, every, quality.")] = "never",
+    update_every: Annotated[int, typer.Option(help="Images from one reference to the next, with --update every.")] = 100,
+    update_below: Annotated[float, typer.Option(help="Median correlation that asks for a new one, with --update quality.")] = 0.8,
     threads: Annotated[int, typer.Option(help="Threads that share a field; the result does not depend on it.")] = 2,
     overwrite: Overwrite = False,
 ) -> None:
     """Displacement fields between plain image files: grey PNG or TIFF, 8 or 16 bit, all of one size.
 
     A CSV begins with the columns frame,x_px,y_px,ux_px,uy_px,status: frame 1 is the first image after the reference, x_px and y_px are box
-    centres with (0, 0) the centre of the top-left pixel, y points down, status says ok or why a point is lost.
+    centres with (0, 0) the centre of the top-left pixel, y points down, status says ok or why a point is lost. Ends with the points per
+    second, the medians of standard uncertainty and correlation, and how many points were lost and why.
 
     Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
     """
+    asked = {key: value for key, value in locals().items() if key not in {"reference", "images", "fields", "mask", "roi", "overwrite"}}
     from app.commands.terminal import plain_errors
 
     with plain_errors(False, _debug):
         from app.commands import images as image_files
 
-        raise typer.Exit(
-            image_files.dic(reference, images, fields, box=box, step=step, search=search, threads=threads, overwrite=overwrite)
-        )
+        raise typer.Exit(image_files.dic(reference, images, fields, mask=mask, roi=roi, overwrite=overwrite, **asked))
 
 
 @app.command()

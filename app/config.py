@@ -11,10 +11,13 @@ import math
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta, Struct
+
+if TYPE_CHECKING:
+    from analysis.dic import Correlation
 
 
 class ConfigError(ValueError):
@@ -109,13 +112,24 @@ class Sample(Section, frozen=True):
 class Dic(Section, frozen=True):
     """Digital image correlation of each frame with the reference."""
 
+    method: Annotated[str, _f("Passes over the image, IC-GN box by box, the paper's search", pattern="^(shared|icgn|direct)$")] = "shared"
     box: Annotated[int, _f("Side of the correlation box", "px", ge=4, le=200)] = 20
     step: Annotated[int, _f("Pitch of the grid of boxes", "px", ge=1, le=200)] = 10
-    search: Annotated[int, _f("Half-width of the search where there is no previous field", "px", ge=1, le=100)] = 16
-    min_correlation: Annotated[float, _f("A point whose correlation peak is lower is lost", "", ge=0, lt=1)] = 0.5
-    min_contrast: Annotated[float, _f("A box whose grey levels vary less (standard deviation) is not correlated", "grey levels", ge=0)] = (
-        2.0
-    )
+    order: Annotated[int, _f("Deformation of a box in icgn: 0 shift, 1 and its gradient, 2 and its curvature", "", ge=0, le=2)] = 1
+    interpolant: Annotated[
+        str,
+        _f("How images are read between pixels", pattern="^(matched|bilinear|bicubic|bspline3|bspline5|sinc6|sinc8)$"),
+    ] = "matched"
+    precision: Annotated[str, _f("Arithmetic; double in icgn only", pattern="^(single|double)$")] = "single"
+    tolerance: Annotated[float, _f("A step shorter than this is the last; 0: the method's own limit", "px", ge=0, le=1)] = 0.0
+    search: Annotated[int, _f("Largest jump between two images that must be found", "px", ge=1, le=200)] = 64
+    min_correlation: Annotated[float, _f("A point whose correlation is lower is lost", "", ge=0, lt=1)] = 0.5
+    min_contrast: Annotated[float, _f("A box whose standard deviation is smaller is not correlated", "grey levels", ge=0)] = 2.0
+    max_saturated: Annotated[float, _f("Share of a box that may be at full scale (shared, icgn)", "", ge=0, le=1)] = 0.2
+    full_scale: Annotated[int, _f("End of the grey scale, 4095 for 12 bit; 0: of the image type", "grey levels", ge=0, le=65535)] = 0
+    update: Annotated[str, _f("When an image becomes the new reference", pattern="^(never|every|quality)$")] = "never"
+    update_every: Annotated[int, _f("Images from one reference to the next, for update = every", "images", ge=1)] = 100
+    update_below: Annotated[float, _f("Median correlation that asks for a new reference, for update = quality", "", ge=0, le=1)] = 0.8
     threads: Annotated[int, _f("Threads that share a field; the result does not depend on it", "", ge=1, le=64)] = 2
 
 
@@ -285,6 +299,22 @@ def from_data(data: dict[str, Any], where: str) -> Config:
     return config
 
 
+def from_record(text: str, where: str) -> Config:
+    """Settings as a session holds them. One without `dic.method` was measured by the direct one: there was no other."""
+    data = tomllib.loads(text)
+    if isinstance(data.setdefault("dic", {}), dict):
+        data["dic"].setdefault("method", "direct")
+    return from_data(data, where)
+
+
+def correlation(settings: Dic) -> Correlation:
+    """The way to correlate that the settings ask for; ValueError if two of them can not be used together."""
+    from analysis.dic import Correlation  # takes a second
+
+    own = {"tolerance": settings.tolerance or None, "full_scale": settings.full_scale or None}
+    return Correlation(**(msgspec.structs.asdict(settings) | own))
+
+
 def _check_together(config: Config, where: str) -> None:
     """The limits that one option sets on another."""
     rate = config.forces.sample_rate / config.camera.divisor
@@ -310,6 +340,11 @@ def _check_together(config: Config, where: str) -> None:
         raise ConfigError(f"{where}: forces.coupling has no inverse; its determinant is {a * d - b * c:g}")
     if config.dic.box >= min(config.camera.width, config.camera.height):
         raise ConfigError(f"{where}: dic.box = {config.dic.box} px does not fit the {config.camera.width} x {config.camera.height} image")
+    if config.dic != Dic():
+        try:
+            correlation(config.dic)
+        except ValueError as error:
+            raise ConfigError(f"{where}: {error}") from None
 
 
 def exposure_samples(config: Config) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import shutil
 from collections.abc import Callable
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import dic
-from app.config import Config, exposure_samples, to_toml
+from app.config import Config, correlation, exposure_samples, to_toml
 from app.engine.run import Run
 from app.errors import UserError
 from app.session.writer import RESERVE_BYTES, SessionWriter
@@ -64,7 +65,7 @@ def expected_bytes(config: Config) -> int:
     frames = seconds * config.forces.sample_rate / config.camera.divisor
     points = (config.camera.width // config.dic.step) * (config.camera.height // config.dic.step)
     return (
-        int(frames * (config.camera.width * config.camera.height + 13 * points) + seconds * config.forces.sample_rate * 32) + RESERVE_BYTES
+        int(frames * (config.camera.width * config.camera.height + 21 * points) + seconds * config.forces.sample_rate * 32) + RESERVE_BYTES
     )
 
 
@@ -88,15 +89,15 @@ def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
         )
 
 
-def prepare(say: Callable[[str], None]) -> None:
-    """Compile what is compiled at first use, so that nothing does so during a run; cached for the next start.
+def prepare(config: Config, say: Callable[[str], None]) -> None:
+    """Compile what these settings compile at first use, so that nothing does so during a run; cached for the next start.
 
     `say` is told what is at hand.
     """
     from drivers.sim.images import Renderer
 
     say("compiling the image correlation")
-    dic.compile_kernels()
+    dic.compile_kernels(correlation(config.dic))
     say("compiling the simulated camera")
     world = World(WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None)
     world.start()
@@ -151,4 +152,4 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
         )
 
     title = "simulated bench" if set(sources) == {"sim"} else " + ".join(sources)
-    return Run(config, bench, create_sink, free_running=pace is None, title=title, output=output, prepare=prepare)
+    return Run(config, bench, create_sink, free_running=pace is None, title=title, output=output, prepare=partial(prepare, config))

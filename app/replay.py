@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
-from app.config import Config, from_data
+from app.config import Config, correlation, from_record
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.errors import UserError
@@ -37,9 +36,11 @@ class Comparison:
         return self.frames == self.identical
 
 
-def difference(a: Snapshot, b: Snapshot) -> str:
-    """Name of the first quantity in which two snapshots differ by a bit; empty when there is none."""
+def difference(a: Snapshot, b: Snapshot, besides: frozenset[str] = frozenset()) -> str:
+    """Name of the first quantity, besides some, in which two snapshots differ by a bit; empty when there is none."""
     for field in dataclasses.fields(Snapshot):
+        if field.name in besides:
+            continue
         x, y = getattr(a, field.name), getattr(b, field.name)
         same = np.array_equal(x, y, equal_nan=True) if isinstance(x, np.ndarray | float) else x == y
         if not same:
@@ -58,7 +59,7 @@ class Replay:
 
     def __init__(self, path: Path, *, pace: float | None) -> None:
         with SessionReader(path) as session:
-            self.config: Config = from_data(tomllib.loads(session.config_toml), f"{path}: settings")
+            self.config: Config = from_record(session.config_toml, f"{path}: settings")
             self._recorded_counts = session.counts()
             self._analysed = session.analysed_frames()
         if not self._analysed:
@@ -156,7 +157,7 @@ class Replay:
         failed = False
         try:
             self._preparing = "compiling the image correlation"
-            compile_kernels()
+            compile_kernels(correlation(self.config.dic))
             self._preparing = ""
             with SessionReader(self.path) as session:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)
@@ -189,7 +190,7 @@ class Replay:
         feed.up_to(sample)
         assert self._history is not None
         snapshot = self._pipeline.step(index, sample, image, self._history.conditions(sample))
-        unlike = difference(snapshot, recorded)
+        unlike = difference(snapshot, recorded, besides=session.lacking)
         if not unlike:
             self._identical += 1
         elif not self._first_difference:

@@ -67,6 +67,8 @@ class Snapshot:
     ux_px, uy_px, zncc : ndarray, shape (ny, nx), float32
         Displacement from the reference in the image (lens compliance not removed) and correlation at the peak; NaN where `status` is not 0.
         Empty (0, 0) before there is a reference.
+    ux_std_px, uy_std_px : ndarray, shape (ny, nx), float32
+        Standard uncertainty of the displacement; NaN or empty likewise.
     status : ndarray, shape (ny, nx), uint8
         `analysis.dic.Status`.
     ring_radius_m, ring_ux_m, ring_sd_m : ndarray, shape (nr,)
@@ -87,6 +89,8 @@ class Snapshot:
     lens_m: float
     ux_px: F32
     uy_px: F32
+    ux_std_px: F32
+    uy_std_px: F32
     zncc: F32
     status: NDArray[np.uint8]
     ring_radius_m: F64
@@ -100,7 +104,7 @@ class Snapshot:
 def without_fields(snapshot: Snapshot) -> Snapshot:
     """The snapshot's numbers and rings alone: what a long series can keep in memory."""
     empty = np.empty((0, 0), np.float32)
-    return replace(snapshot, ux_px=empty, uy_px=empty, zncc=empty, status=np.empty((0, 0), np.uint8))
+    return replace(snapshot, ux_px=empty, uy_px=empty, ux_std_px=empty, uy_std_px=empty, zncc=empty, status=np.empty((0, 0), np.uint8))
 
 
 @dataclass(frozen=True, slots=True)

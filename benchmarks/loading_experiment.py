@@ -35,7 +35,7 @@ def main() -> None:
     asked = ask.parse_args()
     config = settings.load(None, asked.set)
     pace = None if asked.pace == "max" else float(asked.pace)
-    live.prepare(lambda what: None)
+    live.prepare(config, lambda what: None)
     with tempfile.TemporaryDirectory() as folder:
         path = asked.keep or Path(folder) / "session.h5"
         bench = live.make_bench(config, pace)

@@ -30,9 +30,8 @@ def snapshot(frame: int) -> Snapshot:
     """Results of a frame, of the usual size."""
     field, ring = np.zeros(GRID, np.float32), np.zeros(RINGS)
     status = np.zeros(GRID, np.uint8)
-    return Snapshot(
-        frame, 42 * frame, Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6, 1e-8, field, field, field, status, ring, ring, ring, 0.0, 1e-3, 1e-5
-    )
+    fields = (field, field, field, field, field, status)
+    return Snapshot(frame, 42 * frame, Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6, 1e-8, *fields, ring, ring, ring, 0.0, 1e-3, 1e-5)
 
 
 def main(folder: Path, frames: int) -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from analysis.dic import INTERPOLANTS, METHODS, Correlation
 from app import config
-from app.config import Config, ConfigError, from_data, load, parse_override, to_toml
+from app.config import Config, ConfigError, Dic, correlation, from_data, from_record, load, parse_override, to_toml
 
 
 def all_options() -> list[tuple[str, str]]:
@@ -62,6 +63,9 @@ def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -
         ("dic.min_correlation=1", "dic.min_correlation must be a number at least 0 and less than 1; found 1"),
         ("sim.renderer=slow", "sim.renderer must be 'fast' or 'exact'; found \"slow\""),
         ("sim.slow_actuator=1", "sim.slow_actuator must be true or false; found 1"),
+        ("dic.method=lk", "dic.method must be 'shared' or 'icgn' or 'direct'; found \"lk\""),
+        ("dic.search=201", "dic.search must be a whole number at least 1 and at most 200 px; found 201"),
+        ("dic.precision=double", "correlation: double precision asked of method 'shared'; use method 'icgn', or single precision"),
         ("camera.source=7", "camera.source must be a text in quotes; found 7"),
         ("forces.zero=[1]", "forces.zero must be two numbers, [a, b] in V; found [1]"),
         ("forces.coupling=3", "forces.coupling must be two rows of two numbers, [[a, b], [c, d]]; found 3"),
@@ -81,6 +85,27 @@ def test_what_can_not_be_used_is_refused_with_what_is_allowed(override: str, wor
         load(None, [override])
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_the_settings_of_the_correlation_are_its_own() -> None:
+    """Same names, same defaults, same choices; 0 stands for what the method or the images decide."""
+    assert correlation(Dic()) == Correlation()
+    changed = load(None, ["dic.method=icgn", "dic.precision=double", "dic.tolerance=0.01", "dic.full_scale=4095", "dic.update=every"]).dic
+    assert correlation(changed) == Correlation(method="icgn", precision="double", tolerance=0.01, full_scale=4095, update="every")
+    for key, words in [("method", METHODS), ("interpolant", INTERPOLANTS)]:
+        assert config.options(Dic)[key][1].pattern == f"^({'|'.join(words)})$"
+
+
+def test_a_record_without_a_method_is_from_before_there_was_a_choice(tmp_path: Path) -> None:
+    old = "[dic]\nbox = 20\nsearch = 16\n"
+    assert from_record(old, "session").dic == Dic(method="direct", search=16)
+    assert from_record("", "session").dic.method == "direct"
+    assert from_record(to_toml(Config()), "session") == Config()
+    file = tmp_path / "bench.toml"  # a user's file says what he changed, and means today's method
+    file.write_text(old, encoding="utf-8")
+    assert load(file).dic == Dic(method="shared", search=16)
+    with pytest.raises(ConfigError, match="session: 'dic' is a table of options, found 3"):
+        from_record("dic = 3", "session")
 
 
 def test_a_box_must_fit_the_image() -> None:

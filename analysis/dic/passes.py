@@ -27,7 +27,7 @@ LEAST_BELIEVABLE = 0.15  # ... given this much more, of the contrast, for what t
 MOST_ODD = 0.15  # share of a box's pixels; if more are not believed, the expectation is wrong
 SETTLED = 0.75  # limits that shrink to less of what they were are tried again
 UNLIMITED = 1e9  # the widest believable difference where nothing is expected
-RESTLESS = 1e-3  # share of the points whose last step may be long
+RESTLESS = 1e-3  # share of the points that may still change
 ALIKE = 0.5  # correlation below which a point's step says nothing
 SINGULAR = 1e-8  # determinant of the normal matrix with units on its diagonal
 AT_REST = 0.5  # px; a point whose last step is longer has no place
@@ -49,7 +49,7 @@ class SharedPasses:
     interpolant : Interpolant or None
         How the images are read between their pixels; None: the least-squares interpolation of the reference's texture.
     tolerance_px : float
-        No further pass once nearly all steps are shorter than this (or than four times their noise).
+        No further pass once nearly all points have changed by less than this (or by less than five times their noise).
     max_passes : int
     """
 
@@ -123,7 +123,7 @@ class SharedPasses:
         self._cell_bands, self._box_bands = (_bands(n, bands) for n in (self._cells.shape[1], grid.shape[0]))
 
     def refine(self, image: NDArray[Any], start: F64, wanted: NDArray[np.bool_]) -> Estimate:
-        """The displacement of every point, wanted or not, from a guess, shape (2, ny, nx), px: passes until nearly all steps are short."""
+        """The displacement of every point, wanted or not, from a guess, shape (2, ny, nx), px: passes until it hardly changes."""
         u, grey = start, self._grey
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
@@ -151,7 +151,7 @@ class SharedPasses:
         layout, reference, splines, cells, result = self.layout, self.reference, self.splines, self._cells, self._result
         n, (ny, nx), shape = self._pad, self._grid.shape, (image.shape[0], image.shape[1])
         control, centre = np.empty((5, ny + 2 * n, nx + 2 * n), np.float32), np.empty((2, ny, nx))
-        guess = shared.Guess(control, grey, centre)
+        guess = shared.Guess(control, grey, u, centre)
 
         def predict(fields: tuple[int, int]) -> None:
             for k in range(*fields):

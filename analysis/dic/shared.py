@@ -87,7 +87,8 @@ class Guess(NamedTuple):
 
     control: F32  # (5, ny + ..., nx + ...) control points of displacement x, y (px), gain, offset, widest difference
     grey: F32  # (3, ny, nx) expected gain and offset, and widest believable difference, in the middle of every box
-    centre: F64  # (2, ny, nx) the displacement in the middle of every box
+    before: F64  # (2, ny, nx) the displacement from which the prediction was made
+    centre: F64  # (2, ny, nx) the prediction in the middle of every box
 
 
 class Limits(NamedTuple):
@@ -98,7 +99,7 @@ class Limits(NamedTuple):
     believable: float  # mean differences within which a grey level is believed ...
     least_believable: float  # ... given this much more, of the contrast
     unlimited: float  # the widest difference of a point of which nothing is expected
-    tolerance: float  # px; a longer step is not at rest, unless its noise explains it
+    tolerance: float  # px; a larger change asks for another pass, unless noise explains it
 
 
 class Result(NamedTuple):
@@ -111,7 +112,7 @@ class Result(NamedTuple):
     odd: F64  # share of the pixels that were not believed
     expected: F32  # (3, ny, nx) gain, offset and widest believable difference for the next pass
     wrong: I64  # (ny,) points in each row where the pass found another light than expected
-    restless: I64  # (ny,) points in each row that resemble the reference but made a long step
+    restless: I64  # (ny,) points in each row that resemble the reference but have changed much
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
@@ -393,4 +394,5 @@ def solve_boxes(
                 result.expected[0, i, j], result.expected[1, i, j], result.expected[2, i, j] = 1.0, 0.0, limits.unlimited
             left, top = layout.left[j] + x, layout.top[i] + y
             is_inside = left >= 0 and top >= 0 and left + layout.box <= shape[1] and top + layout.box <= shape[0]
-            result.restless[i] += is_alike and is_inside and step > max(limits.tolerance, 4.0 * max(std_x, std_y))
+            change = max(abs(x - guess.before[0, i, j]), abs(y - guess.before[1, i, j]))
+            result.restless[i] += is_alike and is_inside and change > max(limits.tolerance, 5.0 * max(std_x, std_y))

@@ -2,46 +2,58 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output
-from app.config import Dic as DicSettings
-from app.config import options
+from app.config import ConfigError, Dic, from_data
 from app.errors import UserError
 
+if TYPE_CHECKING:
+    from app.dic_files import FilesSummary
 
-def dic(reference: Path, images: Sequence[Path], fields: Path, *, box: int, step: int, search: int, threads: int, overwrite: bool) -> int:
-    """Correlate image files and write the fields; the exit code."""
-    _check_limits(box=box, step=step, search=search, threads=threads)
+
+def dic(
+    reference: Path,
+    images: Sequence[Path],
+    fields: Path,
+    *,
+    mask: Path | None,
+    roi: tuple[int, int, int, int] | None,
+    overwrite: bool,
+    **asked: Any,
+) -> int:
+    """Correlate image files and write the fields; the exit code. `asked` are settings by their names in ``[dic]``."""
+    settings = _settings(asked)
     check_writable(fields)
     if fields.exists() and not overwrite:
         raise UserError(f"{fields}: a file of that name exists; choose another name or give --overwrite")
     from app.dic_files import correlate_files
 
     with Bar("correlating", quiet=False) as bar:
-        summary = correlate_files(
-            reference,
-            list(images),
-            fields,
-            box=box,
-            step=step,
-            search=search,
-            threads=threads,
-            overwrite=overwrite,
-            on_progress=bar.show,
-        )
-    total = max(1, summary.frames * summary.points)
-    fates = ", ".join(f"{status} {count / total:.1%}" for status, count in summary.statuses.items() if count)
-    output().print(f"{fields}: frames 1 to {summary.frames}, {summary.points} points each ({fates})")
+        summary = correlate_files(reference, list(images), fields, settings, mask=mask, roi=roi, overwrite=overwrite, on_progress=bar.show)
+    _tell(summary)
     return DONE
 
 
-def _check_limits(**asked: int) -> None:
-    """The limits of the settings file hold for the command line."""
-    known = options(DicSettings)
-    for name, value in asked.items():
-        meta = known[name][1]
-        if not (meta.ge or 0) <= value <= (meta.le or value):
-            raise UserError(f"--{name}: {value} was asked, it must be at least {meta.ge:g} and at most {meta.le:g}")
+def _settings(asked: dict[str, Any]) -> Dic:
+    """What the command line asks, within the limits of the settings file."""
+    try:
+        return from_data({"dic": asked}, "dic").dic
+    except ConfigError as error:
+        raise UserError(re.sub(r"\bdic\.(\w+)", lambda key: "--" + key[1].replace("_", "-"), str(error))) from None
+
+
+def _tell(summary: FilesSummary) -> None:
+    fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
+    output().print(f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}")
+    quality = (
+        f"; median standard uncertainty {summary.ux_std_px:.4f} px of u_x, {summary.uy_std_px:.4f} px of u_y;"
+        f" median correlation {summary.zncc:.4f}"
+    )
+    output().print(f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else ""))
+    if summary.updates:
+        output().print(f"reference replaced {summary.updates} times, which adds {summary.drift_px:.4f} px to the uncertainty of u_x")

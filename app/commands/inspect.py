@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from app.commands.terminal import DONE, output, print_json, print_rows
-from app.config import Config, from_data
+from app.config import Config, from_record
 
 
 def info(session: Path, as_json: bool) -> int:
     """Print what a session holds; the exit code."""
     from app.report.summary import Row, counts_rows, plain, resources_rows, summary_rows
-    from app.session.layout import FORMAT_VERSION
     from app.session.reader import SessionReader
 
     with SessionReader(session) as reader:
-        config = from_data(tomllib.loads(reader.config_toml), f"{session}: settings")
+        config = from_record(reader.config_toml, f"{session}: settings")
         summary, counts = reader.summary(), reader.counts()
         phases = [
             {"phase": e.text, "sample": e.sample, "time_s": e.sample / reader.sample_rate_hz} for e in reader.events() if e.kind == "phase"
         ]
         data = {
             "session": str(session),
-            "format": FORMAT_VERSION,
+            "format": reader.format,
             "state": reader.state,
             "reason": reader.reason,
             "started": reader.started,

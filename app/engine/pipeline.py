@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from analysis.calibration.forces import SensorChain
 from analysis.contact.apparent import apparent_contact
 from analysis.contact.rings import central_value, ring_means
-from analysis.dic import DirectTracker, Grid
+from analysis.dic import Grid, Tracker
+from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.config import Config
+from app.config import Config, correlation
 from app.engine.history import Conditions
 from app.results import ContactResult, Phase, Snapshot, Summary
 
@@ -47,8 +48,8 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
 class Pipeline:
     """Background, reference, displacement field, ring means, stick radius: the state of the analysis of one session.
 
-    Frames must come in order. The result of a frame depends on the background and reference frames; the frame analysed before it only
-    starts its search.
+    Frames must come in order. The result of a frame depends on the background and reference frames; those analysed in between only start
+    its search, which can change a displacement by a small part of its uncertainty. The same frames give the same bits.
     """
 
     def __init__(self, config: Config, image_shape: tuple[int, int]) -> None:
@@ -58,7 +59,7 @@ class Pipeline:
         self.reference_frame: int | None = None
         self.notes: list[str] = []
         self._background: NDArray[np.generic] | None = None
-        self._tracker: DirectTracker | None = None
+        self._tracker: Tracker | None = None
         self._reference_shear_n = 0.0
         self._x_m, self._y_m = (axis * self._pixel_m for axis in np.meshgrid(self.grid.x_px, self.grid.y_px))
 
@@ -67,9 +68,12 @@ class Pipeline:
         return self.config.camera.pixel * 1e-6
 
     def close(self) -> None:
-        """Let the tracker's threads go."""
+        """Let the tracker's threads go, and note what became of the reference."""
         if self._tracker is not None:
             self._tracker.close()
+        if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:
+            drift = f"{self._tracker.updates} times, which adds {self._tracker.drift_px:.4f} px to the uncertainty of u_x"
+            self.notes.append(f"dic: the reference was replaced {drift}")
 
     def step(self, index: int, sample: int, image: NDArray[np.generic], now: Conditions) -> Snapshot:
         """The snapshot of one frame, given what the bench measured during its exposure."""
@@ -82,16 +86,7 @@ class Pipeline:
         return self._measure(index, sample, image, now)
 
     def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
-        dic = self.config.dic
-        self._tracker = DirectTracker(
-            image,
-            dic.box,
-            dic.step,
-            search=dic.search,
-            min_correlation=dic.min_correlation,
-            min_contrast=dic.min_contrast,
-            threads=dic.threads,
-        )
+        self._tracker = correlation(self.config.dic).open(image)
         at_rest = np.zeros(self.grid.shape)
         self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
         self._reference_shear_n = now.shear_force_n
@@ -144,6 +139,8 @@ class Pipeline:
             lens_m=lens_m,
             ux_px=field.ux_px,
             uy_px=field.uy_px,
+            ux_std_px=field.ux_std_px,
+            uy_std_px=field.uy_std_px,
             zncc=field.zncc,
             status=field.status,
             ring_radius_m=rings.radius,
@@ -175,6 +172,8 @@ def _nothing_yet(index: int, sample: int, now: Conditions) -> Snapshot:
         lens_m=math.nan,
         ux_px=_NO_FIELD,
         uy_px=_NO_FIELD,
+        ux_std_px=_NO_FIELD,
+        uy_std_px=_NO_FIELD,
         zncc=_NO_FIELD,
         status=_NO_STATUS,
         ring_radius_m=_NO_RINGS,

@@ -91,7 +91,7 @@ class Recorder:
 
     def snapshot(self, snapshot: Snapshot) -> None:
         """Record the results of a frame."""
-        self._put(lambda: self._sink.append_snapshot(snapshot), 3 * snapshot.ux_px.nbytes + snapshot.status.nbytes + 2000)
+        self._put(lambda: self._sink.append_snapshot(snapshot), 5 * snapshot.ux_px.nbytes + snapshot.status.nbytes + 2000)
 
     def contact(self, contact: ContactResult) -> None:
         """Record the apparent contact."""

@@ -11,8 +11,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-
 
 class FieldsWriter:
     """Writes the fields of a series of images, one after the other; frame 1 is the first image after the reference.
@@ -28,47 +26,47 @@ class FieldsWriter:
     status_names : sequence of str
         What each value of the status means.
     settings : mapping
-        How the fields were measured, kept as scalars.
+        How the fields were measured: name -> value; `reference` is the name of that image.
+    units : mapping
+        Name -> unit of the settings that are numbers.
     """
 
     def __init__(
         self,
         path: Path,
-        reference: str,
         images: Sequence[str],
         x_px: NDArray[np.float64],
         y_px: NDArray[np.float64],
         status_names: Sequence[str],
-        settings: Mapping[str, int | float],
+        settings: Mapping[str, int | float | str],
+        units: Mapping[str, str],
     ) -> None:
         self._next = 0
         self._file = h5py.File(path, "w")
         self._file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "SlipScope"})
         entry = self._group(self._file, "entry", "NXentry", default="fields")
-        self._dataset(entry, "title", f"displacement from {reference}")
+        self._dataset(entry, "title", f"displacement from {settings['reference']}")
         source = self._group(entry, "settings", "NXcollection")
-        self._dataset(source, "reference", reference)
         self._dataset(source, "images", np.array(list(images), dtype=h5py.string_dtype()))
         for name, value in settings.items():
-            self._dataset(source, name, value, units="px" if name in {"box", "step", "search"} else "1")
-        data = self._group(entry, "fields", "NXdata", signal="ux", axes=["frame", "y", "x"], auxiliary_signals=["uy", "zncc", "status"])
+            self._dataset(source, name, value, **({} if isinstance(value, str) else {"units": units[name]}))
+        others = [name for name in _COLUMNS if name != "ux"]
+        data = self._group(entry, "fields", "NXdata", signal="ux", axes=["frame", "y", "x"], auxiliary_signals=others)
         self._dataset(data, "frame", np.arange(1, len(images) + 1), units="1", long_name="image after the reference")
         self._dataset(data, "y", y_px, units="px", long_name="y of the box centre; 0 is the centre of the top row of pixels")
         self._dataset(data, "x", x_px, units="px", long_name="x of the box centre; 0 is the centre of the left column of pixels")
         shape = (len(images), len(y_px), len(x_px))
         meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
-        self._columns = [
-            data.create_dataset(name, shape, dtype, chunks=(1, *shape[1:]))
-            for name, dtype in zip(_NAMES, ("f4", "f4", "f4", "u1"), strict=True)
-        ]
-        texts = ("displacement along x", "displacement along y", "zero-mean normalised cross-correlation", f"status: {meanings}")
-        for column, unit, text in zip(self._columns, ("px", "px", "1", "1"), texts, strict=True):
-            column.attrs.update({"units": unit, "long_name": text})
+        self._columns = {}
+        for name, (attribute, dtype, unit, text) in _COLUMNS.items():
+            self._columns[attribute] = data.create_dataset(name, shape, dtype, chunks=(1, *shape[1:]))
+            long_name = f"{text}: {meanings}" if name == "status" else text
+            self._columns[attribute].attrs.update({"units": unit, "long_name": long_name})
 
-    def append(self, ux_px: F32, uy_px: F32, zncc: F32, status: NDArray[np.uint8]) -> None:
-        """Write the field of the next image; arrays of shape (ny, nx)."""
-        for column, values in zip(self._columns, (ux_px, uy_px, zncc, status), strict=True):
-            column[self._next] = values
+    def append(self, field: Any, /) -> None:
+        """Write the field of the next image, an `analysis.dic.Field`."""
+        for attribute, column in self._columns.items():
+            column[self._next] = getattr(field, attribute)
         self._next += 1
 
     def close(self) -> None:
@@ -92,4 +90,12 @@ class FieldsWriter:
         parent.create_dataset(name, data=value).attrs.update(attributes)
 
 
-_NAMES = ("ux", "uy", "zncc", "status")
+_COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
+    "ux": ("ux_px", "f4", "px", "displacement along x"),
+    "uy": ("uy_px", "f4", "px", "displacement along y"),
+    "ux_errors": ("ux_std_px", "f4", "px", "standard uncertainty of ux"),
+    "uy_errors": ("uy_std_px", "f4", "px", "standard uncertainty of uy"),
+    "zncc": ("zncc", "f4", "1", "zero-mean normalised cross-correlation"),
+    "status": ("status", "u1", "1", "status"),
+    "iterations": ("iterations", "u1", "1", "steps taken to the place"),
+}

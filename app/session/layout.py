@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from app.results import Phase
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 FORMAT_ATTRIBUTE = "slipscope_format"
 UNFINISHED = "unfinished"
 
@@ -36,7 +36,10 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A dataset. Sides of `shape` are numbers or names; a name in `GROWING` starts at 0. `rows` is the length of a chunk."""
+    """A dataset. Sides of `shape` are numbers or names; a name in `GROWING` starts at 0. `rows` is the length of a chunk.
+
+    Sessions of a format before `since` do not have it.
+    """
 
     path: str
     shape: tuple[str | int, ...]
@@ -44,6 +47,7 @@ class Item:
     unit: str
     meaning: str
     rows: int = 1024
+    since: int = 1
 
     @property
     def name(self) -> str:
@@ -135,6 +139,8 @@ ITEMS = (
     Item("/entry/fields/y", ("ny",), "float64", "px", "box centres along y, downwards"),
     Item("/entry/fields/ux", ("fields", "ny", "nx"), "float32", "px", "displacement along x; NaN where status is not 0", 1),
     Item("/entry/fields/uy", ("fields", "ny", "nx"), "float32", "px", "displacement along y; NaN where status is not 0", 1),
+    Item("/entry/fields/ux_errors", ("fields", "ny", "nx"), "float32", "px", "its standard uncertainty", 1, since=2),
+    Item("/entry/fields/uy_errors", ("fields", "ny", "nx"), "float32", "px", "its standard uncertainty", 1, since=2),
     Item("/entry/fields/zncc", ("fields", "ny", "nx"), "float32", "1", "correlation at the peak; NaN where status is not 0", 1),
     Item("/entry/fields/status", ("fields", "ny", "nx"), "uint8", "1", "0: measured; else why not", 1),
     Item("/entry/contact/centre", (2,), "float64", "px", "centre of the contact (x, y)"),
@@ -181,7 +187,7 @@ RESULTS = {
     "stick_radius_errors": "stick_radius_sd_m",
 }
 RINGS = {"radius": "ring_radius_m", "ux": "ring_ux_m", "ux_errors": "ring_sd_m"}
-FIELDS = {"ux": "ux_px", "uy": "uy_px", "zncc": "zncc", "status": "status"}
+FIELDS = {"ux": "ux_px", "uy": "uy_px", "ux_errors": "ux_std_px", "uy_errors": "uy_std_px", "zncc": "zncc", "status": "status"}
 CONTACT = {
     "contact/centre": "centre_px",
     "contact/radius": "apparent_radius_m",

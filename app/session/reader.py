@@ -33,6 +33,11 @@ _DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError
 class SessionReader:
     """A session on disk; use it in a ``with`` statement. Nothing but small tables is kept in memory.
 
+    Attributes
+    ----------
+    format : int
+        Version of the format in which it was written.
+
     Raises
     ------
     UserError
@@ -59,6 +64,11 @@ class SessionReader:
     def close(self) -> None:
         """Let go of the file. May be called twice."""
         self._file.close()
+
+    @cached_property
+    def lacking(self) -> frozenset[str]:
+        """Attributes of a snapshot that this session is too old to hold; they read as NaN."""
+        return frozenset(a for name, a in layout.FIELDS.items() if _ITEMS[f"/entry/fields/{name}"].since > self.format)
 
     @cached_property
     def config_toml(self) -> str:
@@ -261,22 +271,24 @@ class SessionReader:
 
     def _field(self, row: int) -> dict[str, Any]:
         if row == NO_ROW:
-            return {"ux_px": _NO_FIELD, "uy_px": _NO_FIELD, "zncc": _NO_FIELD, "status": _NO_FIELD.astype(np.uint8)}
-        return {attribute: self._row(f"/entry/fields/{name}", row) for name, attribute in layout.FIELDS.items()}
+            return dict.fromkeys(layout.FIELDS.values(), _NO_FIELD) | {"status": _NO_FIELD.astype(np.uint8)}
+        held = {name: attribute for name, attribute in layout.FIELDS.items() if attribute not in self.lacking}
+        found = {attribute: self._row(f"/entry/fields/{name}", row) for name, attribute in held.items()}
+        return found | dict.fromkeys(self.lacking, np.full_like(found["ux_px"], np.nan))
 
     def _check_format(self) -> None:
         with self._reading("its format"):
             version = self._file.attrs.get(FORMAT_ATTRIBUTE)
-        if not isinstance(version, np.integer):
+        if not isinstance(version, np.integer) or version < 1:
             raise UserError(f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that `slipscope run` wrote")
         if version > FORMAT_VERSION:
             raise UserError(
                 f"{self.path}: written by a newer SlipScope (format {version}, this one reads {FORMAT_VERSION}); bring SlipScope up to date"
             )
-        for group in layout.GROUPS:
-            if group.path not in layout.LATER:
-                for item in layout.items_of(group.path):
-                    self._dataset(item.path)
+        self.format = int(version)
+        for item in layout.ITEMS:
+            if item.group not in layout.LATER and item.since <= self.format:
+                self._dataset(item.path)
 
     def _has(self, group: str) -> bool:
         with self._reading(group):

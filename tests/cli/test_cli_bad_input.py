@@ -172,7 +172,14 @@ def test_an_empty_image_list_is_a_usage_error(slipscope: Command, grey: str) -> 
     [
         (("-o", "f.txt"), "f.txt"),
         (("-o", "nowhere/f.csv"), "the folder nowhere does not exist"),
-        (("-o", "f.csv", "--box", "3"), "--box: 3 was asked, it must be at least 4 and at most 200"),
+        (("-o", "f.csv", "--box", "3"), "--box must be a whole number at least 4 and at most 200 px; found 3"),
+        (("-o", "f.csv", "--method", "lk"), "--method must be 'shared' or 'icgn' or 'direct'; found \"lk\""),
+        (("-o", "f.csv", "--min-contrast", "nan"), "--min-contrast: a finite number is needed"),
+        (("-o", "f.csv", "--update-every", "0"), "--update-every must be a whole number at least 1 images; found 0"),
+        (("-o", "f.csv", "--precision", "double"), "double precision asked of method 'shared'"),
+        (("-o", "f.csv", "--roi", "0", "0", "200", "50"), "a region from (0, 0) to (200, 50) px asked of 100 x 80 px"),
+        (("-o", "f.csv", "--roi", "10", "10", "20", "20", "--method", "direct"), "a mask or region asked of method 'direct'"),
+        (("-o", "f.csv", "--mask", "nowhere.png"), "nowhere.png"),
         (("-o", "f.csv", "--box", "100"), "100"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import subprocess
@@ -14,10 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 from typer.testing import Result
 
+from app import cli
 from app.commands import experiment
-from app.config import default_toml
+from app.config import Dic, default_toml
 from app.results import Counts, Health, Outcome
 
 Command = Callable[..., Result]
@@ -157,10 +160,16 @@ def test_a_second_interrupt_stops_the_motion_again_and_leaves() -> None:
     assert source.calls == ["start", "Ctrl-C was pressed", "stop motion"]
 
 
+def save_texture(folder: Path, suffix: str, kind: type[np.integer], grey: int) -> None:
+    """Two pictures: ``a`` and, two pixels further, ``b``."""
+    texture = gaussian_filter(np.random.default_rng(3).normal(size=(80, 100)), 1.2, mode="wrap")
+    reference = np.clip(grey * (1 + 0.7 * texture / texture.std()), 0, 2 * grey).astype(kind)
+    for name, image in (("a", reference), ("b", np.roll(reference, 2, axis=1))):
+        Image.fromarray(image).save(folder / f"{name}{suffix}")
+
+
 def test_dic_writes_the_fields_of_plain_image_files(slipscope: Command, tmp_path: Path) -> None:
-    reference = np.random.default_rng(3).integers(0, 255, (80, 100), dtype=np.uint8)
-    for name, image in (("a.png", reference), ("b.png", np.roll(reference, 2, axis=1))):
-        Image.fromarray(image).save(tmp_path / name)
+    save_texture(tmp_path, ".png", np.uint8, 100)
     result = slipscope("dic", "a.png", "b.png", "-o", "f.csv", "--search", "4")
     assert result.exit_code == 0, result.output
     assert "frames 1 to 1, " in result.stdout
@@ -168,6 +177,44 @@ def test_dic_writes_the_fields_of_plain_image_files(slipscope: Command, tmp_path
     assert header.startswith("frame,x_px,y_px,ux_px,uy_px,status")
     ux = [float(line.split(",")[3]) for line in lines if line.split(",")[5] == "ok"]
     assert np.median(ux) == pytest.approx(2.0, abs=0.05)
+
+
+def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path: Path) -> None:
+    """The defaults of the options are those of the settings file, and what is asked arrives in the record."""
+    parameters = inspect.signature(cli.dic).parameters
+    assert {name: parameters[name].default for name in Dic.__struct_fields__} == {n: getattr(Dic(), n) for n in Dic.__struct_fields__}
+    save_texture(tmp_path, ".tif", np.uint16, 2000)
+    Image.fromarray(np.pad(np.full((60, 80), 255, np.uint8), 10)).save(tmp_path / "m.png")
+    asked = {
+        "method": "icgn",
+        "box": 16,
+        "step": 8,
+        "order": 0,
+        "interpolant": "bspline3",
+        "precision": "double",
+        "tolerance": 0.01,
+        "search": 4,
+        "min_correlation": 0.6,
+        "min_contrast": 3.0,
+        "max_saturated": 0.1,
+        "full_scale": 4095,
+        "update_every": 7,
+        "update_below": 0.7,
+        "threads": 1,
+    }
+    options = [part for name, value in asked.items() for part in ("--" + name.replace("_", "-"), value)]
+    result = slipscope("dic", "a.tif", "b.tif", "-o", "f.npz", *options, "--mask", "m.png", "--roi", 20, 20, 80, 60)
+    assert result.exit_code == 0, result.output
+    with np.load(tmp_path / "f.npz", allow_pickle=False) as file:
+        record = dict(file["settings"].tolist())
+        assert record.items() >= {name: str(value) for name, value in asked.items()}.items()
+        assert (record["mask"], record["roi"]) == ("m.png", "20 20 80 60")
+        masked = int((file["status"] == 6).sum())
+    assert f"{masked} masked" in result.stdout
+    for words in (" points/s; median standard uncertainty 0.", " px of u_x, ", " px of u_y; median correlation 1.0"):
+        assert words in result.stdout
+    result = slipscope("dic", "a.tif", "b.tif", "b.tif", "-o", "g.csv", "--update", "every", "--update-every", 1)
+    assert "reference replaced 2 times, which adds 0.0" in result.stdout
 
 
 @pytest.mark.parametrize("command", ["replay", "info"])

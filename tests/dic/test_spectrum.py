@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from blobs import Speckle
 
 from analysis.dic.spectrum import BEYOND, gradient, interpolation, texture
-from blobs import Speckle
 
 
 @pytest.mark.parametrize("noise", [0.5, 2.0, 8.0])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from blobs import Speckle
 
 from analysis.dic import Correlation, Status
-from blobs import Speckle
 
 SPECKLE = Speckle((240, 320))
 

@@ -49,14 +49,38 @@ def whole(recorded):
     return analysed(*recorded)[0]
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
-def test_skipped_frames_change_no_other_field(recorded, whole, data):
+def test_skipped_frames_change_other_fields_by_less_than_a_tenth_of_their_uncertainty(recorded, whole, data):
     used, frames = recorded
     driven = [f[0] for f in frames if f[3].phase is Phase.DRIVE]
     skipped = data.draw(st.sets(st.sampled_from(driven), min_size=1, max_size=3))
     without, _ = analysed(used, [f for f in frames if f[0] not in skipped])
-    assert [difference(whole[n], s) for n, s in without.items()] == [""] * len(without)
+    for n, snapshot in without.items():
+        assert (snapshot.status == whole[n].status).all()
+        if n < min(skipped):
+            assert difference(whole[n], snapshot) == ""
+        elif snapshot.ux_px.size:
+            change = (snapshot.ux_px - whole[n].ux_px) / whole[n].ux_std_px
+            assert np.sqrt(np.nanmean(change**2)) < 0.1
+
+
+def test_skipped_frames_change_no_other_field_of_the_direct_search(recorded):
+    _, frames = recorded
+    direct = config.load(None, [*OVERRIDES, "dic.method=direct", "dic.search=16"])
+    all_of_them, _ = analysed(direct, frames)
+    without, _ = analysed(direct, [f for f in frames if f[3].phase is not Phase.DRIVE or f[0] % 3])
+    assert len(without) < len(all_of_them) - 10
+    assert [difference(all_of_them[n], s) for n, s in without.items()] == [""] * len(without)
+
+
+def test_replaced_references_are_noted(recorded):
+    _, frames = recorded
+    updated = config.load(None, [*OVERRIDES, "dic.update=every", "dic.update_every=30"])
+    snapshots, pipeline = analysed(updated, frames)
+    fields = [s for s in snapshots.values() if s.ux_px.size]
+    assert f"dic: the reference was replaced {len(fields) // 30} times" in pipeline.notes[-1]
+    assert np.nanmedian(fields[-1].ux_std_px) > 1.2 * np.nanmedian(fields[20].ux_std_px)
 
 
 def test_threads_change_nothing(recorded, whole):
@@ -104,6 +128,6 @@ def test_no_field_before_the_reference(recorded, whole):
         before = now.phase in (Phase.BACKGROUND, Phase.CONTACT)
         assert (whole[index].ux_px.size == 0) == before
     reference = next(i for i, _, _, now in frames if now.phase is Phase.REFERENCE)
-    # the reference against itself: what the 2D Gaussian through nine points costs without any noise
-    assert np.nanstd(whole[reference].ux_px) < 0.033
-    assert abs(np.nanmean(whole[reference].ux_px)) < 0.005
+    # the reference against itself
+    assert np.abs(whole[reference].ux_px).max() < 1e-4
+    assert (whole[reference].status == 0).all()

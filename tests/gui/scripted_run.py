@@ -77,6 +77,8 @@ class ScriptedRun:
             ux,
             uy,
             zncc,
+            zncc,
+            zncc,
             status,
             rings,
             rings * 0,

@@ -77,6 +77,8 @@ def loading() -> Loading:
                 float(LENS_M_PER_N * force),
                 (ux_m / PIXEL_M).astype(np.float32),
                 np.zeros(r.shape, np.float32),
+                np.full(r.shape, 0.01, np.float32),
+                np.full(r.shape, 0.01, np.float32),
                 np.ones(r.shape, np.float32),
                 np.zeros(r.shape, np.uint8),
                 rings,

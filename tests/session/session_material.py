@@ -45,9 +45,9 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
     """Results of a frame with random bits and NaN in every place that may hold one."""
     rng = np.random.default_rng(frame)
     shape = (len(GRID_Y), len(GRID_X)) if field else (0, 0)
-    ux, uy, zncc = (rng.normal(size=shape).astype(np.float32) for _ in range(3))
+    ux, uy, ux_std, uy_std, zncc = (rng.normal(size=shape).astype(np.float32) for _ in range(5))
     if field:
-        ux[0, 1] = uy[0, 1] = zncc[0, 1] = np.nan
+        ux[0, 1] = uy[0, 1] = ux_std[0, 1] = uy_std[0, 1] = zncc[0, 1] = np.nan
     ring_ux = rng.normal(size=rings)
     ring_ux[-1:] = np.nan
     return Snapshot(
@@ -61,6 +61,8 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
         lens_m=1e-8 * frame,
         ux_px=ux,
         uy_px=uy,
+        ux_std_px=ux_std,
+        uy_std_px=uy_std,
         zncc=zncc,
         status=rng.integers(0, 5, shape, np.uint8),
         ring_radius_m=rng.uniform(size=rings),

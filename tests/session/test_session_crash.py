@@ -114,7 +114,7 @@ def test_failed_chunk_leaves_no_phantom(tmp_path: Path) -> None:
         assert read.state == "failed"
     with h5py.File(written.path, "r") as file:
         assert file["/entry/instrument/camera/data"].shape[0] == 8
-        assert {file[f"/entry/fields/{name}"].shape[0] for name in ("frame", "ux", "uy", "zncc", "status")} == {4}
+        assert {file[f"/entry/fields/{name}"].shape[0] for name in ("frame", "ux", "uy", "ux_errors", "uy_errors", "zncc", "status")} == {4}
 
 
 def test_failed_flush_takes_its_rows_back_and_can_be_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import datetime
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -27,6 +28,7 @@ from session_material import (
 )
 
 from app.results import Event, Outcome
+from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION
 from app.session.reader import SessionReader
 
 
@@ -110,6 +112,22 @@ def test_snapshots(session: Session) -> None:
         for a, b in zip(found, session.snapshots, strict=True):
             assert_same(a, b)
         assert_same(read.snapshot(3), session.snapshots[3])
+
+
+def test_a_session_of_the_first_format_has_no_uncertainties(session: Session) -> None:
+    with h5py.File(session.path, "r+") as file:
+        file.attrs[FORMAT_ATTRIBUTE] = 1
+        del file["/entry/fields/ux_errors"], file["/entry/fields/uy_errors"]
+    with SessionReader(session.path) as read:
+        assert read.lacking == {"ux_std_px", "uy_std_px"}
+        for a, b in zip(read.snapshots(), session.snapshots, strict=True):
+            nothing = np.full(b.ux_px.shape, np.nan, np.float32)
+            assert_same(a, dataclasses.replace(b, ux_std_px=nothing, uy_std_px=nothing))
+
+
+def test_a_session_of_today_lacks_nothing(session: Session) -> None:
+    with SessionReader(session.path) as read:
+        assert (read.format, read.lacking) == (FORMAT_VERSION, frozenset())
 
 
 def test_results_of_the_whole_run(session: Session) -> None:
