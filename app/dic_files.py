@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 
@@ -105,10 +105,7 @@ def correlate_files(
     record = {"reference": str(reference), **texts, **msgspec.structs.asdict(settings)}
     account = _Account()
     with closing(tracker), _appearing(output, overwrite) as unfinished:
-        compile_kernels(how)
-        if first.dtype != np.uint8:  # which is what they were compiled for
-            with closing(replace(how, update="never").open(first)) as trial:
-                trial.track(first)
+        compile_kernels(how, first.dtype)
         with _writer(output.suffix, unfinished, [str(path) for path in images], tracker.grid, record) as writer:
             for n, path in enumerate(images):
                 tell(path.name, n / len(images))

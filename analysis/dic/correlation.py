@@ -19,6 +19,7 @@ from analysis.dic.refining import RefiningTracker
 from analysis.dic.tracker import DirectTracker
 from analysis.dic.updating import UpdatingTracker
 
+DIRECT_SEARCH = 16  # px; half-width of the direct method's own search
 METHODS = ("shared", "icgn", "direct")
 MATCHED = "matched"
 INTERPOLANTS = (MATCHED, *CLASSICAL)
@@ -127,7 +128,9 @@ class Correlation:
                 raise ValueError("correlation: a mask or region asked of method 'direct'; use method 'shared' or 'icgn'")
             grid = Grid.cover((reference.shape[0], reference.shape[1]), self.box, self.step)
             coarse = CoarseSearch(np.array(reference), grid, self.search, self.threads)
-            return DirectTracker(reference, self.box, self.step, **{**common, "search": min(self.search, 16)}, first_guess=coarse.find)
+            near = min(self.search, DIRECT_SEARCH)  # further away, reduced images are searched first
+            guess = coarse.find if self.search > near else None
+            return DirectTracker(reference, self.box, self.step, **{**common, "search": near}, first_guess=guess)
         interpolant = CLASSICAL.get(self.interpolant)
         if self.method == "shared":
             make: Any = partial(SharedPasses, interpolant=interpolant, tolerance_px=self.tolerance or 0.06)
@@ -143,10 +146,10 @@ def _one_of(name: str, value: Any, known: tuple[Any, ...]) -> None:
         raise ValueError(f"correlation: {name} '{value}' asked; use one of {', '.join(map(str, known))}")
 
 
-def compile_kernels(correlation: Correlation | None = None) -> None:
-    """Compile what a correlation needs, or load it from the cache; takes seconds the first time on a machine."""
+def compile_kernels(correlation: Correlation | None = None, dtype: Any = np.uint8) -> None:
+    """Compile what a correlation of images of a type needs, or load it from the cache; takes seconds the first time on a machine."""
     rng = np.random.default_rng(0)
-    images = rng.integers(0, 255, (2, 64, 64)).astype(np.uint8)
+    images = rng.integers(0, 255, (2, 64, 64)).astype(dtype)
     settings = replace(correlation or Correlation(), box=8, step=8, search=2, update="never")
     tracker = settings.open(images[0])
     for image in images:

@@ -179,8 +179,8 @@ class SharedPasses:
 
 
 def _typical(values: F32) -> float:
-    """The median of every third value along both axes."""
-    return float(np.median(values[::3, ::3]))
+    """The median of every fifth value along both axes."""
+    return float(np.median(values[::5, ::5]))
 
 
 def _layout(grid: Grid) -> shared.Layout:

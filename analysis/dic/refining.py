@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import cv2
@@ -25,6 +26,7 @@ Bool = NDArray[np.bool_]
 LOST = 0.02  # share of the points that were followed so far; if more are lost at once, they are searched for in the whole image
 CHANCE = 1e-4  # probability that a box which is not there is taken for found
 ALMOST_SURE = 0.95  # a correlation that is enough however small the box
+MOSTLY_NOISE = 0.3  # power of the noise in units of the texture's, above which the texture may be finer than thought
 LEAST_USABLE = 0.5  # share of the pixels of a box
 PROBE = 6  # every so many points along both axes are tried first where points are refined one by one
 REPAIRS = 3  # rounds at most in which lost points start from their neighbours
@@ -53,8 +55,8 @@ class Method(Protocol):
         """The displacement of at least the wanted points from a guess, shape (2, ny, nx), finite."""
 
 
-Share = Callable[[Callable[[tuple[int, int]], None], Iterable[tuple[int, int]]], None]
-MakeMethod = Callable[[NDArray[Any], Texture, Grid, Bool | None, Share, int], Method]
+Share = Callable[[Callable[[tuple[int, int]], None], Sequence[tuple[int, int]]], None]
+MakeMethod = Callable[..., Method]  # (image, texture, grid, usable, share, bands)
 
 
 class RefiningTracker:
@@ -118,14 +120,11 @@ class RefiningTracker:
             raise ValueError(f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of its size")
         self.grid = Grid.cover((image.shape[0], image.shape[1]), box, step)
         self._image = image
-        self._pool = ThreadPoolExecutor(threads, "dic") if threads > 1 else None
-        grain = texture(image.astype(np.float32))
-        self._method = make(image, grain, self.grid, usable, self._share, 1 if threads == 1 else 4 * threads)
+        self._pool = ThreadPoolExecutor(threads - 1, "dic") if threads > 1 else None
+        self._make = partial(make, image, grid=self.grid, usable=usable, share=self._share, bands=threads)
+        self._use(texture(image.astype(np.float32)), min_correlation)
         self._coarse = CoarseSearch(image, self.grid, search, threads)
         self._min_contrast, self._tolerance = min_contrast, max(2.0, step / 5)
-        grains = np.maximum(self._method.pixels / grain.grain_px2 - 4, 1.0)
-        chance = np.sqrt(betaincinv(1.5, grains / 2, 1 - CHANCE))
-        self._min_correlation = np.maximum(min_correlation, np.minimum(chance, ALMOST_SURE))
         self._full = full_scale or FULL_SCALE.get(str(image.dtype), math.inf)
         self._max_saturated = max_saturated * box * box
         self._fixed = self._judge_reference()
@@ -161,6 +160,8 @@ class RefiningTracker:
         if self._last is not None and self._too_many_lost(status):
             lost = usable & (status != Status.OK)
             found, status = self._again(image, found, np.where(lost, self._coarse.find(image), found.u), lost)
+        if self._may_be_fine and self._are_few(status):
+            found, status = self._with_fine_texture(image, found, status)
         for _ in range(REPAIRS):
             ok, lost = status == Status.OK, (status == Status.DECORRELATED) | (status == Status.NOT_CONVERGED)
             if not lost.any() or not ok.any():
@@ -191,9 +192,13 @@ class RefiningTracker:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def _share(self, work: Callable[[tuple[int, int]], None], bands: Iterable[tuple[int, int]]) -> None:
-        for _ in map(work, bands) if self._pool is None else self._pool.map(work, bands):
-            pass
+    def _share(self, work: Callable[[tuple[int, int]], None], bands: Sequence[tuple[int, int]]) -> None:
+        """Do the first band here while the other threads do the rest."""
+        others = [] if self._pool is None else [self._pool.submit(work, band) for band in bands[1:]]
+        for band in bands[: len(bands) - len(others)]:
+            work(band)
+        for other in others:
+            other.result()
 
     def _again(self, image: NDArray[Any], found: Estimate, start: F64, lost: Bool) -> tuple[Estimate, NDArray[np.uint8]]:
         """Refine the lost points from another start; the others keep what was found."""
@@ -201,6 +206,29 @@ class RefiningTracker:
         names = ("u", "zncc", "std", "at_rest", "iterations")
         both = Estimate(*(np.where(lost, getattr(new, name), getattr(found, name)) for name in names))
         return both, self._judge(image, both)
+
+    def _use(self, grain: Texture, min_correlation: float) -> None:
+        """Make the method for a texture, and say what correlation it does not reach by chance."""
+        self._method = self._make(grain)
+        grains = np.maximum(self._method.pixels / grain.grain_px2 - 4, 1.0)
+        chance = np.sqrt(betaincinv(1.5, grains / 2, 1 - CHANCE))
+        self._least, self._min_correlation = min_correlation, np.maximum(min_correlation, np.minimum(chance, ALMOST_SURE))
+        self._may_be_fine = grain.noise_share > MOSTLY_NOISE
+
+    def _with_fine_texture(self, image: NDArray[Any], found: Estimate, status: NDArray[np.uint8]) -> tuple[Estimate, NDArray[np.uint8]]:
+        """A second try with what looked like noise taken for texture, for good if it finds most points."""
+        before = self._method, self._min_correlation
+        self._use(texture(self._image.astype(np.float32), is_noisy=False), self._least)
+        other = self._method.refine(image, self._coarse.find(image), self._fixed == Status.OK)
+        new = self._judge(image, other)
+        if not self._are_few(new):
+            return other, new
+        (self._method, self._min_correlation), self._may_be_fine = before, True
+        return found, status
+
+    def _are_few(self, status: NDArray[np.uint8]) -> bool:
+        """Whether most of the points that can be found are lost."""
+        return int((status == Status.OK).sum()) < int((self._fixed == Status.OK).sum()) // 2
 
     def _is_off(self, image: NDArray[Any], start: F64, usable: Bool) -> bool:
         """Whether most of a few points can not be refined from there, so that it is not worth trying with all of them."""
@@ -210,9 +238,8 @@ class RefiningTracker:
         return int((ok & few).sum()) < int(few.sum()) // 2
 
     def _too_many_lost(self, status: NDArray[np.uint8]) -> bool:
-        ok, usable = status == Status.OK, self._fixed == Status.OK
-        newly = int((self._followed & ~ok).sum())
-        return newly > max(4, LOST * int(self._followed.sum())) or int(ok.sum()) < int(usable.sum()) // 2
+        newly = int((self._followed & (status != Status.OK)).sum())
+        return newly > max(4, LOST * int(self._followed.sum())) or self._are_few(status)
 
     def _judge_reference(self) -> NDArray[np.uint8]:
         """The status of the points that can never be found; OK elsewhere."""
@@ -246,7 +273,9 @@ class RefiningTracker:
         if not self._method.is_shared:
             return np.where(known, motion, 0.0)
         width = 5 * self.grid.box_px // self.grid.step_px | 1
-        return np.stack([cv2.blur(plane, (width, width), borderType=cv2.BORDER_REPLICATE) for plane in filled(motion, known)])
+        return np.stack(
+            [cv2.blur(plane, (width, width), borderType=cv2.BORDER_REPLICATE) for plane in filled(motion, known).astype(np.float32)]
+        )
 
     def _finish(self, found: Estimate, status: NDArray[np.uint8]) -> Field:
         """Take lonely points for lost, keep the rest for the next start and hand it out."""

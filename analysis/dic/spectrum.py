@@ -62,8 +62,12 @@ class Texture:
         return (self.noise / self.contrast) ** 2 if self.contrast else 1.0
 
 
-def texture(image: NDArray[np.float32]) -> Texture:
-    """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its middle under a Hann window."""
+def texture(image: NDArray[np.float32], *, is_noisy: bool = True) -> Texture:
+    """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its middle under a Hann window.
+
+    The power in the corner of the spectrum, where no optics resolves anything, is taken for the noise's; with `is_noisy` false
+    for that of a texture as fine as the pixels.
+    """
     rows, columns = (min(size // 2 * 2, LARGEST) for size in image.shape)
     top, left = (image.shape[0] - rows) // 2, (image.shape[1] - columns) // 2
     image = image[top : top + rows, left : left + columns]
@@ -72,7 +76,9 @@ def texture(image: NDArray[np.float32]) -> Texture:
     spectrum = rfft2(((image - image.mean(dtype=np.float64)) * window).astype(np.float32))
     power = spectrum.real.astype(np.float64) ** 2 + spectrum.imag.astype(np.float64) ** 2
     corner = power[np.ix_(np.abs(np.fft.fftfreq(rows)) > CORNER, np.fft.rfftfreq(columns) > CORNER)]
-    noise = float(np.median(corner)) / math.log(2) if corner.size else 0.0  # a periodogram's ordinates are exponentially distributed
+    noise = (
+        float(np.median(corner)) / math.log(2) if is_noisy and corner.size else 0.0
+    )  # a periodogram's ordinates are exponentially distributed
     signal = np.maximum(power - noise, 0.0)
     if not signal.any():
         signal += 1.0
