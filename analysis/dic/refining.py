@@ -273,9 +273,8 @@ class RefiningTracker:
         if not self._method.is_shared:
             return np.where(known, motion, 0.0)
         width = 5 * self.grid.box_px // self.grid.step_px | 1
-        return np.stack(
-            [cv2.blur(plane, (width, width), borderType=cv2.BORDER_REPLICATE) for plane in filled(motion, known).astype(np.float32)]
-        )
+        smooth = filled(motion, known).astype(np.float32)
+        return np.stack([cv2.blur(plane, (width, width), borderType=cv2.BORDER_REPLICATE) for plane in smooth])
 
     def _finish(self, found: Estimate, status: NDArray[np.uint8]) -> Field:
         """Take lonely points for lost, keep the rest for the next start and hand it out."""
