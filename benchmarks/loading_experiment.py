@@ -110,6 +110,9 @@ def compare(path: Path, world, config: settings.Config) -> None:
         ("mu_d", summary.mu_d, mu, ""),
     ):
         row(name, f"{found:.5f}, truth {true:.5f}: {100 * (found / true - 1):+.2f} %", asked)
+    if last.onset_sample is None:
+        row("t_s (s)", "the contact never slid; drive it further with --set run.travel=400")
+        return
     drive = next(s for s in snapshots if s.phase is Phase.DRIVE)
     rate = config.forces.sample_rate
     onset = (last.onset_sample - (drive.sample + settings.exposure_samples(config) / 2 - drive.time_s * rate)) / rate
