@@ -98,7 +98,8 @@ def _chosen(values: ArrayLike, chosen: NDArray[np.bool_]) -> F64:
 def _ring_median(values: F64, ring: NDArray[np.int64], n: int) -> F64:
     """Median of the values of each ring, NaN in empty ones."""
     count = np.bincount(ring, minlength=n)
-    ordered = values[np.lexsort((values, ring))]
+    by_value = np.argsort(values)
+    ordered = values[by_value[np.argsort(ring[by_value].astype(np.min_scalar_type(n)), kind="stable")]]
     first = np.cumsum(count) - count
     median = np.full(n, np.nan)
     full = count > 0
