@@ -150,7 +150,8 @@ class RefiningTracker:
         checked(image, "image", like=self._image)
         if image.dtype != self._image.dtype:
             raise ValueError(f"image: grey levels of type {image.dtype} found, the reference has {self._image.dtype}; use one type")
-        image = np.ascontiguousarray(image)
+        image = np.ascontiguousarray(image).view()
+        image.flags.writeable = False  # one type, so that kernels compile once
         usable = self._fixed == Status.OK
         start = self._coarse.find(image) if self._last is None else self._last + self._motion
         if self._last is not None and not self._method.is_shared and self._is_off(image, start, usable):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from blobs import Speckle
 
-from analysis.dic import Correlation, Grid
+from analysis.dic import Correlation, Grid, compile_kernels, shared
 from analysis.dic.passes import SharedPasses
 from analysis.dic.spectrum import gradient, interpolation, texture
 from benchmarks.speckle import Motion, Pattern, camera
@@ -174,3 +174,14 @@ def test_boxes_from_4_to_200_px(box: int, step: int) -> None:
     ok = field.status == 0
     assert ok.mean() > (0.6 if box > 5 else 0.1)
     assert np.median(np.abs(field.ux_px[ok] - 0.3)) < 0.02 / box + 0.0005
+
+
+def test_no_image_makes_a_kernel_compile_during_a_run() -> None:
+    compile_kernels()
+    compiled = {kernel: len(kernel.signatures) for kernel in (shared.load_rows, shared.sum_cells)}
+    image = SPECKLE.image()
+    locked = image.copy()
+    locked.flags.writeable = False
+    for target in (image, locked, np.asfortranarray(image), np.pad(image, 4)[4:-4, 4:-4]):
+        track(locked, target)
+    assert {kernel: len(kernel.signatures) for kernel in compiled} == compiled
