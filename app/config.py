@@ -144,13 +144,27 @@ class Sim(Section, frozen=True):
     """The simulated bench: one world, seen by all simulated devices."""
 
     seed: Annotated[int, _f("Seed of everything random; same seed, same bits", "", ge=0)] = 1
-    friction: Annotated[float, _f("Friction coefficient mu of the interface", "", gt=0, le=5)] = 0.93
+    law: Annotated[
+        str,
+        _f(
+            "Friction at each point: rigid and sliding, mu p (1 - exp(-s/(mu L))), or a table",
+            pattern="^(cattaneo-mindlin|elasto-plastic|table)$",
+        ),
+    ] = "cattaneo-mindlin"
+    friction: Annotated[float, _f("Friction coefficient mu of the interface, at 1 N", "", gt=0, le=5)] = 0.93
+    friction_decay: Annotated[float, _f("mu falls with the normal force like its power of minus this", "", ge=0, le=1)] = 0.0
+    slip_length: Annotated[float, _f("Length L of the elasto-plastic law", "um", gt=0, le=100)] = 0.8
+    law_table: Annotated[str, _f("For law = 'table': CSV file of slip (um) and shear traction as a share of mu p, two columns")] = ""
+    thickness: Annotated[float, _f("Thickness of the block on its rigid plate (elasto-plastic, table); 0: a half-space", "mm", ge=0)] = 0.0
     renderer: Annotated[str, _f("'fast' keeps up with the camera; 'exact' sums analytic blobs", pattern="^(fast|exact)$")] = "fast"
     force_noise: Annotated[float, _f("Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000)] = 1.0
     read_noise: Annotated[float, _f("Standard deviation of the camera's read noise", "grey levels", ge=0, le=50)] = 1.0
     full_well: Annotated[float, _f("Electrons at full scale (sets the shot noise); 0: no shot noise", "electrons", ge=0)] = 20000.0
     press_time: Annotated[float, _f("When the simulated operator begins to press the contact", "s", ge=0, le=3600)] = 1.25
     slow_actuator: Annotated[bool, _f("The stage really moves 2 to 5 % slower than asked, as in the paper", "")] = True
+    stage_drift: Annotated[float, _f("The stage creeps by this besides what it reports", "um/s", ge=-1, le=1)] = 0.0
+    drive_angle: Annotated[float, _f("Angle of the drive to the rows of the image", "degrees", ge=-10, le=10)] = 0.0
+    image_drift: Annotated[tuple[float, float], _f("The camera drifts over the interface (x, y), as when it warms up", "px/s")] = (0.0, 0.0)
 
 
 class Config(Section, frozen=True):

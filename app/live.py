@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import shutil
 from collections.abc import Callable
@@ -34,7 +35,12 @@ def world_settings(config: Config) -> WorldSettings:
     return WorldSettings(
         seed=sim.seed,
         normal_force_n=config.run.normal_force,
+        law=sim.law,
         friction=sim.friction,
+        friction_decay=sim.friction_decay,
+        slip_length_m=sim.slip_length * 1e-6,
+        table=law_table(sim.law_table) if sim.law == "table" else (),
+        thickness_m=sim.thickness * 1e-3 or math.inf,
         young_modulus_pa=sample.young_modulus * 1e6,
         poisson=sample.poisson,
         lens_radius_m=sample.lens_radius * 1e-3,
@@ -52,10 +58,34 @@ def world_settings(config: Config) -> WorldSettings:
         image_shape=(camera.height, camera.width),
         press_sample=round(sim.press_time * forces.sample_rate),
         slow_actuator=sim.slow_actuator,
+        drive_angle=math.radians(sim.drive_angle),
+        stage_drift_m_s=sim.stage_drift * 1e-6,
+        image_drift_px_s=sim.image_drift,
         read_noise=sim.read_noise,
         full_well=sim.full_well,
         renderer=sim.renderer,
     )
+
+
+def law_table(name: str) -> tuple[tuple[float, float], ...]:
+    """Slip (m) and shear traction as a share of mu p, read from a CSV file of slip (um) and share.
+
+    Raises
+    ------
+    UserError
+        The file can not be read or holds something else.
+    """
+    if not name:
+        raise UserError("sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is named")
+    try:
+        rows = np.loadtxt(name, delimiter=",", comments="#", ndmin=2)
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f"sim.law_table: {name} can not be read: {error}; write two columns of numbers, slip (um) and share of mu p"
+        ) from None
+    if rows.shape[1] != 2:
+        raise UserError(f"sim.law_table: {name} has {rows.shape[1]} columns; write two, slip (um) and share of mu p")
+    return tuple((float(slip) * 1e-6, float(share)) for slip, share in rows)
 
 
 def expected_bytes(config: Config) -> int:

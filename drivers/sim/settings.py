@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +21,14 @@ class WorldSettings:
 
     seed: int = 1
     normal_force_n: float = 0.5
+    law: str = "cattaneo-mindlin"
     friction: float = 0.93
+    friction_decay: float = 0.0
+    slip_length_m: float = 0.8e-6
+    table: tuple[Pair, ...] = ()
     young_modulus_pa: float = 3.43e6
     poisson: float = 0.5
+    thickness_m: float = math.inf
     lens_radius_m: float = 128.8e-3
     roughness_m: float = 0.595e-6
     lens_compliance_m_per_n: float = 0.68e-6
@@ -43,9 +49,22 @@ class WorldSettings:
     press_shift_px: Pair = (3.3, -1.7)
     contact_offset_px: Pair = (6.4, -4.7)
     slow_actuator: bool = True
+    drive_angle: float = 0.0
+    stage_drift_m_s: float = 0.0
+    image_drift_px_s: Pair = (0.0, 0.0)
     read_noise: float = 1.0
     full_well: float = 20000.0
     renderer: str = "fast"
+
+    @property
+    def mu(self) -> float:
+        """Friction coefficient under the normal force."""
+        return float(self.friction * self.normal_force_n**-self.friction_decay)
+
+    @property
+    def drive(self) -> Pair:
+        """Unit vector of the drive in the image, (x, y)."""
+        return math.cos(self.drive_angle), math.sin(self.drive_angle)
 
     @property
     def contact_centre_px(self) -> Pair:

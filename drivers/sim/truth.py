@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.mechanics import cattaneo_mindlin
+from drivers.sim.contact import Sheared
 
 F64 = NDArray[np.float64]
 
@@ -19,25 +19,31 @@ class State:
 
     The lab point x shows the material point ``X = x - rigid + g(x - lens_centre)``, where g is the displacement G*sigma that `radial` gives
     and X is where the material point was at sample 0. Lab coordinates are those of the image: metres from the centre of the top-left
-    pixel, x in the driving direction, y down.
+    pixel, x to the right, y down.
 
     Attributes
     ----------
     sample : int
     normal_force_n, shear_force_n : float
     stage_m : float
-        Travel of the stage since sample 0.
+        Travel of the stage since sample 0, as it reports it.
     block_m : float
-        Displacement of the block, far from the contact, relative to the lab since contact.
+        Displacement of the block, far from the contact, along the drive, relative to the lab since contact.
     lens_m : float
-        Displacement of the lens in the lab.
+        Displacement of the lens along the drive.
     rigid_m : (x, y)
-        Displacement of the block, far from the contact, in the image since sample 0: while it is pressed on, and driven.
+        Displacement of the block, far from the contact, in the image since sample 0: while it is pressed on, and driven; with the image's
+        drift.
     lens_centre_m : (x, y)
         Centre of the contact in the image.
-    hertz_radius_m, apparent_radius_m, stick_radius_m : float
-        a_H, a_H + sqrt(R h) and c; 0 without contact.
-    friction, young_modulus_pa, poisson : float
+    hertz_radius_m, apparent_radius_m : float
+        a_H and a_H + sqrt(R h); 0 without contact.
+    friction : float
+        mu under the normal force.
+    drive : (x, y)
+        Unit vector of the drive in the image.
+    contact : Sheared or None
+        The sheared contact; None before the drive.
     """
 
     sample: int
@@ -50,26 +56,33 @@ class State:
     lens_centre_m: tuple[float, float]
     hertz_radius_m: float
     apparent_radius_m: float
-    stick_radius_m: float
     friction: float
-    young_modulus_pa: float
-    poisson: float
+    drive: tuple[float, float]
+    contact: Sheared | None = field(compare=False)
+
+    @property
+    def stick_radius_m(self) -> float:
+        """Radius inside which nothing slips, or, under a law without one, where the traction is largest; a_H at rest, 0 without contact."""
+        return self.contact.stick_radius if self.contact else self.hertz_radius_m
 
     def radial(self, r_m: ArrayLike) -> tuple[F64, F64]:
-        """G*sigma in metres at the distance `r_m` from the contact's centre: ``gx = g0 + g2 cos 2 theta``, ``gy = g2 sin 2 theta``."""
+        """G*sigma in metres at the distance `r_m` from the contact's centre, as (g0, g2), see `Sheared.radial`."""
         r = np.asarray(r_m, dtype=np.float64)
-        if self.shear_force_n == 0:
-            return np.zeros_like(r), np.zeros_like(r)
-        return cattaneo_mindlin.radial_displacement(
-            r, self.shear_force_n, self.friction, self.normal_force_n, self.hertz_radius_m, self.young_modulus_pa, self.poisson
-        )
+        return self.contact.radial(r) if self.contact else (np.zeros_like(r), np.zeros_like(r))
+
+    def traction(self, r_m: ArrayLike) -> F64:
+        """Shear traction along the drive in pascals at the distance `r_m` from the contact's centre."""
+        r = np.asarray(r_m, dtype=np.float64)
+        return self.contact.traction(r) if self.contact else np.zeros_like(r)
 
     def surface(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[F64, F64]:
         """G*sigma (gx, gy) in metres at points (x, y) of the image."""
         x, y = np.asarray(x_m, dtype=np.float64) - self.lens_centre_m[0], np.asarray(y_m, dtype=np.float64) - self.lens_centre_m[1]
+        along, across = self.drive
         double = 2 * np.arctan2(y, x)
         g0, g2 = self.radial(np.hypot(x, y))
-        return g0 + g2 * np.cos(double), g2 * np.sin(double)
+        cos, sin = g2 * np.cos(double), g2 * np.sin(double)
+        return along * (g0 + cos) + across * sin, across * (g0 - cos) + along * sin
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +95,9 @@ class Truth:
     pixel_m : float
         Size of a pixel on the interface.
     mu_s : float
-        Friction coefficient at which the whole contact slides.
+        Q/P at the onset.
     onset_sample : int or None
-        First sample at which the whole contact slides; None where it has not yet.
+        First sample at which the whole contact slides, see `Contact.onset`; None where it has not yet.
     state_at : callable
         The state at another sample.
     """

@@ -1,7 +1,7 @@
 """Where the points of the block are seen, and a picture of the block resampled there.
 
 In pixels: the lab point x shows the material point X = x - rigid + g(x - centre), where g = (g0 + g2 cos 2theta, g2 sin 2theta) is the
-elastic displacement of the contact (Cattaneo-Mindlin), given by its radial functions.
+elastic displacement of the contact, given by its radial functions, along and across the direction of the drive.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ _ITERATIONS = 8  # gradients are below 3 %: each one gains a digit and a half
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The block's displacement in pixels: rigid (x, y), centre (x, y) of the contact, and g0, g2 tabulated over the distance to it."""
+    """The block's displacement in pixels: rigid (x, y), centre (x, y) of the contact, and g0, g2 tabulated over the distance to it.
+
+    `drive` is the unit vector of the direction of the drive.
+    """
 
     rigid: tuple[float, float]
     centre: tuple[float, float]
@@ -37,6 +40,7 @@ class Motion:
     g0: Array
     g2: Array
     per_px: float
+    drive: tuple[float, float] = (1.0, 0.0)
 
     @property
     def largest_elastic(self) -> float:
@@ -65,11 +69,12 @@ def motion(state: State, pixel_m: float, shape: tuple[int, int], margin_px: floa
         g0=np.asarray(g0, float) / pixel_m,
         g2=np.asarray(g2, float) / pixel_m,
         per_px=float(per_px),
+        drive=state.drive,
     )
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _g(x, y, g0, g2, per_px):  # type: ignore[no-untyped-def]
+def _g(x, y, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
     """Elastic displacement at (x, y) from the contact's centre."""
     square = x * x + y * y
     at = math.sqrt(square) * per_px
@@ -77,21 +82,22 @@ def _g(x, y, g0, g2, per_px):  # type: ignore[no-untyped-def]
     t = min(at - k, 1.0)
     even = g0[k] + t * (g0[k + 1] - g0[k])
     if square == 0.0:
-        return even, 0.0
+        return even * drive[0], even * drive[1]
     twice = (g2[k] + t * (g2[k + 1] - g2[k])) / square
-    return even + twice * (x * x - y * y), twice * 2.0 * x * y
+    cos, sin = twice * (x * x - y * y), twice * 2.0 * x * y  # of 2 theta; the direction of the drive is taken off once
+    return drive[0] * (even + cos) + drive[1] * sin, drive[1] * (even - cos) + drive[0] * sin
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _place(base_x, base_y, sigma, g0, g2, per_px, out):  # type: ignore[no-untyped-def]
+def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[no-untyped-def]
     h = 0.25
     for k in range(sigma.size):
         x, y = base_x[k], base_y[k]
         for _ in range(_ITERATIONS):
-            gx, gy = _g(x, y, g0, g2, per_px)
+            gx, gy = _g(x, y, g0, g2, per_px, drive)
             x, y = base_x[k] - gx, base_y[k] - gy
-        right, left = _g(x + h, y, g0, g2, per_px), _g(x - h, y, g0, g2, per_px)
-        below, above = _g(x, y + h, g0, g2, per_px), _g(x, y - h, g0, g2, per_px)
+        right, left = _g(x + h, y, g0, g2, per_px, drive), _g(x - h, y, g0, g2, per_px, drive)
+        below, above = _g(x, y + h, g0, g2, per_px, drive), _g(x, y - h, g0, g2, per_px, drive)
         # dX/dx = 1 + grad g; the blob is deformed by its inverse F: covariance sigma^2 F F^T
         xx, yx = 1.0 + (right[0] - left[0]) / (2 * h), (right[1] - left[1]) / (2 * h)
         xy, yy = (below[0] - above[0]) / (2 * h), 1.0 + (below[1] - above[1]) / (2 * h)
@@ -128,7 +134,7 @@ def place(base: Array, sigma: Array, move: Motion) -> Array:
         x and y from the contact's centre, and the covariances xx, xy, yy; pixels.
     """
     out = np.empty((5, sigma.size))
-    _place(base[0], base[1], sigma, move.g0, move.g2, move.per_px, out)
+    _place(base[0], base[1], sigma, move.g0, move.g2, move.per_px, move.drive, out)
     return out
 
 
@@ -139,12 +145,12 @@ def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px):  # type: ignore[no-untyped-def]
+def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
     """X - x at the nodes of the map, without the whole pixels of the rigid displacement."""
     out = np.empty((2, (rows - 1) // CELL_PX + 2, (columns - 1) // CELL_PX + 2), np.float32)
     for j in range(out.shape[1]):
         for i in range(out.shape[2]):
-            gx, gy = _g(i * CELL_PX - cx, j * CELL_PX - cy, g0, g2, per_px)
+            gx, gy = _g(i * CELL_PX - cx, j * CELL_PX - cy, g0, g2, per_px, drive)
             out[0, j, i] = fx + gx
             out[1, j, i] = fy + gy
     return out
@@ -261,5 +267,5 @@ def warp(coefficients: NDArray[np.float32], period_columns: int, move: Motion, o
     Interpolated by the quintic B-spline of the undeformed, pixel-integrated pattern: a fast stand-in for the exact sum of blobs.
     """
     wx, wy = math.floor(-move.rigid[0]), math.floor(-move.rigid[1])
-    nodes = _nodes(*out.shape, -move.rigid[0] - wx, -move.rigid[1] - wy, *move.centre, move.g0, move.g2, move.per_px)
+    nodes = _nodes(*out.shape, -move.rigid[0] - wx, -move.rigid[1] - wy, *move.centre, move.g0, move.g2, move.per_px, move.drive)
     _warp(coefficients, period_columns, wx, wy, nodes, out)

@@ -1,6 +1,7 @@
 """The simulated world: a rough elastomer block on a cantilever, pressed on a lens and driven by a stage, on the clock of the samples.
 
-Physics: Hertz and Cattaneo-Mindlin in series with the tangential cantilever and the lens holder, at constant normal force, driven one way.
+Physics: a Hertz contact under one of three laws of friction (`drivers.sim.contact`) in series with the tangential cantilever and the lens
+holder, at constant normal force, driven one way; the stage and the image may drift.
 Everything follows from the settings, the seed and the samples on which commands came: neither wall clock nor block size matters.
 """
 
@@ -16,9 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics import hertz
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
+from drivers.sim.contact import sheared_contact
 from drivers.sim.settings import WorldSettings
 from drivers.sim.truth import State, Truth
 
@@ -66,11 +68,7 @@ class World:
         self._began = 0.0
         self._train: TriggerTrain | None = None
         self._frames_read = 0
-        s = settings
-        self._limit = s.friction * s.normal_force_n
-        self._a = hertz.contact_radius(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m)
-        self._compliance = s.lens_compliance_m_per_n + 1 / s.stiffness_n_per_m[1]
-        self._soft = cattaneo_mindlin.full_shift(s.friction, s.normal_force_n, self._a, s.young_modulus_pa, s.poisson)
+        self._contact = sheared_contact(settings)
 
     # ------------------------------------------------------------------ time
 
@@ -182,6 +180,12 @@ class World:
         last = bisect.bisect_right(self._moves, sample, key=lambda move: move.sample) - 1
         return float(self._moves[last].at(np.asarray(sample)))
 
+    def _driven(self, samples: NDArray[np.int64], stage: F64) -> F64:
+        """How far the contact has been driven, the drift that the stage does not report included; 0 before it is settled."""
+        s = self.settings
+        drift = s.stage_drift_m_s / s.sample_rate_hz * (samples - s.settled_sample)
+        return np.where(samples >= s.settled_sample, stage + drift - self._stage(s.settled_sample), 0.0)
+
     # ------------------------------------------------------------------ contact
 
     def _pressed(self, samples: NDArray[np.int64]) -> F64:
@@ -190,18 +194,11 @@ class World:
         t = np.clip((samples - s.press_sample + 1) / (s.settled_sample - s.press_sample + 1), 0.0, 1.0)
         return np.asarray(t * t * (3 - 2 * t))
 
-    def _shear_force(self, samples: NDArray[np.int64], stage: F64) -> F64:
-        s = self.settings
-        driven = np.where(samples >= s.settled_sample, stage - self._stage(s.settled_sample), 0.0)
-        return cattaneo_mindlin.driven_shear_force(
-            driven, self._compliance, s.friction, s.normal_force_n, self._a, s.young_modulus_pa, s.poisson
-        )
-
     def _volts(self, samples: NDArray[np.int64]) -> F64:
         """What the board reads; `samples` all lie at or after the last command."""
         s = self.settings
         P = s.normal_force_n * self._pressed(samples)
-        Q = self._shear_force(samples, self._moves[-1].at(samples))
+        Q = self._contact.shear_force(self._driven(samples, self._moves[-1].at(samples)))
         noise = s.force_noise_n * self._noise(samples)
         step = 2 * s.adc_range_v / 2**s.adc_bits
         codes = np.empty((len(samples), 2))
@@ -228,13 +225,17 @@ class World:
         with self._changed:
             if not 0 <= sample <= self.now:
                 raise ValueError(f"simulated world: the state at sample {sample} was asked, it knows 0 to {self.now}")
-            at, stage, contact = np.asarray(sample), self._stage(sample), self._stage(s.settled_sample)
+            at, stage = np.asarray(sample), self._stage(sample)
+            contact, driven = self._stage(s.settled_sample), self._driven_at(sample)
         pressed = float(self._pressed(at))
-        P, Q = s.normal_force_n * pressed, float(self._shear_force(at, np.asarray(stage)))
+        P, Q = s.normal_force_n * pressed, float(self._contact.shear_force(np.asarray(driven)))
         is_settled = sample >= s.settled_sample
-        block = stage - contact - Q / s.stiffness_n_per_m[1] if is_settled else 0.0
+        block = driven - Q / s.stiffness_n_per_m[1] if is_settled else 0.0
         lens = s.lens_compliance_m_per_n * Q
         carried = contact + block if is_settled else stage
+        drift = [rate * s.pixel_m * sample / s.sample_rate_hz for rate in s.image_drift_px_s]
+        rigid = [s.press_shift_px[i] * s.pixel_m * pressed + s.drive[i] * carried + drift[i] for i in (0, 1)]
+        centre = [s.contact_centre_px[i] * s.pixel_m + s.drive[i] * lens + drift[i] for i in (0, 1)]
         a = hertz.contact_radius(P, s.young_modulus_pa, s.poisson, s.lens_radius_m)
         return State(
             sample=sample,
@@ -243,24 +244,25 @@ class World:
             stage_m=stage,
             block_m=block,
             lens_m=lens,
-            rigid_m=(s.press_shift_px[0] * s.pixel_m * pressed + carried, s.press_shift_px[1] * s.pixel_m * pressed),
-            lens_centre_m=(s.contact_centre_px[0] * s.pixel_m + lens, s.contact_centre_px[1] * s.pixel_m),
+            rigid_m=(rigid[0], rigid[1]),
+            lens_centre_m=(centre[0], centre[1]),
             hertz_radius_m=a,
             apparent_radius_m=a + math.sqrt(s.lens_radius_m * s.roughness_m) if P > 0 else 0.0,
-            stick_radius_m=float(cattaneo_mindlin.stick_radius(Q, s.friction * P, a)) if P > 0 else 0.0,
-            friction=s.friction,
-            young_modulus_pa=s.young_modulus_pa,
-            poisson=s.poisson,
+            friction=s.mu,
+            drive=s.drive,
+            contact=self._contact.sheared(driven) if Q > 0 else None,
         )
 
     def onset_sample(self) -> int | None:
         """First sample at which the whole contact slides; None where it has not yet."""
         with self._changed:
             settled = self.settings.settled_sample
-            sliding = self._stage(settled) + self._soft + self._compliance * self._limit
             samples = range(settled, self.now + 1)
-            first = bisect.bisect_left(samples, sliding, key=self._stage)
+            first = bisect.bisect_left(samples, self._contact.onset, key=self._driven_at)
             return samples[first] if first < len(samples) else None
+
+    def _driven_at(self, sample: int) -> float:
+        return float(self._driven(np.asarray(sample), np.asarray(self._stage(sample))))
 
     def truth(self, sample: int) -> Truth:
         """What an analysis should find at a sample that has passed; an image shows the middle of its exposure.
@@ -270,5 +272,6 @@ class World:
         ValueError
             The sample has not come yet.
         """
-        onset = self.onset_sample()
-        return Truth(self.state(sample), self.settings.pixel_m, self.settings.friction, onset, self.state)
+        s, slides = self.settings, np.asarray(self._contact.onset)
+        mu_s = float(self._contact.shear_force(slides)) / s.normal_force_n
+        return Truth(self.state(sample), s.pixel_m, mu_s, self.onset_sample(), self.state)

@@ -183,18 +183,20 @@ def test_readings_saturate_at_the_boards_range():
     np.testing.assert_array_equal(volts, [[10 - 20 / 65536, -10.0]] * 10)
 
 
-@pytest.mark.parametrize("poisson", [0.3, 0.5])
-def test_truth_in_pixels_against_material_points_found_one_by_one(poisson):
-    world = driven(poisson=poisson, lens_compliance_m_per_n=5e-6)
+@pytest.mark.parametrize(("poisson", "angle"), [(0.3, 0.0), (0.5, 0.0), (0.5, 0.3)])
+def test_truth_in_pixels_against_material_points_found_one_by_one(poisson, angle):
+    drift = (0.4, -1.1) if angle else (0.0, 0.0)
+    world = driven(poisson=poisson, lens_compliance_m_per_n=5e-6, drive_angle=angle, image_drift_px_s=drift)
     s = world.settings
     reference, sample = START + 300, START + 1300
 
     def material(x, y, state):
+        there = (x - state.lens_centre_m[0] + 1j * (y - state.lens_centre_m[1])) * np.exp(-1j * angle)  # as seen along the drive
         gx, gy = cattaneo_mindlin.displacement(
-            x - state.lens_centre_m[0], y - state.lens_centre_m[1], state.shear_force_n, s.friction, s.normal_force_n,
-            state.hertz_radius_m, s.young_modulus_pa, s.poisson,
-        )  # fmt: skip
-        return x - state.rigid_m[0] + gx, y - state.rigid_m[1] + gy
+            there.real, there.imag, state.shear_force_n, s.friction, s.normal_force_n, state.hertz_radius_m, s.young_modulus_pa, s.poisson
+        )
+        g = (gx + 1j * gy) * np.exp(1j * angle)
+        return x - state.rigid_m[0] + g.real, y - state.rigid_m[1] + g.imag
 
     x, y = np.meshgrid(np.linspace(2, 317, 12), np.linspace(3, 236, 9))
     ux, uy = world.truth(sample).displacement_px(x, y, reference)
@@ -203,6 +205,29 @@ def test_truth_in_pixels_against_material_points_found_one_by_one(poisson):
     np.testing.assert_allclose(seen, was, rtol=0, atol=1e-13)
     assert ux.max() - ux.min() > 0.5
     assert np.abs(uy).max() > 0.02
+    centre = np.array(world.state(sample).lens_centre_m) - np.array(world.state(reference).lens_centre_m)
+    shear = world.state(sample).shear_force_n - world.state(reference).shear_force_n
+    moved = 5e-6 * shear * np.array([np.cos(angle), np.sin(angle)]) + np.array(drift) * s.pixel_m  # 1000 samples at 1 kHz
+    np.testing.assert_allclose(centre, moved, rtol=1e-9, atol=1e-15)
+
+
+def test_a_drifting_stage_drives_the_contact_without_saying_so():
+    still, drifting = driven(distance_m=50e-6), driven(distance_m=50e-6, stage_drift_m_s=2e-6)
+    sample = START + 400
+    assert drifting.state(sample).stage_m == still.state(sample).stage_m
+    compliance = constants(still.settings)[3]
+    for world in (still, drifting):
+        state = world.state(sample)
+        drift = world.settings.stage_drift_m_s * (sample - SETTLED) / 1000
+        Q = state.shear_force_n
+        shift = cattaneo_mindlin.shift(Q, 0.93, 0.5, state.hertz_radius_m, 3.43e6, 0.5)
+        assert shift + compliance * Q == pytest.approx(state.stage_m + drift, rel=1e-9)
+
+
+def test_friction_decays_with_the_normal_force_as_asked():
+    world = driven(normal_force_n=0.5, friction=0.9, friction_decay=0.1, distance_m=400e-6)
+    assert world.state(world.now).shear_force_n == pytest.approx(0.5 * 0.9 * 0.5**-0.1, rel=1e-12)
+    assert world.truth(world.now).mu_s == pytest.approx(0.9 * 0.5**-0.1, rel=1e-12)
 
 
 def test_a_driven_block_moves_as_a_whole_far_away_and_by_the_slip_at_the_centre():

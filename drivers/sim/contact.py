@@ -1,0 +1,104 @@
+"""The sheared contact of the simulated world: how its force and its surface follow the drive, under one of three laws of friction.
+
+The normal force is constant and the drive goes one way, so that the state follows from the distance driven alone.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis.mechanics import cattaneo_mindlin, hertz
+from drivers.sim.settings import WorldSettings
+
+F64 = NDArray[np.float64]
+
+
+class Sheared(Protocol):
+    """The contact at one shear force."""
+
+    @property
+    def stick_radius(self) -> float:
+        """Radius inside which nothing slips; under a law without such a radius, where the shear traction is largest. Metres."""
+        ...
+
+    def radial(self, r: ArrayLike) -> tuple[F64, F64]:
+        """Surface displacement (g0, g2) in metres at distances r: ``g0 + g2 cos 2 theta`` along the drive, ``g2 sin 2 theta`` across."""
+        ...
+
+    def traction(self, r: ArrayLike) -> F64:
+        """Shear traction along the drive at distances r, pascals."""
+        ...
+
+
+class Contact(Protocol):
+    """A contact under its normal force, in series with the tangential cantilever and the lens holder.
+
+    Attributes
+    ----------
+    limit : float
+        Greatest shear force mu P, newtons.
+    onset : float
+        Distance driven at which the contact slides as a whole: where the line of steady sliding begins, metres.
+    """
+
+    limit: float
+    onset: float
+
+    def shear_force(self, driven: F64) -> F64:
+        """Q in newtons after a drive by `driven` metres; 0 for a distance below 0."""
+        ...
+
+    def sheared(self, driven: float) -> Sheared:
+        """The contact after that drive."""
+        ...
+
+
+class CattaneoMindlin:
+    """Sticks inside c, slips outside under mu p: closed forms."""
+
+    def __init__(self, settings: WorldSettings) -> None:
+        s = self._settings = settings
+        self.limit = s.mu * s.normal_force_n
+        self.radius = hertz.contact_radius(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m)
+        self._compliance = series_compliance(s)
+        self._model = s.mu, s.normal_force_n, self.radius, s.young_modulus_pa, s.poisson
+        self.onset = cattaneo_mindlin.full_shift(*self._model) + self._compliance * self.limit
+
+    def shear_force(self, driven: F64) -> F64:
+        """See `Contact`."""
+        return cattaneo_mindlin.driven_shear_force(driven, self._compliance, *self._model)
+
+    def sheared(self, driven: float) -> Sheared:
+        """See `Contact`."""
+        return _Sheared(self, float(self.shear_force(np.asarray(driven))))
+
+
+class _Sheared:
+    def __init__(self, contact: CattaneoMindlin, Q: float) -> None:
+        self._contact, self._Q = contact, Q
+        self.stick_radius = float(cattaneo_mindlin.stick_radius(Q, contact.limit, contact.radius))
+
+    def radial(self, r: ArrayLike) -> tuple[F64, F64]:
+        return cattaneo_mindlin.radial_displacement(r, self._Q, *self._contact._model)
+
+    def traction(self, r: ArrayLike) -> F64:
+        return cattaneo_mindlin.traction(r, self._Q, *self._contact._model[:3])
+
+
+def series_compliance(settings: WorldSettings) -> float:
+    """Of the tangential cantilever and the lens holder together, metres per newton."""
+    return settings.lens_compliance_m_per_n + 1 / settings.stiffness_n_per_m[1]
+
+
+def sheared_contact(settings: WorldSettings) -> Contact:
+    """The contact of the law that the settings name.
+
+    Raises
+    ------
+    ValueError
+        There is no such law, or it can not be had with the other settings.
+    """
+    return CattaneoMindlin(settings)
