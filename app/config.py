@@ -200,7 +200,7 @@ def options(section: type[Section]) -> dict[str, tuple[Any, Meta]]:
 def _limits_text(meta: Meta) -> str:
     """``more than 0 and at most 10``; the words of a choice; empty where anything goes."""
     if meta.pattern:
-        return " or ".join(f"'{word}'" for word in re.findall(r"\w+", meta.pattern))
+        return " or ".join(f"'{word}'" for word in re.findall(r"[\w-]+", meta.pattern))
     low = f"at least {meta.ge:g}" if meta.ge is not None else f"more than {meta.gt:g}" if meta.gt is not None else ""
     high = f"at most {meta.le:g}" if meta.le is not None else f"less than {meta.lt:g}" if meta.lt is not None else ""
     return " and ".join(part for part in (low, high) if part)

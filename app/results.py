@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
@@ -77,6 +78,18 @@ class Snapshot:
         u_x at the contact's centre, lens compliance removed (parabola through the innermost 0.3 a).
     stick_radius_m, stick_radius_sd_m : float
         c from the Cattaneo-Mindlin profile fit; NaN where it can not be told.
+    full_slip_pa : float
+        mu p0 of that profile: with c it gives Cattaneo and Mindlin's traction.
+    peak_radius_m, peak_radius_sd_m : float
+        c from the maximum of the shear traction, the paper's definition.
+    block_m, block_sd_m : float
+        Displacement D of the block far from the contact, as the inversion finds it.
+    stress_force_n, stress_force_sd_n : float
+        Integral of the shear traction.
+    stress_radius_m, stress_pa, stress_sd_pa : ndarray, shape (ns,)
+        Azimuthal mean of the shear traction sigma_xz about the contact's centre; empty where it was not inverted.
+    stress_field_pa : ndarray, shape (ny, nx), float32
+        Shear traction of each grid point, where the settings ask for it; else empty. It is not recorded: the fields give it again.
     """
 
     frame: int
@@ -99,12 +112,23 @@ class Snapshot:
     centre_ux_m: float
     stick_radius_m: float
     stick_radius_sd_m: float
+    full_slip_pa: float = math.nan
+    peak_radius_m: float = math.nan
+    peak_radius_sd_m: float = math.nan
+    block_m: float = math.nan
+    block_sd_m: float = math.nan
+    stress_force_n: float = math.nan
+    stress_force_sd_n: float = math.nan
+    stress_radius_m: F64 = field(default_factory=lambda: np.empty(0))
+    stress_pa: F64 = field(default_factory=lambda: np.empty(0))
+    stress_sd_pa: F64 = field(default_factory=lambda: np.empty(0))
+    stress_field_pa: F32 = field(default_factory=lambda: np.empty((0, 0), np.float32))
 
 
 def without_fields(snapshot: Snapshot) -> Snapshot:
     """The snapshot's numbers and rings alone: what a long series can keep in memory."""
-    empty = np.empty((0, 0), np.float32)
-    return replace(snapshot, ux_px=empty, uy_px=empty, ux_std_px=empty, uy_std_px=empty, zncc=empty, status=np.empty((0, 0), np.uint8))
+    fields = dict.fromkeys(("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "stress_field_pa"), np.empty((0, 0), np.float32))
+    return replace(snapshot, **fields, status=np.empty((0, 0), np.uint8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +136,7 @@ class Summary:
     """What a loading experiment comes down to; NaN where the run did not go far enough, with the reason in `notes`.
 
     Radii and times in metres and seconds, forces in newtons; `*_sd` is a standard uncertainty, `mu_d_range` the least and
-    greatest Q/P during sliding (the paper's error bar).
+    greatest Q/P during sliding (the paper's error bar). `law_*` is the local friction law mu p (1 - exp(-s/(mu L))).
     """
 
     normal_force_n: float
@@ -128,6 +152,12 @@ class Summary:
     mu_d_range: tuple[float, float]
     sliding_velocity_m_s: float
     notes: tuple[str, ...] = ()
+    law_mu: float = math.nan
+    law_mu_sd: float = math.nan
+    law_length_m: float = math.nan
+    law_length_sd_m: float = math.nan
+    young_modulus_pa: float = math.nan
+    young_modulus_sd_pa: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from app.results import Phase
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 FORMAT_ATTRIBUTE = "slipscope_format"
 UNFINISHED = "unfinished"
 
@@ -60,7 +60,7 @@ class Item:
         return self.path.rpartition("/")[0]
 
 
-GROWING = frozenset({"samples", "gaps", "triggers", "frames", "positions", "events", "results", "rings", "fields"})
+GROWING = frozenset({"samples", "gaps", "triggers", "frames", "positions", "events", "results", "rings", "radii", "fields"})
 
 GROUPS = (
     Group("/entry", "NXentry", "one loading experiment"),
@@ -77,6 +77,7 @@ GROUPS = (
     Group("/entry/events", "NXcollection", "phases, limits, stops"),
     Group("/entry/results", "NXdata", "what was found on each analysed frame", "shear_force", ("normal_force",), ("stage_displacement",)),
     Group("/entry/rings", "NXdata", "u_x about the contact's centre; one row per row of results", "ux", (), (".", ".")),
+    Group("/entry/stress", "NXdata", "shear traction about the contact's centre; one row per row of results", "stress", (), (".", ".")),
     Group("/entry/fields", "NXdata", "displacement from the reference image, lens compliance not removed", "ux", (), ("frame", "y", "x")),
     Group("/entry/contact", "NXcollection", "the apparent contact on the reference frame; absent where it was not measured"),
     Group("/entry/profile", "NXdata", "background difference about the contact's centre; comes with contact", "grey", (), ("radius",)),
@@ -129,11 +130,22 @@ ITEMS = (
     Item("/entry/results/centre_ux", ("results",), "float64", "m", "u_x at the contact's centre"),
     Item("/entry/results/stick_radius", ("results",), "float64", "m", "c; NaN where it can not be told"),
     Item("/entry/results/stick_radius_errors", ("results",), "float64", "m", "its standard uncertainty"),
+    Item("/entry/results/full_slip_stress", ("results",), "float64", "Pa", "mu p0 of the profile that gave stick_radius", since=3),
+    Item("/entry/results/peak_radius", ("results",), "float64", "m", "c, where the shear traction is largest", since=3),
+    Item("/entry/results/peak_radius_errors", ("results",), "float64", "m", "its standard uncertainty", since=3),
+    Item("/entry/results/block_displacement", ("results",), "float64", "m", "D, of the block far from the contact, inverted", since=3),
+    Item("/entry/results/block_displacement_errors", ("results",), "float64", "m", "its standard uncertainty", since=3),
+    Item("/entry/results/stress_force", ("results",), "float64", "N", "integral of the shear traction", since=3),
+    Item("/entry/results/stress_force_errors", ("results",), "float64", "N", "its standard uncertainty", since=3),
+    Item("/entry/results/stress_count", ("results",), "int64", "1", "number of radii; the rest of the row in stress is NaN", since=3),
     Item("/entry/results/ring_count", ("results",), "int64", "1", "number of rings; the rest of the row in rings is NaN"),
     Item("/entry/results/field", ("results",), "int64", "1", "row of its field in fields; -1: there was no reference yet"),
     Item("/entry/rings/radius", ("results", "rings"), "float64", "m", "mean radius of the ring", 64),
     Item("/entry/rings/ux", ("results", "rings"), "float64", "m", "azimuthal mean of u_x, lens compliance removed", 64),
     Item("/entry/rings/ux_errors", ("results", "rings"), "float64", "m", "its standard error", 64),
+    Item("/entry/stress/radius", ("results", "radii"), "float64", "m", "distance from the contact's centre", 64, since=3),
+    Item("/entry/stress/stress", ("results", "radii"), "float64", "Pa", "azimuthal mean of the shear traction sigma_xz", 64, since=3),
+    Item("/entry/stress/stress_errors", ("results", "radii"), "float64", "Pa", "its standard uncertainty", 64, since=3),
     Item("/entry/fields/frame", ("fields",), "int64", "1", "trigger number of the frame"),
     Item("/entry/fields/x", ("nx",), "float64", "px", "box centres along x, the driving direction; 0 is the centre of the first pixel"),
     Item("/entry/fields/y", ("ny",), "float64", "px", "box centres along y, downwards"),
@@ -161,6 +173,12 @@ ITEMS = (
     Item("/entry/summary/mu_d", (), "float64", "1", "dynamic friction coefficient"),
     Item("/entry/summary/mu_d_range", (2,), "float64", "1", "least and greatest Q/P during sliding"),
     Item("/entry/summary/sliding_velocity", (), "float64", "m/s", "velocity during sliding"),
+    Item("/entry/summary/law_mu", (), "float64", "1", "mu of the local friction law mu p (1 - exp(-s/(mu L)))", since=3),
+    Item("/entry/summary/law_mu_errors", (), "float64", "1", "its standard uncertainty", since=3),
+    Item("/entry/summary/law_length", (), "float64", "m", "L of that law", since=3),
+    Item("/entry/summary/law_length_errors", (), "float64", "m", "its standard uncertainty", since=3),
+    Item("/entry/summary/young_modulus", (), "float64", "Pa", "E from the balance of the shear traction with Q", since=3),
+    Item("/entry/summary/young_modulus_errors", (), "float64", "Pa", "its standard uncertainty", since=3),
     Item("/entry/summary/notes", ("notes",), TEXT, "", "why a quantity above is NaN"),
     Item("/entry/counts/triggers", (), "int64", "1", "triggers sent"),
     Item("/entry/counts/frames_received", (), "int64", "1", "frames that came"),
@@ -185,7 +203,15 @@ RESULTS = {
     "centre_ux": "centre_ux_m",
     "stick_radius": "stick_radius_m",
     "stick_radius_errors": "stick_radius_sd_m",
+    "full_slip_stress": "full_slip_pa",
+    "peak_radius": "peak_radius_m",
+    "peak_radius_errors": "peak_radius_sd_m",
+    "block_displacement": "block_m",
+    "block_displacement_errors": "block_sd_m",
+    "stress_force": "stress_force_n",
+    "stress_force_errors": "stress_force_sd_n",
 }
+STRESS = {"radius": "stress_radius_m", "stress": "stress_pa", "stress_errors": "stress_sd_pa"}
 RINGS = {"radius": "ring_radius_m", "ux": "ring_ux_m", "ux_errors": "ring_sd_m"}
 FIELDS = {"ux": "ux_px", "uy": "uy_px", "ux_errors": "ux_std_px", "uy_errors": "uy_std_px", "zncc": "zncc", "status": "status"}
 CONTACT = {
@@ -210,6 +236,12 @@ SUMMARY = {
     "mu_d_range": "mu_d_range",
     "sliding_velocity": "sliding_velocity_m_s",
     "notes": "notes",
+    "law_mu": "law_mu",
+    "law_mu_errors": "law_mu_sd",
+    "law_length": "law_length_m",
+    "law_length_errors": "law_length_sd_m",
+    "young_modulus": "young_modulus_pa",
+    "young_modulus_errors": "young_modulus_sd_pa",
 }
 
 

@@ -68,7 +68,9 @@ class SessionReader:
     @cached_property
     def lacking(self) -> frozenset[str]:
         """Attributes of a snapshot that this session is too old to hold; they read as NaN."""
-        return frozenset(a for name, a in layout.FIELDS.items() if _ITEMS[f"/entry/fields/{name}"].since > self.format)
+        groups = {"results": layout.RESULTS, "rings": layout.RINGS, "stress": layout.STRESS, "fields": layout.FIELDS}
+        names = ((f"/entry/{group}/{name}", a) for group, columns in groups.items() for name, a in columns.items())
+        return frozenset(a for path, a in names if _ITEMS[path].since > self.format)
 
     @cached_property
     def config_toml(self) -> str:
@@ -213,11 +215,13 @@ class SessionReader:
         if not 0 <= i < n:
             raise UserError(f"{self.path}: result {i} was asked, this session has {n}, counted from 0")
         row = {name: column[i].item() for name, column in self._results.items()}
-        found = {attribute: row[name] for name, attribute in layout.RESULTS.items()}
+        found = {attribute: row[name] for name, attribute in layout.RESULTS.items() if attribute not in self.lacking}
         if not 0 <= row["phase"] < len(layout.PHASES):
             raise self._damaged("/entry/results/phase", f"{row['phase']} is no phase")
         found["phase"] = layout.PHASES[row["phase"]]
-        return Snapshot(**found, **self._rings(i, row["ring_count"]), **self._field(row["field"]))
+        rings = self._profiles("rings", layout.RINGS, i, row["ring_count"])
+        stress = self._profiles("stress", layout.STRESS, i, row.get("stress_count", 0))
+        return Snapshot(**found, **rings, **stress, **self._field(row["field"]))
 
     def contact(self) -> ContactResult | None:
         """The apparent contact; None where it was not measured."""
@@ -230,7 +234,8 @@ class SessionReader:
         """What the experiment comes down to; None in a run that was not finished or failed."""
         if not self._has("/entry/summary"):
             return None
-        return Summary(**{attribute: self._value(f"/entry/summary/{name}") for name, attribute in layout.SUMMARY.items()})
+        held = {name: attribute for name, attribute in layout.SUMMARY.items() if _ITEMS[f"/entry/summary/{name}"].since <= self.format}
+        return Summary(**{attribute: self._value(f"/entry/summary/{name}") for name, attribute in held.items()})
 
     def counts(self) -> Counts:
         """The account of the run; of a session cut short, of what is in the file."""
@@ -263,18 +268,19 @@ class SessionReader:
     def _results(self) -> dict[str, NDArray[Any]]:
         return self._table("/entry/results")
 
-    def _rings(self, i: int, count: int) -> dict[str, Any]:
-        rings = {attribute: self._row(f"/entry/rings/{name}", i) for name, attribute in layout.RINGS.items()}
-        if not all(0 <= count <= len(row) for row in rings.values()):
-            raise self._damaged("/entry/results/ring_count", f"{count} rings are claimed")
-        return {attribute: row[:count] for attribute, row in rings.items()}
+    def _profiles(self, group: str, columns: dict[str, str], i: int, count: int) -> dict[str, Any]:
+        held = {name: attribute for name, attribute in columns.items() if attribute not in self.lacking}
+        rows = {attribute: self._row(f"/entry/{group}/{name}", i) for name, attribute in held.items()}
+        if not all(0 <= count <= len(row) for row in rows.values()):
+            raise self._damaged(f"/entry/results/{group.removesuffix('s')}_count", f"{count} values are claimed")
+        return {attribute: row[:count] for attribute, row in rows.items()}
 
     def _field(self, row: int) -> dict[str, Any]:
         if row == NO_ROW:
             return dict.fromkeys(layout.FIELDS.values(), _NO_FIELD) | {"status": _NO_FIELD.astype(np.uint8)}
         held = {name: attribute for name, attribute in layout.FIELDS.items() if attribute not in self.lacking}
         found = {attribute: self._row(f"/entry/fields/{name}", row) for name, attribute in held.items()}
-        return found | dict.fromkeys(self.lacking, np.full_like(found["ux_px"], np.nan))
+        return found | dict.fromkeys(self.lacking & set(layout.FIELDS.values()), np.full_like(found["ux_px"], np.nan))
 
     def _check_format(self) -> None:
         with self._reading("its format"):
@@ -341,7 +347,9 @@ class SessionReader:
 
     def _table(self, group: str) -> dict[str, NDArray[Any]]:
         """The columns of a group, cut to the shortest: a program that was killed may have lengthened only some."""
-        columns = {item.name: self._read(item.path) for item in layout.items_of(group) if len(item.shape) == 1}
+        columns = {
+            item.name: self._read(item.path) for item in layout.items_of(group) if len(item.shape) == 1 and item.since <= self.format
+        }
         rows = min(len(column) for column in columns.values())
         return {name: column[:rows] for name, column in columns.items()}
 

@@ -47,6 +47,7 @@ class SessionWriter:
         self._events = Table(file, "/entry/events")
         self._results = Table(file, "/entry/results")
         self._rings = Table(file, "/entry/rings")
+        self._stress = Table(file, "/entry/stress")
         self._field_frames = Table(file, "/entry/fields")
         self._longest_gap = int(LONGEST_GAP_S * sample_rate_hz)
         self._trigger_rows: dict[int, int] = {}  # of the frames received
@@ -200,9 +201,11 @@ class SessionWriter:
             self._field_frames.append(frame=snapshot.frame)
         self._analysed.append(self._trigger_rows[snapshot.frame])
         self._rings.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.RINGS.items()})
+        self._stress.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.STRESS.items()})
         row = {name: getattr(snapshot, attribute) for name, attribute in layout.RESULTS.items()}
         row["phase"] = layout.PHASES.index(snapshot.phase)
-        self._results.append(**row, ring_count=len(snapshot.ring_radius_m), field=field)
+        counts = {"ring_count": len(snapshot.ring_radius_m), "stress_count": len(snapshot.stress_radius_m)}
+        self._results.append(**row, **counts, field=field)
 
     def write_contact(self, contact: ContactResult) -> None:
         """Record the apparent contact, once."""
@@ -233,7 +236,7 @@ class SessionWriter:
         """
         for table in (self._gaps, self._samples, self._triggers, self._positions, self._events):
             table.flush()
-        for table in (self._rings, self._field_frames, self._results):
+        for table in (self._rings, self._stress, self._field_frames, self._results):
             table.flush()
         if self._analysed:
             self._file["/entry/triggers/analysed"][sorted(set(self._analysed))] = 1

@@ -71,6 +71,14 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
         centre_ux_m=float(rng.normal()),
         stick_radius_m=float(rng.uniform()) if field else NAN,
         stick_radius_sd_m=NAN,
+        full_slip_pa=1e4 + frame,
+        peak_radius_m=1e-3 * frame,
+        peak_radius_sd_m=2e-5,
+        block_m=3e-6 * frame,
+        block_sd_m=1e-8,
+        stress_force_n=0.11 * frame,
+        stress_force_sd_n=NAN,
+        **{name: rng.normal(size=rings + 2 if field else 0) for name in ("stress_radius_m", "stress_pa", "stress_sd_pa")},
     )
 
 

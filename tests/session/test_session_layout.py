@@ -25,7 +25,7 @@ def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
 
     with h5py.File(session.path, "r") as file:
         file.visititems(look)
-        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 2
+        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 3
     kinds = {layout.TEXT: "O", layout.IMAGE: "u"}
     expected = {i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning) for i in layout.ITEMS}
     assert found == expected
@@ -41,15 +41,15 @@ def test_every_number_has_a_unit_and_no_text_has() -> None:
 def test_uncertainties_are_beside_what_they_belong_to() -> None:
     paths = {item.path: item for item in layout.ITEMS}
     errors = [path for path in paths if path.endswith("_errors")]
-    assert len(errors) == 8
+    assert len(errors) == 15
     for path in errors:
         base = paths[path.removesuffix("_errors")]
         assert (paths[path].shape, paths[path].unit) == (base.shape, base.unit)
 
 
 def test_every_field_of_the_results_has_a_place() -> None:
-    stored = {*layout.RESULTS.values(), *layout.RINGS.values(), *layout.FIELDS.values()}
-    assert stored == set(Snapshot.__dataclass_fields__)
+    stored = {*layout.RESULTS.values(), *layout.RINGS.values(), *layout.STRESS.values(), *layout.FIELDS.values()}
+    assert stored == set(Snapshot.__dataclass_fields__) - {"stress_field_pa"}
     assert set(layout.SUMMARY.values()) == set(Summary.__dataclass_fields__)
 
 

@@ -28,6 +28,7 @@ from session_material import (
 )
 
 from app.results import Event, Outcome
+from app.session import layout
 from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION
 from app.session.reader import SessionReader
 
@@ -114,15 +115,22 @@ def test_snapshots(session: Session) -> None:
         assert_same(read.snapshot(3), session.snapshots[3])
 
 
-def test_a_session_of_the_first_format_has_no_uncertainties(session: Session) -> None:
+@pytest.mark.parametrize(("version", "lacks_errors"), [(1, True), (2, False)])
+def test_a_session_of_an_earlier_format_has_what_it_had(session: Session, version: int, lacks_errors: bool) -> None:
     with h5py.File(session.path, "r+") as file:
-        file.attrs[FORMAT_ATTRIBUTE] = 1
-        del file["/entry/fields/ux_errors"], file["/entry/fields/uy_errors"]
+        file.attrs[FORMAT_ATTRIBUTE] = version
+        for item in layout.ITEMS:
+            if item.since > version:
+                del file[item.path]
+    stress = {"stress_radius_m", "stress_pa", "stress_sd_pa", "stress_force_n", "stress_force_sd_n", "block_m", "block_sd_m"}
+    later = stress | {"full_slip_pa", "peak_radius_m", "peak_radius_sd_m"}
     with SessionReader(session.path) as read:
-        assert read.lacking == {"ux_std_px", "uy_std_px"}
+        assert read.lacking == later | ({"ux_std_px", "uy_std_px"} if lacks_errors else set())
         for a, b in zip(read.snapshots(), session.snapshots, strict=True):
             nothing = np.full(b.ux_px.shape, np.nan, np.float32)
-            assert_same(a, dataclasses.replace(b, ux_std_px=nothing, uy_std_px=nothing))
+            had = {name: np.empty(0) if isinstance(getattr(b, name), np.ndarray) else np.nan for name in later}
+            assert_same(a, dataclasses.replace(b, **had, **({"ux_std_px": nothing, "uy_std_px": nothing} if lacks_errors else {})))
+        assert np.isnan(read.summary().law_mu)
 
 
 def test_a_session_of_today_lacks_nothing(session: Session) -> None:
