@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtWidgets import QCheckBox, QFrame, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QFrame, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
 
 from app.gui import theme
 from app.gui.numbers import number
@@ -26,6 +26,7 @@ class InterfaceView(QFrame):
         self._scene: Scene | None = None
         self._image: ImageView | None = None
         self._field: FieldView | None = None
+        self._fields: tuple[FieldView | None, FieldView | None] = (None, None)  # displacement, shear traction
         self.plot = theme.plot_widget("x, driving direction → (mm)", "y (mm)")
         self.image = pg.ImageItem(axisOrder="row-major")
         self.overlay = pg.ImageItem(axisOrder="row-major")
@@ -38,13 +39,14 @@ class InterfaceView(QFrame):
         )
         self._build_plot()
         self.heading, self.caption, self.pointed = QLabel("Interface"), QLabel(""), QLabel("")
-        self.show_field, self.show_circles = QCheckBox("uₓ overlay"), QCheckBox("circles a, c")
+        self.show_field, self.show_circles = QCheckBox("overlay"), QCheckBox("circles a, c")
+        self.which = QComboBox()
         self.opacity = QSlider(Qt.Orientation.Horizontal)
         self._build_layout()
 
     def show_scene(self, scene: Scene) -> None:
         """Empty the view and set its scale for a new run."""
-        self._scene, self._image, self._field = scene, None, None
+        self._scene, self._image, self._field, self._fields = scene, None, None, (None, None)
         for side in ("bottom", "left"):
             self.plot.getPlotItem().getAxis(side).setScale(scene.pixel_um * 1e-3)
         self._show_all()
@@ -59,16 +61,24 @@ class InterfaceView(QFrame):
         if view.image is not None and view.image is not self._image:
             self._image = view.image
             self.image.setImage(view.image.pixels, levels=view.image.levels, rect=QRectF(*view.image.rect_px))
-        if view.field is not None and view.field is not self._field:
-            self._field = view.field
-            limit = view.field.limit_um
-            self.overlay.setImage(view.field.ux_um, levels=(-limit, limit), rect=QRectF(*view.field.rect_px))
-            self.colour_bar.setLevels((-limit, limit))
-            self.colour_bar.getAxis("right").setTicks([[(value, number(value, 0 if limit >= 10 else 1)) for value in colour_ticks(limit)]])
+        self._fields = view.field, view.stress_field
+        self.which.setVisible(view.stress_field is not None)
+        self._show_overlay()
         _draw_circle(self.apparent, view.centre_px, view.apparent_px)
         _draw_circle(self.stick, view.centre_px, view.stick_px)
         self.centre.setData(*([], []) if view.centre_px is None else ([view.centre_px[0]], [view.centre_px[1]]))
-        self.caption.setText(" · ".join(part.caption for part in (view.field, view.image) if part is not None))
+        self.caption.setText(" · ".join(part.caption for part in (self._field, view.image) if part is not None))
+
+    def _show_overlay(self) -> None:
+        field = self._fields[1 if self._fields[1] is not None and self.which.currentIndex() == 1 else 0]
+        if field is None or field is self._field:
+            return
+        self._field, limit = field, field.limit
+        self.overlay.setImage(field.values, levels=(-limit, limit), rect=QRectF(*field.rect_px))
+        self.colour_bar.setLevels((-limit, limit))
+        axis = self.colour_bar.getAxis("right")
+        axis.setLabel(f"{field.symbol} ({field.unit})")
+        axis.setTicks([[(value, number(value, 0 if limit >= 10 else 1)) for value in colour_ticks(limit)]])
 
     def _build_plot(self) -> None:
         plot = self.plot.getPlotItem()
@@ -96,7 +106,11 @@ class InterfaceView(QFrame):
         self.show_circles.setToolTip("dashed: apparent radius a; solid: stick radius c; cross: centre of the contact")
         self.opacity.setRange(0, 100)
         self.opacity.setFixedWidth(120)
-        self.opacity.setToolTip("opacity of the uₓ overlay")
+        self.opacity.setToolTip("opacity of the overlay")
+        self.which.addItems(["uₓ", "σₓ"])
+        self.which.setToolTip("displacement along the drive, or shear traction")
+        self.which.hide()
+        self.which.currentIndexChanged.connect(self._show_overlay)
         self.show_field.toggled.connect(self.overlay.setVisible)
         self.show_circles.toggled.connect(self._set_circles_visible)
         self.opacity.valueChanged.connect(lambda percent: self.overlay.setOpacity(percent / 100))
@@ -106,7 +120,7 @@ class InterfaceView(QFrame):
         head.addSpacing(10)
         head.addWidget(self.caption)
         head.addStretch(1)
-        for widget in (self.show_field, self.opacity, self.show_circles):
+        for widget in (self.show_field, self.which, self.opacity, self.show_circles):
             head.addSpacing(8)
             head.addWidget(widget)
         foot.addWidget(self.pointed)
@@ -138,18 +152,18 @@ class InterfaceView(QFrame):
 
 
 def describe_point(scene: Scene, field: FieldView | None, x_px: float, y_px: float) -> str:
-    """Place of a point in px and mm, and u_x of the box under it."""
+    """Place of a point in px and mm, and the field's value in the box under it."""
     scale = scene.pixel_um * 1e-3
     place = f"x {number(x_px, 0)} px, y {number(y_px, 0)} px  ·  {number(x_px * scale, 2)} mm, {number(y_px * scale, 2)} mm"
     if field is None:
         return place
     left, top, width, height = field.rect_px
-    rows, cols = field.ux_um.shape
+    rows, cols = field.values.shape
     col, row = math.floor((x_px - left) / width * cols), math.floor((y_px - top) / height * rows)
     if not (0 <= row < rows and 0 <= col < cols):
         return place
-    value = float(field.ux_um[row, col])
-    return f"{place}  ·  uₓ " + (f"{number(value, 2)} µm" if math.isfinite(value) else "not measured")
+    value = float(field.values[row, col])
+    return f"{place}  ·  {field.symbol} " + (f"{number(value, 2)} {field.unit}" if math.isfinite(value) else "not measured")
 
 
 def colour_ticks(limit: float) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyqtgraph as pg
@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QVBoxLayout, QWidget
 
 from app.gui import theme
-from app.gui.view_state import Curves, ForceView, Scene, ViewState
+from app.gui.view_state import Curves, ForceView, Scene, StressView, ViewState
 from app.results import F64, Summary
 
 STRIP_STEP_S = 0.2
@@ -31,17 +31,20 @@ def cattaneo_mindlin(summary: Summary, points: int = 200) -> tuple[F64, F64]:
 
 
 class CurvesView(QWidget):
-    """Two square plots above two strips."""
+    """Loading curve and stick radius above the shear traction and the two force strips."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._curves: Curves | None = None
         self._forces: ForceView | None = None
+        self._stress: StressView | None = None
         self.loading = theme.plot_widget("travel δ (µm)", "shear force Q (N)")
         self.loading_curve = self.loading.plot(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True)
         self.static_line = _guide(self.loading, 0, "Qₛ")
         self.sticking = theme.plot_widget("shear force Q (N)", "stick radius c (mm)")
         self._build_sticking()
+        self.stress = theme.plot_widget("distance from the centre r (mm)", "shear traction σ (kPa)")
+        self._build_stress()
         self.normal = theme.plot_widget("", "P (N)")
         self.normal_curve = self.normal.plot(pen=pg.mkPen(theme.NORMAL, width=1))
         self.shear = theme.plot_widget("time (s)", "Q (N)")
@@ -60,8 +63,11 @@ class CurvesView(QWidget):
             curve.setData([], [])
         for curve in (self.normal_curve, self.shear_curve):
             curve.setData([], [])
-        for line in (self.static_line, self.onset_line, self.apparent_line):
+        for curve in (self.stress_low, self.stress_high, self.stress_curve, self.stress_model):
+            curve.setData([], [])
+        for line in (self.static_line, self.onset_line, self.apparent_line, self.stick_line, self.peak_line):
             line.hide()
+        self._stress = None
         self.sticking.enableAutoRange(y=True)
         self.loading.setXRange(0, scene.config.run.travel, padding=0.03)
 
@@ -73,6 +79,8 @@ class CurvesView(QWidget):
             self.apparent_line.setValue(view.apparent_mm)
             self.apparent_line.show()
             self.sticking.setYRange(0, 1.15 * view.apparent_mm, padding=0)
+        if view.stress is not None and view.stress is not self._stress:
+            self._show_stress(view.stress)
         if view.ended or self._strips_are_old(view.forces):
             self._show_forces(view.forces)
         if view.summary is not None:
@@ -86,6 +94,19 @@ class CurvesView(QWidget):
         self.stick_curve.setData(shear, stick)
         self.stick_low.setData(shear, stick - sd)
         self.stick_high.setData(shear, stick + sd)
+
+    def _show_stress(self, stress: StressView) -> None:
+        self._stress = stress
+        r, sigma, sd = stress.radius_mm, stress.stress_kpa, np.nan_to_num(stress.sd_kpa)
+        self.stress_curve.setData(r, sigma)
+        self.stress_low.setData(r, sigma - sd)
+        self.stress_high.setData(r, sigma + sd)
+        self.stress_model.setData(r, stress.model_kpa, connect="finite")
+        for line, value in ((self.stick_line, stress.stick_mm), (self.peak_line, stress.peak_mm)):
+            line.setVisible(math.isfinite(value))
+            if math.isfinite(value):
+                line.setValue(value)
+        self.stress_heading.setText(f"Shear traction σ(r)  ·  {stress.caption}")
 
     def _strips_are_old(self, forces: ForceView) -> bool:
         """Whether the strips lag enough to be worth drawing; the two of them are the dearest part of a refresh."""
@@ -129,15 +150,35 @@ class CurvesView(QWidget):
         legend.setBrush(pg.mkBrush(28, 32, 39, 200))
         self.sticking.getPlotItem().getViewBox().setLimits(yMin=0)
 
+    def _build_stress(self) -> None:
+        colour = pg.mkColor(theme.SHEAR)
+        self.stress_low, self.stress_high = pg.PlotCurveItem(pen=None), pg.PlotCurveItem(pen=None)
+        band = pg.FillBetweenItem(self.stress_low, self.stress_high, brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70))
+        self.stress_curve = pg.PlotDataItem(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True, name="inverted ± sd")
+        self.stress_model = pg.PlotDataItem(
+            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin of the c fitted to uₓ"
+        )
+        legend = self.stress.addLegend(offset=(-8, 8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
+        legend.setBrush(pg.mkBrush(28, 32, 39, 200))
+        for item in (self.stress_low, self.stress_high, band):
+            self.stress.addItem(item, ignoreBounds=True)
+        for item in (self.stress_curve, self.stress_model):
+            self.stress.addItem(item)
+        self.stick_line, self.peak_line = _guide(self.stress, 90, "c"), _guide(self.stress, 90, "max σ")
+
     def _build_layout(self) -> None:
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
         grid.addWidget(_titled("Loading curve Q(δ)", self.loading), 0, 0)
         grid.addWidget(_titled("Stick radius c(Q)", self.sticking), 0, 1)
-        grid.addWidget(_titled("Forces", self.normal, self.shear), 1, 0, 1, 2)
-        grid.setRowStretch(0, 5)
-        grid.setRowStretch(1, 4)
+        traction = _titled("Shear traction σ(r)", self.stress)
+        self.stress_heading = cast(QLabel, traction.findChild(QLabel))
+        grid.addWidget(traction, 1, 0)
+        grid.addWidget(_titled("Forces", self.normal, self.shear), 1, 1)
+        for k in (0, 1):
+            grid.setRowStretch(k, 1)
+            grid.setColumnStretch(k, 1)
 
 
 def _guide(plot: Any, angle: int, text: str) -> Any:

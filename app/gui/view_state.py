@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.mechanics import cattaneo_mindlin, hertz
 from app.config import Config, exposure_samples
 from app.gui.cells import disk_cell, health_cells, operator_sentence, queue_cell, readouts, result_cells, setting_cells, state_tone
-from app.gui.numbers import Cell, Tone
+from app.gui.numbers import Cell, Tone, measured, number
 from app.gui.source import Image, RunSource
 from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
 
@@ -76,13 +77,28 @@ class ImageView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldView:
-    """u_x over the image, lens compliance removed; the colour scale runs from -limit_um to +limit_um."""
+    """A field over the image; the colour scale runs from -limit to +limit."""
 
-    ux_um: F32
+    values: F32
     rect_px: Rect
-    limit_um: float
+    limit: float
+    symbol: str
+    unit: str
     caption: str
     frame: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StressView:
+    """Shear traction about the contact's centre, its band of one standard uncertainty, and Cattaneo and Mindlin's beside it."""
+
+    radius_mm: F64
+    stress_kpa: F64
+    sd_kpa: F64
+    model_kpa: F64
+    stick_mm: float
+    peak_mm: float
+    caption: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +126,8 @@ class ViewState:
     disk: Cell
     image: ImageView | None
     field: FieldView | None
+    stress_field: FieldView | None
+    stress: StressView | None
     centre_px: tuple[float, float] | None
     apparent_px: float
     stick_px: float
@@ -204,8 +222,40 @@ def symmetric_limit(values: F32) -> float:
 def field_view(snapshot: Snapshot, scene: Scene) -> FieldView:
     """u_x of `snapshot` in micrometres, the motion of the lens taken off."""
     ux_um = snapshot.ux_px * np.float32(scene.pixel_um) - np.float32(snapshot.lens_m * 1e6)
-    when = f", t = {snapshot.time_s:.2f} s" if math.isfinite(snapshot.time_s) else ""
-    return FieldView(ux_um, scene.field_rect_px, symmetric_limit(ux_um), f"uₓ of frame {snapshot.frame}{when}", snapshot.frame)
+    return FieldView(ux_um, scene.field_rect_px, symmetric_limit(ux_um), "uₓ", "µm", f"uₓ of {_when(snapshot)}", snapshot.frame)
+
+
+def stress_field_view(snapshot: Snapshot, scene: Scene) -> FieldView | None:
+    """The shear traction of `snapshot` in kilopascals; None where it was not asked for."""
+    if not snapshot.stress_field_pa.size:
+        return None
+    kpa = snapshot.stress_field_pa * np.float32(1e-3)
+    return FieldView(kpa, scene.field_rect_px, symmetric_limit(kpa), "σₓ", "kPa", f"σₓ of {_when(snapshot)}", snapshot.frame)
+
+
+def stress_view(snapshot: Snapshot, config: Config) -> StressView | None:
+    """The profile of the shear traction of `snapshot`; None where it was not inverted."""
+    if not snapshot.stress_radius_m.size:
+        return None
+    model, P, c, sample = np.full(snapshot.stress_radius_m.shape, np.nan), snapshot.normal_force_n, snapshot.stick_radius_m, config.sample
+    if P > 0 and math.isfinite(c):
+        a = hertz.contact_radius(P, sample.young_modulus * 1e6, sample.poisson, sample.lens_radius * 1e-3)
+        mu = snapshot.full_slip_pa / hertz.peak_pressure(P, a)
+        model = cattaneo_mindlin.traction(snapshot.stress_radius_m, mu * P * (1 - min(1.0, c / a) ** 3), mu, P, a)
+    force = measured("∫σ dA", snapshot.stress_force_n, snapshot.stress_force_sd_n, 3, "N")
+    return StressView(
+        snapshot.stress_radius_m * 1e3,
+        snapshot.stress_pa * 1e-3,
+        snapshot.stress_sd_pa * 1e-3,
+        model * 1e-3,
+        snapshot.stick_radius_m * 1e3,
+        snapshot.peak_radius_m * 1e3,
+        f"∫σ dA = {force.value}{force.detail and ' ' + force.detail} N, Q = {number(snapshot.shear_force_n, 3)} N",
+    )
+
+
+def _when(snapshot: Snapshot) -> str:
+    return f"frame {snapshot.frame}" + (f", t = {snapshot.time_s:.2f} s" if math.isfinite(snapshot.time_s) else "")
 
 
 def force_view(forces: tuple[NDArray[Any], F64, F64], curves: Curves, scene: Scene) -> ForceView:
@@ -236,7 +286,7 @@ def resolve(scene: Scene, reading: Reading, previous: ViewState | None) -> ViewS
         queue=queue_cell(health),
         disk=disk_cell(health, config),
         image=_newest_image(reading.image, previous),
-        field=_newest_field(curves, scene, previous),
+        **_newest_fields(curves, scene, previous),
         curves=curves,
         forces=forces,
         readouts=readouts(normal_n, shear_n, curves.newest),
@@ -267,8 +317,14 @@ def _newest_image(image: Image | None, previous: ViewState | None) -> ImageView 
     return image_view(image)
 
 
-def _newest_field(curves: Curves, scene: Scene, previous: ViewState | None) -> FieldView | None:
+def _newest_fields(curves: Curves, scene: Scene, previous: ViewState | None) -> dict[str, Any]:
     snapshot, shown = curves.newest_field, previous.field if previous else None
-    if snapshot is None or (shown is not None and shown.frame == snapshot.frame):
-        return shown
-    return field_view(snapshot, scene)
+    if previous is not None and (snapshot is None or (shown is not None and shown.frame == snapshot.frame)):
+        return {"field": shown, "stress_field": previous.stress_field, "stress": previous.stress}
+    if snapshot is None:
+        return {"field": None, "stress_field": None, "stress": None}
+    return {
+        "field": field_view(snapshot, scene),
+        "stress_field": stress_field_view(snapshot, scene),
+        "stress": stress_view(snapshot, scene.config),
+    }

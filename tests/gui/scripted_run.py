@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from app.config import Config
 from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot, Summary
 
 MU, P, STIFFNESS = 0.93, 0.5, 5000.0
+HERTZ_M = float(np.cbrt(0.75 * P * 128.8e-3 * 0.75 / 3.43e6))
 BACKGROUND, REFERENCE = 8, 24  # frame at which each phase ends
 PERIOD = 125
 
@@ -86,7 +88,28 @@ class ScriptedRun:
             0.0,
             stick,
             stick_sd,
+            **self._stress(c, ux.shape) if known else {},
         )
+
+    def _stress(self, c: float, shape: tuple[int, int]) -> dict[str, Any]:
+        """Cattaneo and Mindlin's traction of that c with a peak of 30 kPa at full slip, 2 kPa too high everywhere."""
+        radii = np.linspace(0, 3e-3, 61)
+
+        def hertz_like(r: float) -> Any:
+            return np.sqrt(np.clip(1 - (radii / r) ** 2, 0, None))
+
+        sigma = 30e3 * (hertz_like(HERTZ_M) - c / HERTZ_M * hertz_like(c))
+        return {
+            "full_slip_pa": 30e3,
+            "peak_radius_m": c + 5e-5,
+            "peak_radius_sd_m": 2e-5,
+            "stress_force_n": 0.4,
+            "stress_force_sd_n": 0.002,
+            "stress_radius_m": radii,
+            "stress_pa": sigma + 2e3,
+            "stress_sd_pa": np.full(61, 500.0),
+            "stress_field_pa": np.full(shape, 12e3, np.float32),
+        }
 
     def start(self) -> None:
         if self.started:

@@ -77,9 +77,25 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
     snapshot = run.snapshots_since(199)[0]
     assert field is not None
     expected = snapshot.ux_px * 7.04 - 0.68 * snapshot.shear_force_n
-    np.testing.assert_allclose(field.ux_um, expected, rtol=1e-4, atol=1e-3)
-    assert np.isnan(field.ux_um[0, 0])
+    np.testing.assert_allclose(field.values, expected, rtol=1e-4, atol=1e-3)
+    assert np.isnan(field.values[0, 0])
     assert field.rect_px == (5.0, 5.0, 10.0 * len(run.grid_x_px), 10.0 * len(run.grid_y_px))
+
+
+def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> None:
+    stress = look(run.at(200)).stress
+    assert stress is not None
+    np.testing.assert_allclose((stress.stress_kpa - stress.model_kpa), 2.0, atol=1e-9)  # what the scripted run adds to the model
+    assert stress.peak_mm == pytest.approx(stress.stick_mm + 0.05)
+    assert stress.caption.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
+    assert look(run.at(REFERENCE + 2)).stress is None
+
+
+def test_the_traction_of_every_point_is_a_field_of_its_own(run: ScriptedRun) -> None:
+    view = look(run.at(200))
+    assert view.stress_field is not None
+    np.testing.assert_allclose(view.stress_field.values, 12, rtol=1e-6)
+    assert (view.stress_field.unit, view.stress_field.limit) == ("kPa", 15)
 
 
 def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:

@@ -101,6 +101,15 @@ def test_everything_the_run_gives_is_drawn(qtbot: QtBot, window: MainWindow, run
     assert {v.name.text(): v.value.text() for v in window.health.cells}["frames received"] == "50"
 
 
+def test_the_overlay_shows_the_traction_on_request(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    begin(qtbot, window, run, 50)
+    assert window.interface.which.isVisible()
+    window.interface.which.setCurrentIndex(1)
+    np.testing.assert_allclose(window.interface.overlay.image, 12, rtol=1e-6)
+    window.interface.which.setCurrentIndex(0)
+    assert not np.allclose(window.interface.overlay.image, 12)
+
+
 def test_the_overlay_can_be_hidden_and_made_opaque(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
     begin(qtbot, window, run, 50)
     window.interface.opacity.setValue(80)
