@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+
+from app.errors import UserError
 
 
 class FieldsWriter:
@@ -99,3 +102,34 @@ _COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
     "status": ("status", "u1", "1", "status"),
     "iterations": ("iterations", "u1", "1", "steps taken to the place"),
 }
+
+
+@dataclass(frozen=True, slots=True)
+class FieldsFile:
+    """What `read_fields_file` found; pixels, NaN where not measured; `ux_px` and `sd_px` have the shape (frames, ny, nx)."""
+
+    x_px: NDArray[np.float64]
+    y_px: NDArray[np.float64]
+    ux_px: NDArray[np.float64]
+    sd_px: NDArray[np.float64]
+    frames: tuple[int, ...]
+
+
+def read_fields_file(path: Path) -> FieldsFile:
+    """The fields of u_x in a file that `FieldsWriter` wrote.
+
+    Raises
+    ------
+    UserError
+        The file can not be read, or holds no such fields.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            group = file["entry/fields"]
+            found = [np.asarray(group[name][()], np.float64) for name in ("x", "y", "ux", "ux_errors", "frame")]
+    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise UserError(f"{path}: no displacement fields could be read: {error}; give a file of `slipscope dic`, or a table") from None
+    x, y, ux, sd, frame = found
+    if ux.shape != (len(frame), len(y), len(x)) or sd.shape != ux.shape:
+        raise UserError(f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x {len(y)} points; correlate again")
+    return FieldsFile(x, y, ux, sd, tuple(int(n) for n in frame))

@@ -1,0 +1,95 @@
+"""Displacement fields read back from the files that people have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import UserError
+from app.field_files import read_fields
+from app.session.fields import FieldsWriter
+
+X, Y = np.array([10.0, 20, 30, 40]), np.array([15.0, 25, 35])
+UX = np.arange(24.0).reshape(2, 3, 4) / 7
+
+
+def write_table(path: Path, header: str, *, rows=None, order=1) -> Path:
+    x, y = np.meshgrid(X, Y)
+    lines = [
+        f"{frame},{x[j, i]},{y[j, i]},{float(UX[frame - 1, j, i])!r},0.01"
+        for frame in (1, 2)
+        for j in range(3)
+        for i in range(4)
+        if rows is None or rows(frame, j, i)
+    ]
+    path.write_text("# a comment\n" + "\n".join([header, *lines[::order]]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_table_in_pixels_in_any_order(tmp_path: Path, order: int) -> None:
+    path = write_table(tmp_path / "t.csv", "frame,x_px,y_px,ux_px,ux_std_px", order=order, rows=lambda f, j, i: (j, i) != (1, 2))
+    found = read_fields(path, 2e-6)
+    np.testing.assert_allclose(found.x_m, X * 2e-6)
+    np.testing.assert_allclose(found.y_m, Y * 2e-6)
+    expected = UX.copy() * 2e-6
+    expected[:, 1, 2] = np.nan
+    np.testing.assert_allclose(found.ux_m, expected)
+    assert np.nanmax(np.abs(found.sd_m - 2e-8)) < 1e-20
+    assert found.frames == (1, 2)
+    assert found.pitch_m == pytest.approx((2e-5, 2e-5))
+
+
+def test_a_table_in_units_of_length_needs_no_pixel(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "t.csv", "frame,x_mm,y_mm,u_um,ux_sd_nm")
+    found = read_fields(path, None)
+    np.testing.assert_allclose(found.x_m, X * 1e-3)
+    np.testing.assert_allclose(found.ux_m, UX * 1e-6)
+    np.testing.assert_allclose(found.sd_m, 1e-11)
+
+
+def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
+    class Field:
+        ux_px = uy_px = ux_std_px = uy_std_px = zncc = np.ones((3, 4), np.float32)
+        status = iterations = np.zeros((3, 4), np.uint8)
+
+    settings = {"reference": "r.tif"}
+    with FieldsWriter(tmp_path / "f.h5", ["a.tif"], X, Y, ["ok"], settings, {}) as writer:
+        writer.append(Field())
+    found = read_fields(tmp_path / "f.h5", 1e-6)
+    np.testing.assert_allclose(found.ux_m, 1e-6)
+    np.testing.assert_allclose(found.sd_m, 1e-6)
+    np.testing.assert_allclose(found.y_m, Y * 1e-6)
+    with pytest.raises(UserError, match="--pixel"):
+        read_fields(tmp_path / "f.h5", None)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("", "no column x, y, ux"),
+        ("x_px,y_px\n1,2\n", "no column ux"),
+        ("x_px,y_px,ux_px\n", "no points"),
+        ("x_px,y_px,ux_px\n1,2,a\n", "no number"),
+        ("x_px,y_px,ux_px\n1,2\n", "no number"),
+        ("x_px,y_px,ux_px\nnan,2,1\n", "without a place"),
+        ("x,y,ux\n1,2,1\n2,3,1\n", "no unit"),
+        ("x_px,y_px,ux_px\n1,2,1\n", "two or more"),
+        ("x_px,y_px,ux_px\n1,2,1\n2,3.0,1\n3.4,2,1\n1,3,2\n", "evenly spaced"),
+        ("x_px,y_px,ux_px\n1,2,nan\n2,2,nan\n1,3,nan\n2,3,nan\n", "no point of it was measured"),
+        ("x_px,y_px,ux_px\n" + "".join(f"{n},{n},1\n" for n in range(100)), "do not fill"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_in_a_sentence(tmp_path: Path, text: str, word: str) -> None:
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(UserError, match=word):
+        read_fields(tmp_path / "t.csv", 1e-6)
+
+
+def test_files_that_can_not_be_read(tmp_path: Path) -> None:
+    (tmp_path / "bad.h5").write_bytes(b"no HDF5")
+    for name in ("bad.h5", "none.h5", "none.csv"):
+        with pytest.raises(UserError, match="read"):
+            read_fields(tmp_path / name, 1e-6)
