@@ -127,7 +127,9 @@ class Snapshot:
 
 def without_fields(snapshot: Snapshot) -> Snapshot:
     """The snapshot's numbers and rings alone: what a long series can keep in memory."""
-    fields: dict[str, Any] = dict.fromkeys(("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "stress_field_pa"), np.empty((0, 0), np.float32))
+    fields: dict[str, Any] = dict.fromkeys(
+        ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "stress_field_pa"), np.empty((0, 0), np.float32)
+    )
     return replace(snapshot, **fields, status=np.empty((0, 0), np.uint8))
 
 
