@@ -1,6 +1,6 @@
 """Speed and accuracy of every method of the correlation, on pictures whose displacement is exact.
 
-    python benchmarks/dic.py [table light jumps cost threads paper compile] [--frames 5] [--plot sigma.png]
+    python benchmarks/dic.py [table light jumps cost threads paper waves compile] [--frames 5] [--plot sigma.png]
 
 table    points/s on one core, translation (worst bias / sigma / rmse) and graded ring (rmse) without and with noise of 2 grey levels
 light    the same translation after a change of gain or level of the whole picture, noise included
@@ -8,6 +8,7 @@ jumps    a cold start and a jump of 40 px: seconds, share of the points that are
 cost     time of a frame for other boxes and steps, relative to box 20 and step 10
 threads  time of a frame on two threads against one
 paper    the paper's calibration (Fig. 4d): u_x from 0.14 to 14 px, sigma for boxes of 10 to 100 px, and the floor
+waves    amplitude that is left of a sinusoidal u_x, by wavelength, beside that of a plain average over the box
 compile  seconds of the first use with an empty cache, and of a later one
 
 benchmarks/dic_peers.py prints the same table for other libraries, on the same pictures.
@@ -203,6 +204,41 @@ def paper(limit: int | None, plot: Path | None = None) -> None:
         print(plot)
 
 
+class Wave:
+    """u_x = A sin(2 pi y / wavelength) of a pattern, or along x."""
+
+    def __init__(self, wavelength: float, axis: int) -> None:
+        self._k, self._axis, self._amplitude = 2 * np.pi / wavelength, axis, 0.015 * wavelength / 2 / np.pi
+
+    def __call__(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u = self._amplitude * np.sin(self._k * np.asarray((x, y)[self._axis]))
+        return u, np.zeros_like(u)
+
+    def gradient(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        slope = self._amplitude * self._k * np.cos(self._k * np.asarray((x, y)[self._axis]))
+        return (slope, 0 * slope) if self._axis == 0 else (0 * slope, slope)
+
+
+def waves(_: int | None) -> None:
+    """What each method passes of short waves, and the side of the box whose plain average would pass as much."""
+    size = (480, 480)
+    made = pattern(size)
+    grey = made.grey(Motion.uniform(0))
+    chosen = ("shared (default)", "IC-GN order 0", "IC-GN order 1", "direct (the paper)")
+    print(f"{'wavelength':>10s}  axis  average" + "".join(f"  {name:>24s}" for name in chosen))
+    for wavelength in (40, 60, 80, 120, 200):
+        for axis in (0, 1):
+            motion, row = Wave(wavelength, axis), []
+            for name in chosen:
+                tracker = at_rest(METHODS[name], np.rint(grey).clip(0, 255).astype(np.uint8))
+                found = tracker.track(np.rint(made.grey(motion)).clip(0, 255).astype(np.uint8)).ux_px[4:-4, 4:-4]
+                true = motion(*np.meshgrid(tracker.grid.x_px, tracker.grid.y_px))[0][4:-4, 4:-4]
+                tracker.close()
+                passed = float((found * true).sum() / (true**2).sum())
+                row.append(f"{passed:.3f} (box {wavelength * np.sqrt(6 * max(0.0, 1 - passed)) / np.pi:4.1f} px)")
+            print(f"{wavelength:7d} px  {'xy'[axis]:>4s}  {np.sinc(20 / wavelength):7.3f}" + "".join(f"  {text:>24s}" for text in row))
+
+
 def compilation(_: int | None) -> None:
     """First and later use, in processes of their own."""
     code = (
@@ -215,7 +251,16 @@ def compilation(_: int | None) -> None:
             print(f"{use} use of the default method: {float(done.stdout):.1f} s, imports included")
 
 
-PARTS = {"table": table, "light": light, "jumps": jumps, "cost": cost, "threads": threads, "paper": paper, "compile": compilation}
+PARTS = {
+    "table": table,
+    "light": light,
+    "jumps": jumps,
+    "cost": cost,
+    "threads": threads,
+    "paper": paper,
+    "waves": waves,
+    "compile": compilation,
+}
 
 
 def main() -> None:
