@@ -200,6 +200,41 @@ def dic(
 
 
 @app.command()
+def model(
+    normal_force: Annotated[float, typer.Option(help="Normal force P, N.")] = 0.5,
+    modulus: Annotated[float, typer.Option(help="Young's modulus E of the block, MPa.")] = 3.43,
+    poisson: Annotated[float, typer.Option(help="Its Poisson's ratio, 0 to 0.5.")] = 0.5,
+    radius: Annotated[float, typer.Option(help="Radius R of the sphere, mm.")] = 128.8,
+    friction: Annotated[float, typer.Option(help="Friction coefficient mu of the interface.")] = 0.93,
+    length: Annotated[float, typer.Option(help="Elastic length L of the interface, um; 0: Cattaneo-Mindlin.")] = 0.8,
+    shear_force: Annotated[float | None, typer.Option(help="Shear force Q of the profiles, N.", show_default=False)] = None,
+    share: Annotated[float | None, typer.Option(help="Or Q/(mu P), 0 to 1; without either 0.6.", show_default=False)] = None,
+    roughness: Annotated[float, typer.Option(help="Standard deviation h of the surface's heights, um.")] = 0.595,
+    thickness: Annotated[float, typer.Option(help="Thickness of the block on its rigid plate, mm; 0: a half-space.")] = 0.0,
+    adhesion: Annotated[float, typer.Option(help="Work of adhesion w, mJ/m2; adds the numbers of JKR.")] = 0.0,
+    path: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.csv|.png|.pdf|.svg", help="Curves to write.", show_default=False)
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """What theory says of the contact: radii, pressures, stick radius, displacement of the block; and the curves, as a table or a figure.
+
+    The curves are p(r), sigma_xz(r) and u_x(r) at the shear force Q, and Q over the displacement of the block, each with that of Cattaneo and
+    Mindlin. The defaults are those of the paper. Needs no bench.
+
+    Example: `slipscope model --normal-force 1.4 --share 0.9 -o contact.png`
+    """
+    asked = {key: value for key, value in locals().items() if key not in {"path", "overwrite", "as_json"}}
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.commands import model as theory
+
+        raise typer.Exit(theory.model(path, overwrite=overwrite, as_json=as_json, **asked))
+
+
+@app.command()
 def config() -> None:
     """Print the default settings, each with its meaning, unit and limits: `slipscope config > bench.toml`."""
     from app.config import default_toml

@@ -106,6 +106,9 @@ class Sample(Section, frozen=True):
     poisson: Annotated[float, _f("Poisson's ratio of the block", "", ge=0, le=0.5)] = 0.5
     lens_radius: Annotated[float, _f("Radius of curvature R of the lens", "mm", gt=0, le=1e5)] = 128.8
     roughness: Annotated[float, _f("Standard deviation h of the heights of the rough surface", "um", ge=0, le=1000)] = 0.595
+    thickness: Annotated[float, _f("Thickness of the block on its rigid plate, for the traction; 0: a half-space", "mm", ge=0, le=1e4)] = (
+        0.0
+    )
     lens_compliance: Annotated[float, _f("Displacement of the lens holder per newton of Q", "um/N", ge=0, le=100)] = 0.68
 
 
@@ -131,6 +134,15 @@ class Dic(Section, frozen=True):
     update_every: Annotated[int, _f("Images from one reference to the next, for update = every", "images", ge=1)] = 100
     update_below: Annotated[float, _f("Median correlation that asks for a new reference, for update = quality", "", ge=0, le=1)] = 0.8
     threads: Annotated[int, _f("Threads that share a field; the result does not depend on it", "", ge=1, le=64)] = 2
+
+
+class Stress(Section, frozen=True):
+    """The shear traction sigma_xz, from the displacement field by the Green's tensor of the block."""
+
+    method: Annotated[str, _f("Profile about the contact's centre on every frame, or none", pattern="^(axisymmetric|none)$")] = (
+        "axisymmetric"
+    )
+    field: Annotated[bool, _f("The traction of every grid point as well, by conjugate gradients", "")] = False
 
 
 class Recording(Section, frozen=True):
@@ -177,6 +189,7 @@ class Config(Section, frozen=True):
     limits: Limits = Limits()
     sample: Sample = Sample()
     dic: Dic = Dic()
+    stress: Stress = Stress()
     recording: Recording = Recording()
     sim: Sim = Sim()
 
@@ -327,6 +340,11 @@ def correlation(settings: Dic) -> Correlation:
 
     own = {"tolerance": settings.tolerance or None, "full_scale": settings.full_scale or None}
     return Correlation(**(msgspec.structs.asdict(settings) | own))
+
+
+def averaging_box_px(settings: Dic) -> float:
+    """Side of the box whose plain average passes as much of long waves as the correlation does (`benchmarks/dic.py waves`)."""
+    return 0.6 * settings.box if settings.method == "shared" else float(settings.box)
 
 
 def _check_together(config: Config, where: str) -> None:

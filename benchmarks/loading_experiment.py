@@ -82,7 +82,7 @@ def compare(path: Path, world, config: settings.Config) -> None:
                 )
             )
     last = world.truth(snapshots[-1].sample)
-    mu = config.sim.friction
+    mu = last.state.friction
     force = last.state.normal_force_n
     rms = np.sqrt(squares / count)
     row("u_x over the contact, rms error", f"{rms:.4f} px = {rms * pixel_um * 1e3:.0f} nm", "0.033 px")
@@ -105,18 +105,58 @@ def compare(path: Path, world, config: settings.Config) -> None:
     dx, dy = np.array(contact.centre_px) - np.array(at_rest.lens_centre_m) / config.camera.pixel * 1e6
     row("  centre", f"{dx:+.2f}, {dy:+.2f} px from the truth")
     for name, found, true, asked in (
-        ("Q_s (N)", summary.static_force_n, mu * force, "2 %"),
-        ("mu_s", summary.mu_s, mu, "2 %"),
+        ("Q_s (N)", summary.static_force_n, last.mu_s * force, "2 %"),
+        ("mu_s", summary.mu_s, last.mu_s, "0.5 %"),
         ("mu_d", summary.mu_d, mu, ""),
     ):
         row(name, f"{found:.5f}, truth {true:.5f}: {100 * (found / true - 1):+.2f} %", asked)
     if last.onset_sample is None:
         row("t_s (s)", "the contact never slid; drive it further with --set run.travel=400")
         return
+    traction(snapshots, world, half, reference)
+    for name, found, sd, true, asked in (
+        ("mu of the local law", summary.law_mu, summary.law_mu_sd, mu, "1 %"),
+        ("L of the local law (um)", summary.law_length_m * 1e6, summary.law_length_sd_m * 1e6, config.sim.slip_length, "8 %"),
+        ("E (MPa)", summary.young_modulus_pa * 1e-6, summary.young_modulus_sd_pa * 1e-6, config.sample.young_modulus, "1.5 %"),
+    ):
+        row(name, f"{found:.4f} +- {sd:.4f}, truth {true:.4f}: {100 * (found / true - 1):+.2f} %", asked)
     drive = next(s for s in snapshots if s.phase is Phase.DRIVE)
     rate = config.forces.sample_rate
     onset = (last.onset_sample - (drive.sample + settings.exposure_samples(config) / 2 - drive.time_s * rate)) / rate
     row("t_s (s)", f"{summary.onset_time_s:.3f} +- {summary.onset_time_sd_s:.3f}, truth {onset:.3f}")
+
+
+def traction(snapshots, world, half: int, reference: int) -> None:
+    """Print how far the inverted shear traction, its force and D are from the truth."""
+    found = [s for s in snapshots if s.phase is Phase.DRIVE and s.stress_pa.size]
+    if not found:
+        return
+    lines = []
+    for snapshot in found:
+        state, at_rest = world.state(snapshot.sample + half), world.state(reference)
+        peak = 1.5 * state.friction * state.normal_force_n / np.pi / state.hertz_radius_m**2
+        error = (snapshot.stress_pa - state.traction(snapshot.stress_radius_m)) / peak
+        far = state.block_m - state.lens_m - at_rest.block_m + at_rest.lens_m
+        lines.append(
+            (
+                state.shear_force_n / (state.friction * state.normal_force_n),
+                np.sqrt(np.mean(error**2)),
+                snapshot.stress_force_n / state.shear_force_n - 1,
+                (snapshot.stress_force_n - state.shear_force_n) / snapshot.stress_force_sd_n,
+                snapshot.block_m - far,
+                snapshot.block_sd_m,
+            )
+        )
+    share, profile, force, score, far, _ = np.array(lines).T
+    for low, high in ((0.25, 0.35), (0.55, 0.65), (0.85, 0.95), (0.99, 1.1)):
+        at = (share > low) & (share < high)
+        if at.any():
+            row(
+                f"sigma(r) at Q/(mu P) {low:.2f} to {high:.2f}",
+                f"rms error {np.sqrt(np.mean(profile[at] ** 2)):.4f} mu p0, integral/Q {100 * force[at].mean():+.2f} %"
+                f" (scatter {100 * force[at].std():.2f} %, {np.sqrt(np.mean(score[at] ** 2)):.1f} sd), D {1e9 * far[at].mean():+.0f} nm",
+                "0.014, 0.2 %, 50 nm",
+            )
 
 
 def row(what: str, found: str, asked: str = "") -> None:

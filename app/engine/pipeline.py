@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
 from app.config import Config, correlation
 from app.engine.history import Conditions
+from app.engine.tractions import Tractions
 from app.results import ContactResult, Phase, Snapshot, Summary
 
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
@@ -45,6 +47,12 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
     return float(hertz.contact_radius(normal_force_n, s.young_modulus * 1e6, s.poisson, s.lens_radius * 1e-3))
 
 
+def full_slip_stress(config: Config, amplitude: float) -> float:
+    """Traction mu p0 at the centre of a contact that slides as a whole, pascals, of a `StickFit.amplitude`."""
+    E, nu = config.sample.young_modulus * 1e6, config.sample.poisson
+    return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
+
+
 class Pipeline:
     """Background, reference, displacement field, ring means, stick radius: the state of the analysis of one session.
 
@@ -61,6 +69,7 @@ class Pipeline:
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
         self._reference_shear_n = 0.0
+        self._tractions: Tractions | None = None
         self._x_m, self._y_m = (axis * self._pixel_m for axis in np.meshgrid(self.grid.x_px, self.grid.y_px))
 
     @property
@@ -92,6 +101,8 @@ class Pipeline:
         self._reference_shear_n = now.shear_force_n
         self.reference_frame = index
         self._find_contact(image)
+        if self.config.stress.method != "none":
+            self._prepare_tractions(now)
 
     def _find_contact(self, image: NDArray[np.generic]) -> None:
         """Centre and apparent radius from the background difference; without one the picture's middle, and a note that says so."""
@@ -115,6 +126,15 @@ class Pipeline:
             found.profile_grey,
         )
 
+    def _prepare_tractions(self, now: Conditions) -> None:
+        assert self.contact is not None
+        centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
+        try:
+            hertz_m = hertz_radius_m(self.config, now.normal_force_n)
+            self._tractions = Tractions(self.config, self._x_m - centre_x, self._y_m - centre_y, hertz_m)
+        except ValueError as error:
+            self.notes.append(f"no shear traction was computed: {error}")
+
     def _measure(self, index: int, sample: int, image: NDArray[np.generic], now: Conditions) -> Snapshot:
         assert self._tracker is not None
         assert self.contact is not None
@@ -130,10 +150,13 @@ class Pipeline:
         rings = ring_means(r, sliding_ux, self.config.dic.step * self._pixel_m, self._whole_rings_m(), theta=np.arctan2(y, x))
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         inner_m = CENTRE_SHARE * (self.contact.apparent_radius_m if math.isfinite(self.contact.apparent_radius_m) else hertz_m)
-        stick_m = stick_sd_m = math.nan
+        sheared: dict[str, Any] = {}
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
             fit = fit_stick_radius(rings.radius, rings.mean, rings.standard_error, hertz_m)
-            stick_m, stick_sd_m = fit.stick_radius, fit.stick_radius_sd
+            sheared = {"stick_radius_m": fit.stick_radius, "stick_radius_sd_m": fit.stick_radius_sd}
+            sheared["full_slip_pa"] = full_slip_stress(self.config, fit.amplitude)
+            if self._tractions is not None:
+                sheared |= self._tractions.of(rings)
         return replace(
             _nothing_yet(index, sample, now),
             lens_m=lens_m,
@@ -147,8 +170,7 @@ class Pipeline:
             ring_ux_m=rings.mean,
             ring_sd_m=rings.standard_error,
             centre_ux_m=float(central_value(r, sliding_ux, inner_m)),
-            stick_radius_m=stick_m,
-            stick_radius_sd_m=stick_sd_m,
+            **sheared,
         )
 
     def _whole_rings_m(self) -> float:

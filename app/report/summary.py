@@ -64,6 +64,9 @@ def summary_rows(summary: Summary) -> list[Row]:
         Row("shear force at the onset", "Q_s", measured_text(s.static_force_n, s.mu_s_sd * s.normal_force_n, "N")),
         Row("static friction", "mu_s", measured_text(s.mu_s, s.mu_s_sd)),
         Row("dynamic friction", "mu_d", range_text(s.mu_d, *s.mu_d_range)),
+        Row("friction of the local law", "mu", measured_text(s.law_mu, s.law_mu_sd)),
+        Row("length of the local law", "L", measured_text(s.law_length_m * 1e6, s.law_length_sd_m * 1e6, "um")),
+        Row("Young's modulus, from the stress", "E", measured_text(s.young_modulus_pa * 1e-6, s.young_modulus_sd_pa * 1e-6, "MPa")),
         Row("sliding velocity", "v", measured_text(s.sliding_velocity_m_s * 1e6, math.nan, "um/s")),
     ]
 

@@ -5,15 +5,23 @@ The normal force is constant and the drive goes one way, so that the state follo
 
 from __future__ import annotations
 
+import bisect
+import math
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics.loading import AxisymmetricLoading
+from analysis.mechanics.loading import Contact as Sphere
+from analysis.mechanics.loading import State as LoadingState
 from drivers.sim.settings import WorldSettings
 
 F64 = NDArray[np.float64]
+
+STATES = 400
 
 
 class Sheared(Protocol):
@@ -88,6 +96,50 @@ class _Sheared:
         return cattaneo_mindlin.traction(r, self._Q, *self._contact._model[:3])
 
 
+class ElastoPlastic:
+    """Yields at each point by a law of the local slip: solved once for a run, then interpolated."""
+
+    def __init__(self, settings: WorldSettings) -> None:
+        s = settings
+        self.limit = s.mu * s.normal_force_n
+        sphere = Sphere(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m, s.mu, s.slip_length_m, s.thickness_m)
+        self._loading = AxisymmetricLoading(sphere)
+        self._compliance = series_compliance(s)
+        last = self._loading.at_force(self.limit * (1 - 1e-9))
+        self._states = self._loading.table(STATES, last.D)
+        D, Q, stiffness = (np.array([getattr(state, name) for state in self._states]) for name in ("D", "Q", "stiffness"))
+        driven = D + self._compliance * Q
+        self._curve = CubicHermiteSpline(driven, Q, stiffness / (1 + self._compliance * stiffness))
+        self._end = float(driven[-1])
+        # steady sliding: the centre moves like the block, behind it by what the full traction deforms; extrapolated back to no motion
+        self.onset = float(last.displacement(0.0)[0]) + self._compliance * self.limit
+
+    def shear_force(self, driven: F64) -> F64:
+        """See `Contact`."""
+        return np.asarray(self._curve(np.clip(driven, 0.0, self._end)))
+
+    def sheared(self, driven: float) -> Sheared:
+        """See `Contact`."""
+        D = driven - self._compliance * float(self.shear_force(np.asarray(driven)))
+        below = max(bisect.bisect_right(self._states, D, key=lambda state: state.D) - 1, 0)
+        return _Yielding(self._loading.advance(self._states[below], D))
+
+
+class _Yielding:
+    def __init__(self, state: LoadingState) -> None:
+        self._state = state
+
+    @property
+    def stick_radius(self) -> float:
+        return self._state.peak_radius
+
+    def radial(self, r: ArrayLike) -> tuple[F64, F64]:
+        return self._state.displacement(r)
+
+    def traction(self, r: ArrayLike) -> F64:
+        return self._state.traction(r)
+
+
 def series_compliance(settings: WorldSettings) -> float:
     """Of the tangential cantilever and the lens holder together, metres per newton."""
     return settings.lens_compliance_m_per_n + 1 / settings.stiffness_n_per_m[1]
@@ -101,4 +153,11 @@ def sheared_contact(settings: WorldSettings) -> Contact:
     ValueError
         There is no such law, or it can not be had with the other settings.
     """
-    return CattaneoMindlin(settings)
+    s = settings
+    if s.law == "cattaneo-mindlin":
+        if math.isfinite(s.thickness_m):
+            raise ValueError("simulated world: a block of finite thickness was asked with law 'cattaneo-mindlin'; use 'elasto-plastic'")
+        return CattaneoMindlin(s)
+    if s.law == "elasto-plastic":
+        return ElastoPlastic(s)
+    raise ValueError(f"simulated world: law '{s.law}' was asked; there are 'cattaneo-mindlin' and 'elasto-plastic'")

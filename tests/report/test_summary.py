@@ -14,7 +14,7 @@ from app.report.summary import measured_text, outcome_data, outcome_rows, plain,
 from app.results import Counts, Outcome, Phase, Summary
 
 NAN = math.nan
-MEASURED = Summary(0.5, 2.2046e-3, 0.0413e-3, 2.19412e-3, 20.234, 0.0996, 0.46311, 0.92622, 0.0042, 0.93011, (0.9214, 0.9388), 4.8312e-6)
+MEASURED = Summary(0.5, 2.2046e-3, 0.0413e-3, 2.19412e-3, 20.234, 0.0996, 0.46311, 0.92622, 0.0042, 0.93011, (0.9214, 0.9388), 4.8312e-6, (), 0.9312, 0.0111, 0.803e-6, 0.045e-6, 3.421e6, 0.0321e6)
 
 
 @pytest.mark.parametrize(
@@ -55,6 +55,9 @@ def test_the_summary_is_told_in_the_units_of_the_paper() -> None:
         "mu_s": "0.9262 ± 0.0042",
         "mu_d": "0.9301 (0.9214 to 0.9388)",
         "v": "4.83 um/s",
+        "mu": "0.931 ± 0.011",
+        "L": "0.803 ± 0.045 um",
+        "E": "3.421 ± 0.032 MPa",
     }
 
 

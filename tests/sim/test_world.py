@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics.half_space import SurfaceGreen
 from drivers.errors import OutOfLimits
 from drivers.sim.world import World, WorldSettings
 
@@ -266,3 +267,41 @@ def test_the_future_is_not_known():
 def test_a_pace_must_be_a_positive_number(pace):
     with pytest.raises(ValueError, match="pace"):
         World(WorldSettings(), pace=pace)
+
+
+@pytest.mark.parametrize("thickness", [np.inf, 15e-3])
+def test_the_elasto_plastic_world_obeys_its_law_at_every_point(thickness):
+    """Traction and surface displacement of the world, put into the law and into the operator of the block's surface."""
+    world = driven(law="elasto-plastic", thickness_m=thickness, distance_m=300e-6)
+    s = world.settings
+    a, limit, *_ = constants(s)
+    for travel in (20e-6, 60e-6, 250e-6):
+        state = world.state(START + round(travel / 1e-7))
+        r = np.linspace(0, a, 40)[:-1]
+        slip = state.block_m - state.lens_m - state.radial(r)[0]
+        p = hertz.pressure(r, s.normal_force_n, a)
+        np.testing.assert_allclose(state.traction(r), 0.93 * p * -np.expm1(-slip / (0.93 * 0.8e-6)), rtol=1e-6)
+        rings = (np.arange(4000) + 0.5) * a / 4000
+        force = (state.traction(rings) * 2 * np.pi * rings).sum() * a / 4000
+        assert force == pytest.approx(state.shear_force_n, rel=1e-4)
+        assert state.block_m + state.shear_force_n / s.stiffness_n_per_m[1] == pytest.approx(travel, rel=1e-9)
+        pitch = 2.4 * a / 121
+        x, y = np.meshgrid(*2 * [(np.arange(121) - 60) * pitch])
+        parts = [(k - 1) / 3 * pitch for k in range(3)]
+        sigma = np.mean([state.traction(np.hypot(x + dx, y + dy)) for dx in parts for dy in parts], axis=0)
+        u = SurfaceGreen((121, 121), pitch, s.young_modulus_pa, s.poisson, thickness=thickness).apply(sigma)
+        gx = state.surface(x + state.lens_centre_m[0], y + state.lens_centre_m[1])[0]
+        np.testing.assert_allclose(u, gx, atol=2e-3 * gx.max())
+    assert state.shear_force_n == pytest.approx(limit, rel=1e-9)
+    # where the line through the centre's slip in steady sliding begins
+    begins = START + (travel - (state.block_m - state.lens_m - state.radial(0.0)[0])) / 1e-7
+    assert world.onset_sample() == pytest.approx(begins, abs=1)
+    assert world.truth(world.now).mu_s == pytest.approx(world.state(world.onset_sample()).shear_force_n / 0.5, abs=1e-5)
+    assert world.truth(world.now).mu_s < 0.925
+
+
+def test_a_finite_thickness_needs_a_law_that_has_it():
+    with pytest.raises(ValueError, match="finite thickness"):
+        World(WorldSettings(**{**BASE, "thickness_m": 15e-3}))
+    with pytest.raises(ValueError, match="law 'viscous'"):
+        World(WorldSettings(**{**BASE, "law": "viscous"}))
