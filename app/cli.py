@@ -220,8 +220,8 @@ def model(
 ) -> None:
     """What theory says of the contact: radii, pressures, stick radius, displacement of the block; and the curves, as a table or a figure.
 
-    The curves are p(r), sigma_xz(r) and u_x(r) at the shear force Q, and Q over the displacement of the block, each with that of Cattaneo and
-    Mindlin. The defaults are those of the paper. Needs no bench.
+    The curves are p(r), sigma_xz(r) and u_x(r) at the shear force Q, and Q over the displacement of the block, with those of Cattaneo
+    and Mindlin beside. The defaults are those of the paper, at 0.5 N. Needs no bench.
 
     Example: `slipscope model --normal-force 1.4 --share 0.9 -o contact.png`
     """

@@ -21,9 +21,23 @@ from app.report.summary import Row
 F64 = NDArray[np.float64]
 
 SUFFIXES = (".csv", ".png", ".pdf", ".svg")
-POINTS = 201
+POINTS = 301  # a is one of them
 WIDEST, FARTHEST = 3.0, 1.5  # of the curves: contact radii, and shifts at which Cattaneo and Mindlin's contact slides
+SHARP = 2e-3  # a length below this part of that shift asks for more modes
 FAINT = 0.01  # of the peak pressure: where a rough contact is taken to end
+
+
+LIMITS = {  # of the options, mostly those of the settings file
+    "normal_force": (1e-6, 100, "N"),
+    "modulus": (1e-6, 1e6, "MPa"),
+    "poisson": (0, 0.5, ""),
+    "radius": (1e-3, 1e5, "mm"),
+    "friction": (1e-3, 5, ""),
+    "length": (0, 1000, "um"),
+    "roughness": (0, 1000, "um"),
+    "thickness": (0, 1e4, "mm"),
+    "adhesion": (0, 1e4, "mJ/m2"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,20 +55,12 @@ class System:
     adhesion: float
 
     def __post_init__(self) -> None:
-        positive = {
-            "normal-force": (self.normal_force, 100, "N"),
-            "modulus": (self.modulus, 1e6, "MPa"),
-            "radius": (self.radius, 1e5, "mm"),
-        }
-        positive["friction"] = (self.friction, 5, "")
-        rest = {"poisson": (self.poisson, 0.5, ""), "length": (self.length, 1000, "um"), "roughness": (self.roughness, 1000, "um")}
-        rest |= {"thickness": (self.thickness, 1e4, "mm"), "adhesion": (self.adhesion, 1e4, "mJ/m2")}
-        for name, (value, most, unit) in (positive | rest).items():
-            if not (1e-9 if name in positive else 0) <= value <= most:
-                wanted = f"more than 0 and at most {most:g}" if name in positive else f"0 to {most:g}"
-                raise UserError(f"--{name}: {value:g} found; give {wanted} {unit}".rstrip())
+        for name, (least, most, unit) in LIMITS.items():
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise UserError(f"--{name.replace('_', '-')}: {value:g} found; give {least:g} to {most:g} {unit}".rstrip())
         if self.thickness > 0 and self.length == 0:
-            raise UserError("--thickness: a layer is solved for a rough interface; give --length more than 0 with it")
+            raise UserError("--thickness: a layer is solved for a rough interface only; give --length more than 0 with it")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +96,9 @@ def model(path: Path | None, shear_force: float | None, share: float | None, *, 
     except ValueError as error:
         raise UserError(f"this contact can not be solved: {error}") from None
     if path is not None:
-        _write(path, numbers, curves, system, Q)
+        _write(path, numbers, curves, sheared)
     if as_json:
-        print_json({"asked": {name: getattr(system, name) for name in asked}} | {q.key: q.value for q in numbers})
+        print_json({q.key: q.value for q in numbers})
         return DONE
     print_rows("sphere on a block, pressed and sheared", [Row(q.label, q.symbol, q.text) for q in numbers])
     if path is not None:
@@ -108,25 +114,33 @@ def _force(system: System, shear_force: float | None, share: float | None) -> fl
     Q = limit * (0.6 if share is None else share) if shear_force is None else shear_force
     if not 0 <= Q <= limit:
         raise UserError(f"Q = {Q:g} N asked; give 0 to mu P = {limit:g} N, by --shear-force or as a --share of it")
-    if Q == limit and system.length > 0:
+    if limit <= Q and system.length > 0:
         raise UserError("Q = mu P asked, which a rough interface only nears; give less, or --length 0")
     return Q
 
 
 class Sheared:
-    """The contact under Q: Cattaneo and Mindlin's, and that of a rough interface if its length is not 0."""
+    """The contact under Q: Cattaneo and Mindlin's, and that of a rough interface if its length is not 0.
+
+    A length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides leaves an edge that the modes hold to 0.3 % of mu p0.
+    """
 
     def __init__(self, system: System, Q: float) -> None:
         self.system, self.Q = system, Q
         self.P, self.E, self.nu, self.R = system.normal_force, system.modulus * 1e6, system.poisson, system.radius * 1e-3
         self.L, self.h = system.length * 1e-6, system.roughness * 1e-6
         self.a = hertz.contact_radius(self.P, self.E, self.nu, self.R)
+        if self.a > self.R / 2:
+            raise UserError(
+                f"a contact of radius {self.a * 1e3:.3g} mm found, too wide for Hertz; press less on this sphere of {system.radius:g} mm"
+            )
         self.cm = system.friction, self.P, self.a, self.E, self.nu
         self.loading: AxisymmetricLoading | None = None
         self.state: State | None = None
         if self.L > 0:
             thickness = system.thickness * 1e-3 or math.inf
-            self.loading = AxisymmetricLoading(Contact(self.P, self.E, self.nu, self.R, system.friction, self.L, thickness))
+            contact = Contact(self.P, self.E, self.nu, self.R, system.friction, self.L, thickness)
+            self.loading = AxisymmetricLoading(contact, 64 if self.L > SHARP * contact.full_shift else 128)
             self.state = self.loading.at_force(Q)
         self.rough: greenwood_tripp.RoughContact | None = None
         if greenwood_tripp.SMOOTHEST <= self.h * self.R / self.a**2 <= greenwood_tripp.ROUGHEST:
@@ -138,39 +152,42 @@ class Sheared:
         mu, P, a, E, nu = self.cm
         p0, limit = hertz.peak_pressure(P, a), mu * P
         shift = float(cattaneo_mindlin.shift(self.Q, *self.cm))
+        smooth, stiff = 8 * hertz.shear_modulus(E, nu) * a / (2 - nu), ("N/mm", 1e-3)
         block = self.state.D if self.state else shift
         found = [
             Quantity("normal_force_n", "normal force", "P", P, "N"),
+            Quantity("young_modulus_pa", "Young's modulus", "E", E, "MPa", 1e-6),
+            Quantity("poisson", "Poisson's ratio", "nu", nu),
+            Quantity("sphere_radius_m", "radius of the sphere", "R", self.R, *mm),
+            Quantity("friction", "friction coefficient", "mu", mu),
             Quantity("shear_force_n", f"shear force, {self.Q / limit:.4g} of the greatest", "Q", self.Q, "N"),
             Quantity("friction_limit_n", "greatest shear force", "mu P", limit, "N"),
             Quantity("hertz_radius_m", "contact radius, Hertz", "a_H", a, *mm),
             Quantity("peak_pressure_pa", "pressure at the centre, Hertz", "p0", p0, *kpa),
-            Quantity("indentation_m", "indentation, Hertz", "a_H²/R", hertz.indentation(a, self.R), *um),
+            Quantity("indentation_m", "indentation, Hertz", "a_H^2/R", hertz.indentation(a, self.R), *um),
             Quantity("stick_radius_m", "stick radius, Cattaneo-Mindlin", "c", float(cattaneo_mindlin.stick_radius(self.Q, limit, a)), *mm),
             Quantity("block_shift_m", "displacement of the block", "delta", block, *um),
             Quantity("block_shift_cm_m", "the same, Cattaneo-Mindlin", "delta", shift, *um),
             Quantity("sliding_shift_m", "at which Cattaneo-Mindlin's slides", "delta_max", cattaneo_mindlin.full_shift(*self.cm), *um),
-            Quantity(
-                "stiffness_n_per_m", "stiffness for the first shear, smooth", "8 G a/(2-nu)",
-                8 * hertz.shear_modulus(E, nu) * a / (2 - nu), "N/um", 1e-6,
-            ),
-        ]  # fmt: skip
+            Quantity("stiffness_smooth_n_per_m", "contact stiffness at rest, smooth", "8 G a/(2-nu)", smooth, *stiff),
+        ]
         if self.loading and self.state:
             start = self.loading.at_block(0.0).stiffness
             found += [
-                Quantity("stiffness_rough_n_per_m", "the same, rough interface", "dQ/ddelta", start, "N/um", 1e-6),
+                Quantity("stiffness_rough_n_per_m", "the same, rough interface", "dQ/ddelta", start, *stiff),
                 Quantity("elastic_length_m", "elastic length of the interface", "L", self.L, *um),
                 Quantity("interface_stiffness_pa_per_m", "its stiffness at the centre", "p0/L", p0 / self.L, "kPa/um", 1e-9),
                 Quantity("peak_radius_m", "where the traction is greatest", "r", self.state.peak_radius, *mm),
                 Quantity("centre_slip_m", "displacement at the centre", "u_x(0)", self._seen(np.zeros(1))[0].item(), *um),
             ]
+        if self.system.thickness:
+            found.append(Quantity("thickness_m", "thickness of the block", "H", self.system.thickness * 1e-3, *mm))
         if self.h > 0:
-            predicted = [Quantity("bureau_length_m", "L of a surface of this roughness", "", elastic_length(self.h, nu), *um)]
+            apparent = greenwood_tripp.apparent_radius(a, self.R, self.h)
             found += [
-                Quantity(
-                    "apparent_radius_m", "apparent radius", "a_H + sqrt(R h)", greenwood_tripp.apparent_radius(a, self.R, self.h), *mm
-                ),
-                *(predicted if nu < 1 else []),
+                Quantity("roughness_m", "standard deviation of the heights", "h", self.h, *um),
+                Quantity("bureau_length_m", "L of a surface of this roughness", "L(h)", elastic_length(self.h, nu), *um),
+                Quantity("apparent_radius_m", "apparent radius", "a_H + sqrt(R h)", apparent, *mm),
             ]
         if self.rough:
             found += [
@@ -202,12 +219,13 @@ class Sheared:
     def curves(self) -> dict[str, F64]:
         """Columns of the table: profiles over r, then the force over the displacement of the block."""
         mu, P, a, *_ = self.cm
-        r = np.linspace(0, WIDEST * a, POINTS)
-        delta = np.linspace(0, FARTHEST * cattaneo_mindlin.full_shift(*self.cm), POINTS)
+        c = cattaneo_mindlin.stick_radius(self.Q, mu * P, a)
+        r = np.union1d(np.linspace(0, WIDEST * a, POINTS), c)  # where Cattaneo and Mindlin's traction has its peak
+        delta = np.linspace(0, FARTHEST * cattaneo_mindlin.full_shift(*self.cm), len(r))
         mean, double = self._seen(r)
         cm = cattaneo_mindlin.radial_displacement(r, self.Q, *self.cm)[0]
         sigma_cm, Q_cm = cattaneo_mindlin.traction(r, self.Q, mu, P, a), cattaneo_mindlin.shear_force(delta, *self.cm)
-        Q = np.array([state.Q for state in self.loading.table(POINTS, float(delta[-1]))]) if self.loading else Q_cm
+        Q = np.array([state.Q for state in self.loading.table(len(r), float(delta[-1]))]) if self.loading else Q_cm
         return {
             "r_mm": r * 1e3,
             "p_kpa": hertz.pressure(r, P, a) * 1e-3,
@@ -223,30 +241,29 @@ class Sheared:
         }
 
 
-def _write(path: Path, numbers: list[Quantity], curves: dict[str, F64], system: System, Q: float) -> None:
+def _write(path: Path, numbers: list[Quantity], curves: dict[str, F64], sheared: Sheared) -> None:
     if path.suffix.lower() != ".csv":
-        _figure(path, curves, system, Q)
+        _figure(path, curves, sheared)
         return
     lines = [f"# {q.label}{f' {q.symbol}' if q.symbol else ''}: {q.text}" for q in numbers]
     lines += [
-        f"# E = {system.modulus:g} MPa, nu = {system.poisson:g}, R = {system.radius:g} mm, mu = {system.friction:g}, L = {system.length:g} um,"
-        f" h = {system.roughness:g} um, thickness " + (f"{system.thickness:g} mm" if system.thickness else "infinite"),
-        "# over r: pressure p, with roughness (Greenwood-Tripp, exponential heights); shear traction sigma; displacement as a camera at rest",
-        "# with the sphere sees it, u_x = ux + ux_cos2 cos(2 theta), u_y = ux_cos2 sin(2 theta); _cm: Cattaneo-Mindlin, on a half-space",
-        "# over delta, the displacement of the block: shear force q",
+        "# over r: pressure p (Hertz; rough: Greenwood-Tripp, exponential heights), shear traction sigma, and displacement seen from the",
+        "# sphere, u_x = ux + ux_cos2 cos(2 theta), u_y = ux_cos2 sin(2 theta); over the displacement delta of the block: shear force q",
+        "# cm: Cattaneo-Mindlin, on a half-space",
         ",".join(curves),
     ]
     lines += [",".join(f"{value:.9g}" for value in row) for row in zip(*curves.values(), strict=True)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _figure(path: Path, curves: dict[str, F64], system: System, Q: float) -> None:
+def _figure(path: Path, curves: dict[str, F64], sheared: Sheared) -> None:
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     from app.report.figures import BLUE, GREY, RED, STYLE
 
+    system = sheared.system
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.2), layout="constrained")
         FigureCanvasAgg(figure)
@@ -257,22 +274,20 @@ def _figure(path: Path, curves: dict[str, F64], system: System, Q: float) -> Non
         left.plot(r, p, "--", color=RED, label="smooth (Hertz)")
         left.set(ylabel="pressure $p$ (kPa)", title="(a) pressure")
         rough = f"rough interface, $L$ = {system.length:g} µm" if system.length else ""
-        pairs = (
-            (right, "sigma_kpa", "sigma_cm_kpa", r),
-            (low_left, "ux_um", "ux_cm_um", r),
-            (low_right, "q_n", "q_cm_n", curves["delta_um"]),
-        )
-        for panel, name, reference, x in pairs:
+        smooth = "Cattaneo-Mindlin" + (", half-space" if system.thickness else "")
+        pairs = ((right, "r_mm", "sigma", "kpa"), (low_left, "r_mm", "ux", "um"), (low_right, "delta_um", "q", "n"))
+        for panel, x, name, unit in pairs:
             if rough:
-                panel.plot(x, curves[name], color=BLUE, label=rough)
-            panel.plot(x, curves[reference], "--", color=RED, label="Cattaneo-Mindlin")
+                panel.plot(curves[x], curves[f"{name}_{unit}"], color=BLUE, label=rough)
+            panel.plot(curves[x], curves[f"{name}_cm_{unit}"], "--", color=RED, label=smooth)
         right.plot(r, mu * p, ":", color=GREY, label=r"$\mu p$")
-        right.set(ylabel=r"shear traction $\sigma_{xz}$ (kPa)", title=f"(b) traction at $Q$ = {Q:.3g} N")
+        right.set(ylabel=r"shear traction $\sigma_{xz}$ (kPa)", title=f"(b) traction at $Q$ = {sheared.Q:.3g} N")
         low_left.set(ylabel="$u_x$, mean over the ring (µm)", title="(c) displacement seen from the sphere")
         low_right.axhline(mu * system.normal_force, color=GREY, ls=":", label=r"$\mu P$")
         low_right.set(xlabel=r"displacement of the block $\delta$ (µm)", ylabel="shear force $Q$ (N)", title=r"(d) $Q(\delta)$")
-        for panel in (left, right, low_left):
-            panel.set(xlabel="distance from the centre $r$ (mm)", xlim=(0, r[-1]))
+        pressed = r[curves["p_rough_kpa"] > 1e-3 * curves["p_rough_kpa"][0]][-1]
+        for panel, end in ((left, 1.1 * pressed), (right, 1.1 * pressed), (low_left, r[-1])):
+            panel.set(xlabel="distance from the centre $r$ (mm)", xlim=(0, min(end, r[-1])))
         for panel in axes.ravel():
             panel.set_ylim(bottom=0)
             panel.legend()

@@ -19,7 +19,7 @@ from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
 from app.config import Config, correlation
 from app.engine.history import Conditions
-from app.engine.tractions import Tractions
+from app.engine.tractions import Tractions, local_law
 from app.results import ContactResult, Phase, Snapshot, Summary
 
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
@@ -216,6 +216,7 @@ def summarise(config: Config, snapshots: list[Snapshot], contact: ContactResult 
     )
     force = float(normal.mean()) if drive else math.nan
     onset = sliding_onset(time, centre, shear, normal)
+    law, law_notes = local_law(config, drive)
     return Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
@@ -229,5 +230,6 @@ def summarise(config: Config, snapshots: list[Snapshot], contact: ContactResult 
         mu_d=onset.mu_d,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
-        notes=(*notes, *onset.notes),
+        notes=(*notes, *onset.notes, *law_notes),
+        **law,
     )

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.contact.rings import Rings
+from analysis.friction.local_law import fit_local_law
+from analysis.friction.modulus import balance_modulus
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from app.config import Config, averaging_box_px
+from app.results import Snapshot
 
 F64 = NDArray[np.float64]
 
+FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
 MARGIN = 2  # pitches by which the mask is larger than the apparent contact
 
 
@@ -69,3 +74,47 @@ class Tractions:
             "stress_pa": found.sigma[inside],
             "stress_sd_pa": found.sigma_sd[inside],
         }
+
+
+def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """What the summary of a drive says of the local friction law and of Young's modulus, by its names there, and notes."""
+    measured = [s for s in drive if s.stress_pa.size]
+    if not measured:
+        return {}, ()
+    sample, pixel_m = config.sample, config.camera.pixel * 1e-6
+    P, Q, integral, integral_sd = (
+        np.array([getattr(s, name) for s in measured])
+        for name in ("normal_force_n", "shear_force_n", "stress_force_n", "stress_force_sd_n")
+    )
+    noise = float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6)) if len(Q) > 8 else FORCE_NOISE_N
+    noise = max(noise, 0.01 * FORCE_NOISE_N)
+    n = max(len(s.ring_radius_m) for s in measured)
+    radii, ux, sd = (
+        np.array([np.pad(getattr(s, name), (0, n - len(getattr(s, name))), constant_values=np.nan) for s in measured])
+        for name in ("ring_radius_m", "ring_ux_m", "ring_sd_m")
+    )
+    thickness = sample.thickness * 1e-3 or math.inf
+    law = fit_local_law(
+        np.nanmedian(radii, axis=0),
+        ux,
+        sd,
+        P,
+        Q,
+        E=sample.young_modulus * 1e6,
+        nu=sample.poisson,
+        R=sample.lens_radius * 1e-3,
+        Q_sd=noise,
+        thickness=thickness,
+        box=averaging_box_px(config.dic) * pixel_m,
+        width=config.dic.step * pixel_m,
+    )
+    modulus = balance_modulus(integral, integral_sd, Q, sample.young_modulus * 1e6, Q_sd=noise)
+    found = {
+        "law_mu": law.mu,
+        "law_mu_sd": law.mu_sd,
+        "law_length_m": law.L,
+        "law_length_sd_m": law.L_sd,
+        "young_modulus_pa": modulus.E,
+        "young_modulus_sd_pa": modulus.E_sd,
+    }
+    return found, (*law.notes, *modulus.notes)
