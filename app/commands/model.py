@@ -122,7 +122,7 @@ def _force(system: System, shear_force: float | None, share: float | None) -> fl
 class Sheared:
     """The contact under Q: Cattaneo and Mindlin's, and that of a rough interface if its length is not 0.
 
-    A length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides leaves an edge that the modes hold to 0.3 % of mu p0.
+    A length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides leaves an edge that the modes hold to 0.5 % of mu p0.
     """
 
     def __init__(self, system: System, Q: float) -> None:

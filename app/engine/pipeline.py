@@ -156,7 +156,7 @@ class Pipeline:
             sheared = {"stick_radius_m": fit.stick_radius, "stick_radius_sd_m": fit.stick_radius_sd}
             sheared["full_slip_pa"] = full_slip_stress(self.config, fit.amplitude)
             if self._tractions is not None:
-                sheared |= self._tractions.of(rings)
+                sheared |= self._tractions.of(rings) | self._tractions.field(sliding_ux, field.ux_std_px * np.float64(self._pixel_m))
         return replace(
             _nothing_yet(index, sample, now),
             lens_m=lens_m,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,12 +14,15 @@ from analysis.contact.rings import Rings
 from analysis.friction.local_law import fit_local_law
 from analysis.friction.modulus import balance_modulus
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.problem import InversionProblem
 from app.config import Config, averaging_box_px
 from app.results import Snapshot
 
 F64 = NDArray[np.float64]
 
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
+ITERATIONS = 5
 MARGIN = 2  # pitches by which the mask is larger than the apparent contact
 
 
@@ -58,6 +62,29 @@ class Tractions:
             thickness=sample.thickness * 1e-3 or math.inf,
         )
 
+        self._problem: InversionProblem | None = None
+        self._last: F64 | None = None
+        if config.stress.field:
+            mask = np.hypot(x_m, y_m) < self._profile.mask_radius
+            E, nu = sample.young_modulus * 1e6, sample.poisson
+            box = averaging_box_px(config.dic) * pixel_m
+            self._problem = InversionProblem(mask, self._pitch, E, nu, box=box, thickness=sample.thickness * 1e-3 or math.inf)
+
+    def field(self, ux_m: F64, sd_m: F64) -> dict[str, Any]:
+        """The traction of every grid point from u_x on the material grid, lens compliance removed; nothing where it was not asked for.
+
+        Five conjugate gradients from the last field's solution: detail that one field's noise hides lags by a few frames.
+        """
+        if self._problem is None:
+            return {}
+        places = as_seen(ux_m, self._pitch)
+        try:
+            found = conjugate_gradient(self._problem, _at(ux_m, places), _at(sd_m, places), start=self._last, iterations=ITERATIONS)
+        except ValueError:
+            return {}
+        self._last = found.sigma
+        return {"stress_field_pa": found.sigma.astype(np.float32)}
+
     def of(self, rings: Rings) -> dict[str, Any]:
         """What a snapshot says of the shear traction, by its names there; nothing where the rings do not allow an inversion."""
         try:
@@ -74,6 +101,23 @@ class Tractions:
             "stress_pa": found.sigma[inside],
             "stress_sd_pa": found.sigma_sd[inside],
         }
+
+
+def as_seen(ux_m: F64, pitch_m: float) -> tuple[Any, Any]:
+    """Where on the material grid, in columns and rows, the points are that a camera at rest sees at its own grid's points."""
+    rows, columns = np.indices(ux_m.shape, dtype=np.float32)
+    moved = (np.nan_to_num(ux_m, nan=float(np.nanmedian(ux_m))) / pitch_m).astype(np.float32)
+    x = columns
+    for _ in range(2):  # gradients are a few per cent
+        x = columns - cv2.remap(moved, x, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return x, rows
+
+
+def _at(values: F64, places: tuple[Any, Any]) -> F64:
+    """A field at other places, NaN outside and next to points that were not measured."""
+    typical = float(np.nanmedian(values))
+    seen = cv2.remap((values - typical).astype(np.float32), *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
+    return np.asarray(seen + typical, np.float64)
 
 
 def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[dict[str, float], tuple[str, ...]]:

@@ -76,9 +76,8 @@ class InterfaceView(QFrame):
         self._field, limit = field, field.limit
         self.overlay.setImage(field.values, levels=(-limit, limit), rect=QRectF(*field.rect_px))
         self.colour_bar.setLevels((-limit, limit))
-        axis = self.colour_bar.getAxis("right")
-        axis.setLabel(f"{field.symbol} ({field.unit})")
-        axis.setTicks([[(value, number(value, 0 if limit >= 10 else 1)) for value in colour_ticks(limit)]])
+        self.colour_bar.getAxis("left").setLabel(f"{field.symbol} ({field.unit})")
+        self.colour_bar.getAxis("right").setTicks([[(value, number(value, 0 if limit >= 10 else 1)) for value in colour_ticks(limit)]])
 
     def _build_plot(self) -> None:
         plot = self.plot.getPlotItem()

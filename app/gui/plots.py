@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from app.gui import theme
 from app.gui.view_state import Curves, ForceView, Scene, StressView, ViewState
@@ -106,7 +106,7 @@ class CurvesView(QWidget):
             line.setVisible(math.isfinite(value))
             if math.isfinite(value):
                 line.setValue(value)
-        self.stress_heading.setText(f"Shear traction σ(r)  ·  {stress.caption}")
+        self.stress_caption.setText(stress.caption)
 
     def _strips_are_old(self, forces: ForceView) -> bool:
         """Whether the strips lag enough to be worth drawing; the two of them are the dearest part of a refresh."""
@@ -156,9 +156,9 @@ class CurvesView(QWidget):
         band = pg.FillBetweenItem(self.stress_low, self.stress_high, brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70))
         self.stress_curve = pg.PlotDataItem(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True, name="inverted ± sd")
         self.stress_model = pg.PlotDataItem(
-            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin of the c fitted to uₓ"
+            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, c of uₓ"
         )
-        legend = self.stress.addLegend(offset=(-8, 8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
+        legend = self.stress.addLegend(offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
         legend.setBrush(pg.mkBrush(28, 32, 39, 200))
         for item in (self.stress_low, self.stress_high, band):
             self.stress.addItem(item, ignoreBounds=True)
@@ -172,9 +172,8 @@ class CurvesView(QWidget):
         grid.setSpacing(8)
         grid.addWidget(_titled("Loading curve Q(δ)", self.loading), 0, 0)
         grid.addWidget(_titled("Stick radius c(Q)", self.sticking), 0, 1)
-        traction = _titled("Shear traction σ(r)", self.stress)
-        self.stress_heading = cast(QLabel, traction.findChild(QLabel))
-        grid.addWidget(traction, 1, 0)
+        self.stress_caption = QLabel("")
+        grid.addWidget(_titled("Shear traction σ(r)", self.stress, caption=self.stress_caption), 1, 0)
         grid.addWidget(_titled("Forces", self.normal, self.shear), 1, 1)
         for k in (0, 1):
             grid.setRowStretch(k, 1)
@@ -194,7 +193,7 @@ def _guide(plot: Any, angle: int, text: str) -> Any:
     return line
 
 
-def _titled(title: str, *plots: Any) -> QFrame:
+def _titled(title: str, *plots: Any, caption: QLabel | None = None) -> QFrame:
     frame = QFrame()
     frame.setObjectName("panel")
     heading = QLabel(title)
@@ -203,6 +202,10 @@ def _titled(title: str, *plots: Any) -> QFrame:
     layout.setContentsMargins(12, 8, 12, 8)
     layout.setSpacing(4)
     layout.addWidget(heading)
+    if caption is not None:
+        caption.setObjectName("muted")
+        caption.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # a long one is cut, not the plots beside it
+        layout.addWidget(caption)
     for plot in plots:
         plot.setMinimumHeight(90)
         layout.addWidget(plot, 1)

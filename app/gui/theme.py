@@ -53,6 +53,8 @@ QProgressBar#queue::chunk {{ background: {TONES[Tone.GOOD]}; }}
 QCheckBox {{ spacing: 6px; }}
 QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {MUTED}; border-radius: 3px; background: {WINDOW}; }}
 QCheckBox::indicator:checked {{ background: {TONES[Tone.BUSY]}; border-color: {TONES[Tone.BUSY]}; }}
+QComboBox {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE}; border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
+QComboBox QAbstractItemView {{ background: {PANEL}; color: {TEXT}; selection-background-color: {EDGE}; }}
 QSlider::groove:horizontal {{ height: 4px; background: {EDGE}; border-radius: 2px; }}
 QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; background: {MUTED}; }}
 QSplitter::handle {{ background: {WINDOW}; }}
