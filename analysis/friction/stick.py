@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,9 +15,10 @@ F64 = NDArray[np.float64]
 
 FEWEST = 6  # rings
 LARGEST = 0.999  # c/a: at 1 the profile is zero
-ZOOMS = 4
+ZOOMS = 5  # at most
 NODES = 17
 TABLE = 8193
+SHARED = 3  # rings on each side
 VISIBLE = 16.0  # drop of chi2 (4 sigma) below which the profile does not stand out of the noise
 
 
@@ -56,25 +58,43 @@ def cattaneo_mindlin_profile(r: ArrayLike, stick_radius: ArrayLike, hertz_radius
     ----------
     Mindlin (1949); Johnson, Contact Mechanics, section 7.2.
     """
-    r, c, a = np.asarray(r, dtype=np.float64), np.atleast_1d(np.asarray(stick_radius, dtype=np.float64))[:, None], hertz_radius
-    share = np.maximum(c / a, 1e-9)
+    r, c, a = np.asarray(r, dtype=np.float64), np.atleast_1d(np.asarray(stick_radius, dtype=np.float64)), hertz_radius
+    share = np.expand_dims(np.maximum(c / a, 1e-9), tuple(range(1, r.ndim + 1)))
     # Phi0(r; c) = c Phi0(r/c; 1)
     return np.asarray(a * (_unit_phi0(r / a) - share**2 * _unit_phi0(r / (share * a))))
 
 
 @cache
 def _phi0_table() -> tuple[F64, F64]:
-    """Phi0(1/t; 1) outside the disc, for t from 0 to 1."""
+    """Phi0(1/t; 1) outside the disc for t from 0 to 1, and its steps."""
     t = np.linspace(0, 1, TABLE)
-    return t, np.concatenate([[0.0], phi0(1 / t[1:], 1.0)])
+    values = np.concatenate([[0.0], phi0(1 / t[1:], 1.0)])
+    return values, np.append(np.diff(values), 0.0)
 
 
 def _unit_phi0(x: F64) -> F64:
     """Phi0(x; 1) from a table, within 1e-6: the closed form and its series would take most of the time of a fit."""
-    return np.where(x < 1, np.pi**2 / 4 * (2 - x * x), np.interp(1 / np.maximum(x, 1), *_phi0_table()))
+    values, steps = _phi0_table()
+    place = (TABLE - 1) / np.maximum(x, 1)
+    node = place.astype(np.intp)
+    place -= node
+    return np.where(x < 1, np.pi**2 / 4 * (2 - x * x), values.take(node) + place * steps.take(node))
 
 
-def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: float) -> StickFit:
+def seen_in_rings(profile: Callable[[F64], F64], r: ArrayLike, box: float = 0.0, width: float = 0.0) -> F64:
+    """A profile of r as measured: averaged over square boxes of a given side, then over rings of a given width (all metres).
+
+    Four points about r, of the variance of box and ring along and across the radius: exact to third order in box/r.
+    """
+    r = np.asarray(r, dtype=np.float64)
+    if box == width == 0:
+        return profile(r)
+    along, across = np.sqrt((box**2 + width**2) / 6), box / np.sqrt(6)
+    near, far, beside = np.moveaxis(profile(np.stack([np.abs(r - along), r + along, np.hypot(r, across)])), -2, 0)
+    return np.asarray(0.25 * (near + far) + 0.5 * beside)
+
+
+def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: float, *, box: float = 0.0, width: float = 0.0) -> StickFit:
     """Stick radius, with its uncertainty, from the azimuthal mean of u_x.
 
     Parameters
@@ -84,6 +104,8 @@ def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: fl
         well beyond the contact: what the displacement tends to far away is an unknown of the fit.
     hertz_radius : float
         a of the pressure, metres.
+    box, width : float
+        Side of the correlation boxes and width of the rings, over which the profile is averaged before it is fitted, metres.
 
     Notes
     -----
@@ -102,24 +124,31 @@ def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: fl
     if good.sum() < FEWEST or not a > 0:
         return LOST
     r, u, sd = r[good], u[good], sd[good]
-    # a ring of three points may agree by chance: no ring counts for more than four typical ones
-    weight = np.maximum(sd, 0.5 * np.median(sd)) ** -2.0
+    # a ring of three points may agree by chance: what a point scatters is shared with the three rings on each side
+    window = np.ones(2 * SHARED + 1)
+    weight = r * np.convolve(np.ones(len(r)), window, "same") / np.convolve(sd * sd * r, window, "same")
+
+    def profile(share: ArrayLike) -> F64:
+        return seen_in_rings(lambda at: cattaneo_mindlin_profile(at, np.asarray(share) * a, a), r, box, width)
 
     low, high = 0.0, LARGEST
     for _ in range(ZOOMS):
         share = np.linspace(low, high, NODES)
-        chi2, _, _ = _linear_fit(cattaneo_mindlin_profile(r, share * a, a), u, weight)
+        chi2, _, _ = _linear_fit(profile(share), u, weight)
         best = int(np.argmin(chi2))
         scale = max(1.0, chi2[best] / (len(r) - 3))
         inside = np.flatnonzero(chi2 <= chi2[best] + 6 * scale)
+        if len(inside) >= NODES // 2:
+            break
         low, high = share[max(inside[0] - 1, 0)], share[min(inside[-1] + 1, NODES - 1)]
 
     minimum, at = _parabola(share, chi2, best)
-    _, amplitude, offset = _linear_fit(cattaneo_mindlin_profile(r, [minimum * a], a), u, weight)
-    residual = (u - offset[0] + amplitude[0] * cattaneo_mindlin_profile(r, [minimum * a], a)[0]) * np.sqrt(weight)
+    best_profile = profile([minimum])
+    _, amplitude, offset = _linear_fit(best_profile, u, weight)
+    residual = (u - offset[0] + amplitude[0] * best_profile[0]) * np.sqrt(weight)
     reduced = float(residual @ residual) / (len(r) - 3)
     flat, _, _ = _linear_fit(np.zeros((1, len(r))), u, weight)
-    correlation = _correlation_factor(residual)
+    correlation = correlation_factor(residual)
     if flat[0] - at < VISIBLE * max(1.0, reduced) * correlation:
         return LOST
     spread = 0.5 * _longer_side(share, chi2, minimum, at + 4 * max(1.0, reduced))
@@ -161,9 +190,14 @@ def _longer_side(x: F64, y: F64, minimum: float, level: float) -> float:
     return float(max(minimum - left, right - minimum))
 
 
-def _correlation_factor(residual: F64) -> float:
-    """By how much the variance of a mean over rings exceeds that of independent rings: 1 + 2 (rho_1 + rho_2), 1 or more."""
-    power = residual @ residual
+def correlation_factor(residual: F64) -> float:
+    """By how much the variance of a mean over rings exceeds that of independent rings: 1 + 2 (rho_1 + rho_2), 1 or more.
+
+    Residuals of shape (rings,) or (frames, rings), in standard deviations. The three parameters of a fit take a part of the slow errors
+    away from them, which is given back.
+    """
+    power, n = float((residual * residual).sum()), residual.shape[-1]
     if not power > 0:
         return 1.0
-    return max(1.0, float(1 + 2 * (residual[1:] @ residual[:-1] + residual[2:] @ residual[:-2]) / power))
+    found = sum(float((residual[..., lag:] * residual[..., :-lag]).sum()) for lag in (1, 2)) / power
+    return max(1.0, (1 + 2 * found) / (1 - 12 / max(n, 24)))

@@ -1,0 +1,344 @@
+"""Local law of friction sigma = mu p (1 - exp(-s/(mu L))) from a loading run: the paper's master curve, and the fit of mu, L and E.
+
+The law can be read off stress against displacement, as in the paper (`master_curve`), or fitted to the displacements themselves
+(`fit_local_law`). The inverted stress is smoothed, and the curve inherits that; the fit needs no stress, and is the one to quote.
+
+References
+----------
+Prevost et al. 2013, section 6 and Fig. 15; Bureau et al. 2003.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from analysis.friction.stick import correlation_factor, seen_in_rings
+from analysis.mechanics import hertz
+from analysis.mechanics.interface import elastic_length
+from analysis.mechanics.loading import AxisymmetricLoading, Contact, State
+
+F64 = NDArray[np.float64]
+
+FEWEST = 12  # frames
+INNER = 0.9  # of a: beyond, p vanishes, and with it what sigma/p is worth; the boxes mix inside and outside
+REACH = 1.5  # of a: the displacement is compared up to there
+STATES = 64
+ROUNDS = 15
+HUBER = 2.5  # standard deviations from which a residual counts less
+LAGS = 3  # rings whose errors may be shared
+STEPS = np.array([0.01, 0.03, 0.01])  # of the logarithms of mu, L and E, for derivatives
+LOST = (0.1, 0.5, 0.1)  # relative uncertainties of mu, L and E from which they are not told
+BINS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class MasterCurve:
+    """sigma/p against u_x, all radii and frames together (paper, Fig. 15), and the law through it. NaN where there is none: see `notes`.
+
+    Attributes
+    ----------
+    radius : ndarray, shape (m,)
+        Radii used, metres: those below 0.9 a.
+    slip, ratio : ndarray, shape (nt, m)
+        u_x (m) and sigma/p; NaN where either was not measured.
+    bin_slip, bin_ratio, bin_sd : ndarray
+        Medians over bins of equal numbers of points, and robust standard deviation of a point.
+    mu, mu_sd, L, L_sd : float
+        Of the curve, L in metres; not corrected for the smoothing of sigma.
+    stiffness : ndarray, shape (m,)
+        k = p/L, the initial slope of sigma against u_x at each radius, Pa/m.
+    outliers : float
+        Share of the points that lie more than four standard deviations off the law.
+    notes : tuple of str
+    """
+
+    radius: F64
+    slip: F64
+    ratio: F64
+    bin_slip: F64
+    bin_ratio: F64
+    bin_sd: F64
+    mu: float = np.nan
+    mu_sd: float = np.nan
+    L: float = np.nan
+    L_sd: float = np.nan
+    stiffness: F64 | None = None
+    outliers: float = np.nan
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LocalLaw:
+    """Interface and modulus for which the loading solution meets the measured displacements and forces. NaN where not told: see `notes`.
+
+    Attributes
+    ----------
+    mu, mu_sd : float
+        Friction coefficient.
+    L, L_sd, h, h_sd : float
+        Elastic length and the roughness that it stands for, ``L = (2 - nu)/(2 (1 - nu)) h``, metres.
+    E, E_sd : float
+        Young's modulus, pascals.
+    D : ndarray, shape (nt,)
+        Displacement of the block far away in each frame, metres; NaN in frames without a measurement.
+    reduced_chi2 : float
+        Per degree of freedom.
+    notes : tuple of str
+        What the numbers rest on, or why there are none.
+    """
+
+    mu: float = np.nan
+    mu_sd: float = np.nan
+    L: float = np.nan
+    L_sd: float = np.nan
+    h: float = np.nan
+    h_sd: float = np.nan
+    E: float = np.nan
+    E_sd: float = np.nan
+    D: F64 | None = None
+    reduced_chi2: float = np.nan
+    notes: tuple[str, ...] = ()
+
+
+def master_curve(
+    radii: ArrayLike, ux: ArrayLike, ux_sd: ArrayLike, sigma: ArrayLike, sigma_sd: ArrayLike, P: ArrayLike, a: float
+) -> MasterCurve:
+    """sigma/p against u_x at all radii and frames of the drive, and the law through it.
+
+    Parameters
+    ----------
+    radii : array_like, shape (nr,)
+        Metres.
+    ux, ux_sd, sigma, sigma_sd : array_like, shape (nt, nr)
+        Ring means of u_x, lens removed, and inverted stress, with their standard uncertainties (m, Pa). NaN where not measured.
+    P : array_like, shape (nt,) or scalar
+        Normal force, newtons.
+    a : float
+        Hertz's radius, metres.
+
+    Notes
+    -----
+    Least squares with the errors of both variables, outliers down-weighted. Errors are taken to be shared by all frames of a ring
+    (smoothing, reference image) and by neighbouring rings.
+    """
+    r = np.asarray(radii, dtype=np.float64)
+    inner = r < INNER * a
+    u, u_sd, s, s_sd = (np.atleast_2d(np.asarray(v, dtype=np.float64))[:, inner] for v in (ux, ux_sd, sigma, sigma_sd))
+    force = np.broadcast_to(np.asarray(P, dtype=np.float64), len(u))[:, None]
+    p = hertz.pressure(r[inner], 1.0, a) * force
+    ratio, ratio_sd = s / p, s_sd / p
+    good = np.isfinite(u) & np.isfinite(ratio) & (u_sd > 0) & (ratio_sd > 0)
+    slip, ratio = np.where(good, u, np.nan), np.where(good, ratio, np.nan)
+    bins = [b for b in np.array_split(np.flatnonzero(good)[np.argsort(slip[good])], BINS) if b.size]
+    bin_slip, bin_ratio = (np.array([np.median(v.ravel()[b]) for b in bins]) for v in (slip, ratio))
+    bin_sd = np.array([1.4826 * np.median(np.abs(ratio.ravel()[b] - m)) for b, m in zip(bins, bin_ratio, strict=True)])
+    curve = MasterCurve(r[inner], slip, ratio, bin_slip, bin_ratio, bin_sd)
+    if good.any(axis=1).sum() < FEWEST or not inner.any():
+        return _without(curve, f"{good.any(axis=1).sum()} frames have a stress; {FEWEST} or more are needed")
+    x, y = np.where(good, u, 0.0), np.where(good, ratio, 0.0)
+    theta = np.log([bin_ratio[-3:].mean(), np.interp(0.63 * bin_ratio[-3:].mean(), bin_ratio, bin_slip) / bin_ratio[-3:].mean()])
+    for _ in range(4 * ROUNDS):
+        mu, L = np.exp(theta)
+        decay, t = np.exp(-np.maximum(x, 0.0) / (mu * L)), np.maximum(x, 0.0) / (mu * L)
+        root = np.where(good, 1 / np.sqrt(ratio_sd**2 + (decay / L * u_sd) ** 2), 0.0)
+        e = (y - np.where(x < 0, x / L, mu * (1 - decay))) * root
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(e[good]))))
+        weight = _huber(e / scale)
+        J = np.stack([mu * (1 - decay - t * decay) * root, -mu * t * decay * root])
+        H = np.einsum("aij,bij,ij->ab", J, J, weight)
+        step = np.linalg.solve(H, np.einsum("aij,ij,ij->a", J, weight, e))
+        theta = theta + np.clip(step, -0.3, 0.3)
+        if np.abs(step).max() < 1e-6:
+            break
+    sd = np.sqrt(np.diag(_sandwich(H, _neighbouring(np.einsum("aij,ij,ij->ja", J, weight, e)))))
+    if not (sd < LOST[:2]).all():
+        return _without(curve, f"mu and L come out within {sd[0]:.0%} and {sd[1]:.0%} only; drive further")
+    mu, L = (float(v) for v in np.exp(theta))
+    return MasterCurve(
+        r[inner], slip, ratio, bin_slip, bin_ratio, bin_sd, mu, mu * float(sd[0]), L, L * float(sd[1]), p.mean(axis=0) / L,
+        float(np.mean(np.abs(e[good]) > 4 * scale)), (f"local law: {int(good.sum())} points at {int(inner.sum())} radii",),
+    )  # fmt: skip
+
+
+def _without(curve: MasterCurve, why: str) -> MasterCurve:
+    return MasterCurve(
+        curve.radius, curve.slip, curve.ratio, curve.bin_slip, curve.bin_ratio, curve.bin_sd, notes=(f"local law: {why}",)
+    )  # fmt: skip
+
+
+def displacement_in_rings(state: State, r: ArrayLike, box: float = 0.0, width: float = 0.0) -> F64:
+    """Mean of u_x over rings in a state of the loading solution, metres, as measured with boxes and rings of a given size; shape of `r`."""
+    return np.asarray(state.D - seen_in_rings(lambda at: state.displacement(at)[0], r, box, width))
+
+
+class _Loading:
+    """u_x in rings, and Q in the last column, as a smooth function of the block's displacement D."""
+
+    def __init__(self, contact: Contact, r: F64, box: float, width: float) -> None:
+        furthest = contact.full_shift + 10 * contact.mu * contact.L  # there exp(-10) of the interface is still to slip
+        states = AxisymmetricLoading(contact).table(STATES, furthest)
+        rows = [np.append(displacement_in_rings(s, r, box, width), s.Q) for s in states]
+        self.furthest = states[-1].D
+        self._of_D = CubicSpline([s.D for s in states], np.array(rows))
+        self._slope = self._of_D.derivative()
+        self._sliding = np.append(np.ones(len(r)), 0.0)
+
+    def at(self, D: F64) -> F64:
+        """Shape (nt, nr + 1)."""
+        return np.asarray(self._of_D(np.minimum(D, self.furthest)) + np.maximum(D - self.furthest, 0.0)[:, None] * self._sliding)
+
+    def slope(self, D: F64) -> F64:
+        return np.where((self.furthest > D)[:, None], self._slope(np.minimum(D, self.furthest)), self._sliding)
+
+
+def fit_local_law(
+    radii: ArrayLike,
+    ux: ArrayLike,
+    ux_sd: ArrayLike,
+    P: ArrayLike,
+    Q: ArrayLike,
+    *,
+    E: float,
+    nu: float,
+    R: float,
+    Q_sd: float = 1e-3,
+    thickness: float = math.inf,
+    box: float = 0.0,
+    width: float = 0.0,
+) -> LocalLaw:
+    """mu, L and E for which the loading solution meets u_x(r) and Q in all frames, the block's displacement in each frame unknown.
+
+    Parameters
+    ----------
+    radii : array_like, shape (nr,)
+        Metres.
+    ux, ux_sd : array_like, shape (nt, nr)
+        Ring means of u_x since the start of a first loading, lens removed, and their standard errors, metres. NaN where not measured.
+    P, Q : array_like, shape (nt,)
+        Normal and shear force, newtons; P should be constant: its median is used.
+    E : float
+        First guess of Young's modulus, pascals, within 30 % or so.
+    nu, R : float
+        Poisson's ratio, and the sphere's radius (m).
+    Q_sd : float
+        Noise of the shear force, newtons.
+    thickness : float
+        Of the block on its rigid plate, metres.
+    box, width : float
+        Side of the correlation boxes and width of the rings, metres.
+
+    Notes
+    -----
+    Q fixes mu, the shape of u_x the modulus, and the displacement at the centre L. Rings within 1.5 a are compared, with the noise of the
+    typical frame. Half of its variance is the reference image's, shared by all frames, and neighbouring rings share that of overlapping
+    boxes: the uncertainty, widened to what the residuals scatter, is that of errors shared so.
+    """
+    r = np.asarray(radii, dtype=np.float64)
+    load, force = float(np.nanmedian(np.asarray(P, dtype=np.float64))), np.asarray(Q, dtype=np.float64)
+    a = hertz.contact_radius(load, E, nu, R)
+    near = r < REACH * a
+    r, u, u_sd = r[near], np.asarray(ux, dtype=np.float64)[:, near], np.asarray(ux_sd, dtype=np.float64)[:, near]
+    frames = np.isfinite(force) & (np.isfinite(u).mean(axis=1) > 0.5)
+    if frames.sum() < FEWEST or len(r) < FEWEST:
+        return LocalLaw(notes=(f"local law: {frames.sum()} frames and {len(r)} rings were measured; {FEWEST} or more are needed",))
+    data = np.column_stack([u, force])[frames]
+    good = np.isfinite(data)
+    root = good / np.append(np.sqrt(np.nanmedian(u_sd[frames] ** 2, axis=0)), Q_sd)
+    fit = _Fit(np.where(good, data, 0.0), root, load, nu, R, thickness, r, box, width)
+    start = np.log([float(np.max(force[frames])) / load, elastic_length(1e-6, nu), E])
+    theta, sd, shift, chi2, is_done = fit.run(start)
+    if not (is_done and (sd < LOST).all()):
+        return LocalLaw(notes=(f"local law: mu, L, E come out within {', '.join(f'{v:.0%}' for v in sd)} only; drive until it slides",))
+    (mu, L, modulus), (mu_sd, L_sd, modulus_sd) = np.exp(theta).tolist(), (np.exp(theta) * sd).tolist()
+    D = np.full(len(frames), np.nan)
+    D[frames] = shift
+    rough = elastic_length(1.0, nu)
+    note = f"local law: {int(frames.sum())} frames, {len(r)} rings within {REACH:g} a"
+    return LocalLaw(mu, mu_sd, L, L_sd, L / rough, L_sd / rough, modulus, modulus_sd, D, chi2, (note,))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Least squares in (ln mu, ln L, ln E), every frame at its own best D."""
+
+    data: F64  # (nt, nr + 1)
+    root: F64  # of the weights
+    P: float
+    nu: float
+    R: float
+    thickness: float
+    r: F64
+    box: float
+    width: float
+
+    def _loading(self, theta: F64) -> _Loading:
+        mu, L, E = np.exp(theta).tolist()
+        return _Loading(Contact(self.P, E, self.nu, self.R, mu, L, self.thickness), self.r, self.box, self.width)
+
+    def run(self, theta: F64) -> tuple[F64, F64, F64, float, bool]:
+        """Logarithms, their standard uncertainties, D of each frame, chi2 per degree of freedom, and whether it has settled."""
+        loading = self._loading(theta)
+        D, scale, step = self._nearest(loading), 50.0, np.ones(3)
+        for _ in range(ROUNDS):
+            D = self._followed(loading, D, scale)
+            e, t = self._miss(loading, D), loading.slope(D) * self.root
+            scale = max(1.0, 1.4826 * float(np.median(np.abs(e[self.root > 0]))))
+            weight = _huber(e / scale)
+            base, slopes = loading.at(D), []
+            for change in np.diag(STEPS):
+                g = (self._loading(theta + change).at(D) - base) / change.sum() * self.root
+                slopes.append(g - t * ((weight * t * g).sum(axis=1) / (weight * t * t).sum(axis=1))[:, None])  # D follows
+            J = np.array(slopes)
+            H = np.einsum("aij,bij,ij->ab", J, J, weight)
+            if np.abs(step).max() < 1e-3:
+                break
+            step = np.clip(np.linalg.solve(H, np.einsum("aij,ij,ij->a", J, weight, e)), -0.5, 0.5)
+            theta = theta + step
+            loading = self._loading(theta)
+        freedom = np.count_nonzero(self.root) - len(D) - 3
+        chi2 = float((weight * e * e).sum() / freedom)
+        wide = max(1.0, chi2) * correlation_factor(e[:, :-1])
+        score = weight * J
+        own, common = np.einsum("aij,bij->ab", score[:, :, :-1], score[:, :, :-1]), score[:, :, :-1].sum(axis=1)
+        meat = wide / 2 * (own + common @ common.T) + score[:, :, -1] @ score[:, :, -1].T
+        return theta, np.sqrt(np.diag(_sandwich(H, meat))), D, chi2, bool(np.abs(step).max() < 1e-3)
+
+    def _miss(self, loading: _Loading, D: F64) -> F64:
+        return (self.data - loading.at(D)) * self.root
+
+    def _nearest(self, loading: _Loading) -> F64:
+        """D of each frame among a thousand; a frame further than these lies as far beyond as its displacements do."""
+        grid = np.linspace(0, loading.furthest, 1000)
+        table, square = loading.at(grid), self.root**2
+        chi2 = square @ (table * table).T - 2 * (square * self.data) @ table.T
+        return grid[np.argmin(chi2, axis=1)]
+
+    def _followed(self, loading: _Loading, D: F64, scale: float) -> F64:
+        for _ in range(5):
+            e, t = self._miss(loading, D), loading.slope(D) * self.root
+            weight = _huber(e / scale)
+            D = np.maximum(D + (weight * t * e).sum(axis=1) / (weight * t * t).sum(axis=1), 0.0)
+        return D
+
+
+def _huber(e: F64) -> F64:
+    return np.asarray(1 / np.maximum(1.0, np.abs(e) / HUBER))
+
+
+def _neighbouring(scores: F64) -> F64:
+    """Covariance of the sum of the scores of rings, shape (nr, k), each of which shares errors with its neighbours (Newey and West)."""
+    total = scores.T @ scores
+    for lag in range(1, LAGS):
+        part = scores[lag:].T @ scores[:-lag]
+        total += (1 - lag / LAGS) * (part + part.T)
+    return np.asarray(total)
+
+
+def _sandwich(H: F64, scores: F64) -> F64:
+    """Covariance of the estimates from that of the scores."""
+    return np.asarray(np.linalg.solve(H, np.linalg.solve(H, scores).T))

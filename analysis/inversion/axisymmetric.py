@@ -1,0 +1,247 @@
+"""Shear stress of a round contact from the ring means of u_x: fast enough for every frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis.contact.rings import Rings
+from analysis.inversion.result import NOT_COVERED, RadialInversion, Stopped
+from analysis.inversion.smoothing import shared_noise, smooth_fit
+from analysis.mechanics.cattaneo_mindlin import phi0
+from analysis.mechanics.half_space import layer_correction
+
+F64 = NDArray[np.float64]
+
+BASIS = 30  # terms, at least a ring's width apart
+FEWEST = 8  # rings, some of them outside the mask
+LEAST_COVERAGE = 0.25  # share of its circle that a ring must have measured
+COMPLETE = 0.6  # the same, for the rings that cover the contact; the innermost have a few points each
+INNERMOST = 3
+POOLED = 20  # points' worth of the typical noise in each ring's: a ring of three points may agree by chance
+EDGE_WIDTH = 0.02  # of the mask's radius and never under a ring's width, within which curvature at the edge is hardly penalised
+LEAST_ERROR = 1e-12  # metres, of a ring: a field may be free of noise
+OUTLYING = 4.0  # standard deviations beyond which a ring is left out
+TOO_LARGE = 4.0  # standard deviations of chi2
+
+
+class AxisymmetricInversion:
+    """Inverts ring means of u_x into sigma(r), Q and D. Set up once for a geometry, then `solve` each frame.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (ny, nx)
+        Coordinates of the measured grid from the contact's centre, metres.
+    width : float
+        Of the rings, metres: those of ``ring_means(r, ux, width, theta=theta)``.
+    mask_radius : float
+        Beyond it sigma is 0, metres.
+    E, nu : float
+        Young's modulus (Pa) and Poisson's ratio of the block.
+    edge : float, optional
+        Radius at which the stress ends steeply, Hertz's, metres: there curvature is not held against sigma. A few per cent off is no worse
+        than leaving it out.
+    box : float
+        Side of the correlation box, metres: u_x is a mean over it.
+    noise_box : float, optional
+        Distance over which points share noise, metres; default `box`. 0: independent points.
+    thickness : float
+        Of the block on a rigid plate, metres; default a half-space.
+
+    Raises
+    ------
+    ValueError
+        No point inside the mask, too few rings outside, or a parameter out of its range.
+
+    Notes
+    -----
+    sigma is a sum of terms sqrt(1 - r^2/a_k^2), whose displacement has a closed form; the sum's curvature is penalised. The even harmonic
+    cos 2 theta of u_x drops out of complete rings, and of the fits of `ring_means` with `theta`.
+
+    References
+    ----------
+    Prevost et al. 2013, section 4 (the inversion) and Fig. 13 (angular means).
+    """
+
+    def __init__(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        width: float,
+        mask_radius: float,
+        E: float,
+        nu: float,
+        *,
+        edge: float | None = None,
+        box: float = 0.0,
+        noise_box: float | None = None,
+        thickness: float = math.inf,
+    ) -> None:
+        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        r = np.hypot(x, y)
+        _check(x, r, width, mask_radius, E, nu, edge)
+        pitch = float(x[0, 1] - x[0, 0])
+        A = self.mask_radius = float(mask_radius)
+        self._radii = _basis_radii(A, edge, min(BASIS, int(A / width)))
+        n = int(r.max() / width) + 1
+        self.radius = np.asarray((np.arange(n) + 0.5) * width, dtype=np.float64)
+        self._full = 2 * np.pi * self.radius * width / pitch**2
+        green = (1 + nu) / (np.pi * E) * (1 - nu / 2) * _mean_phi0(self.radius, self._radii, box, width)
+        if math.isfinite(thickness):
+            green += 2 / 3 * np.pi * self._radii**2 * _layer(self.radius, self._radii, E, nu, thickness)
+        self._design = np.column_stack([np.ones(n), -green])
+        self._sigma = np.column_stack([np.zeros(n), self._terms(self.radius)])
+        self._force = np.concatenate([[0.0], 2 / 3 * np.pi * self._radii**2])
+        self._penalty = np.zeros((self._design.shape[1],) * 2)
+        self._penalty[1:, 1:] = self._curvature(edge, width)
+        self._correlation, self._widening = _ring_correlation(r, n, width, pitch, box if noise_box is None else noise_box)
+
+    def stress(self, r: ArrayLike, coefficients: F64) -> F64:
+        """Shear stress at any distance from the centre, pascals, shape of `r`, from a solution's coefficients."""
+        r = np.asarray(r, dtype=np.float64)
+        return np.asarray(self._terms(r.ravel()) @ coefficients).reshape(r.shape)
+
+    def _terms(self, r: F64) -> F64:
+        return np.sqrt(np.maximum(1 - (r[:, None] / self._radii) ** 2, 0.0))
+
+    def _curvature(self, edge: float | None, width: float) -> F64:
+        n, A = len(self._radii), self.mask_radius
+        at = np.linspace(0, A, 4 * n + 1)
+        terms = self._terms(at)
+        bend = np.diff(np.vstack([terms[1:2], terms, np.zeros((1, n))]), 2, axis=0)
+        if edge is not None:
+            bend *= (np.abs(at - edge) / A + max(EDGE_WIDTH, width / A))[:, None]
+        return np.asarray(bend.T @ bend)
+
+    def solve(self, rings: Rings) -> RadialInversion:
+        """Shear stress, force and far displacement from the ring means of one field.
+
+        Rings that are empty, or miss most of their circle, or lie four standard deviations off the fit, are left out.
+
+        Raises
+        ------
+        ValueError
+            Too few rings are left to tell stress from displacement.
+        """
+        n = min(len(self.radius), len(rings.mean))
+        u, sd, coverage = (np.full(len(self.radius), v) for v in (np.nan, np.nan, 0.0))
+        u[:n], coverage[:n] = rings.mean[:n], rings.count[:n] / self._full[:n]
+        sd[:n] = np.maximum(_pooled(rings)[:n], LEAST_ERROR) * self._widening[:n]
+        used = np.isfinite(u) & np.isfinite(sd) & (coverage >= LEAST_COVERAGE)
+        measured = int(used.sum())
+        for _ in range(2):
+            inside = int((used & (self.radius < self.mask_radius)).sum())
+            if inside < 3 or used.sum() - inside < 3 or used.sum() < FEWEST:
+                raise ValueError(
+                    f"axisymmetric inversion: {inside} rings inside the mask and {used.sum() - inside} outside were measured; "
+                    "3 or more are needed on either side"
+                )
+            weight = np.where(used, 1 / sd, 0.0)
+            X, y = self._design * weight[:, None], np.where(used, u, 0.0) * weight
+            fit = smooth_fit(X.T @ X, X.T @ (self._correlation @ X), X.T @ y, float(y @ y), self._penalty, int(used.sum()))
+            residual = u - self._design @ fit.coefficients
+            size = np.where(used, np.abs(residual) * weight, 0.0)
+            if size.max() < OUTLYING:  # no ring is out of line: spare the median
+                break
+            used &= size < OUTLYING * max(1.0, 1.4826 * float(np.median(size[used])))
+        return self._result(fit.coefficients, fit.covariance, fit.chi2, fit.freedom, residual, coverage, measured - int(used.sum()))
+
+    def _result(self, b: F64, covariance: F64, chi2: float, freedom: float, residual: F64, coverage: F64, left_out: int) -> RadialInversion:
+        is_covered = bool((coverage[self.radius < self.mask_radius][INNERMOST:] > COMPLETE).all())
+        fits = chi2 < 1 + TOO_LARGE * math.sqrt(2 / freedom)
+        notes: tuple[str, ...] = () if is_covered else (NOT_COVERED,)
+        if not fits:
+            notes += (
+                f"axisymmetric inversion: the residual is {math.sqrt(chi2):.2f} times the noise; widen the mask, or invert the field",
+            )
+        if left_out:
+            notes += (f"axisymmetric inversion: {left_out} rings lie off the rest and were left out",)
+        return RadialInversion(
+            radius=self.radius,
+            coefficients=b[1:],
+            sigma=self._sigma @ b,
+            sigma_sd=np.sqrt(np.einsum("ij,ij->i", self._sigma, self._sigma @ covariance)),
+            D=float(b[0]),
+            D_sd=math.sqrt(covariance[0, 0]),
+            Q=float(self._force @ b),
+            Q_sd=math.sqrt(self._force @ covariance @ self._force),
+            residual=residual,
+            chi2=chi2,
+            iterations=0,
+            stopped=Stopped.GCV,
+            is_covered=is_covered,
+            is_converged=fits,
+            notes=notes,
+        )
+
+
+def _check(x: F64, r: F64, width: float, mask_radius: float, E: float, nu: float, edge: float | None) -> None:
+    if x.ndim != 2 or min(x.shape) < 2:
+        raise ValueError(f"axisymmetric inversion: a grid of shape {x.shape} was given; two or more points each way are needed")
+    if not (0 < E < math.inf and 0 <= nu <= 0.5):
+        raise ValueError(f"axisymmetric inversion: E = {E:g} Pa and nu = {nu:g} were asked; use a positive E and nu from 0 to 0.5")
+    if not (width > 0 and mask_radius > 3 * width):
+        raise ValueError(f"axisymmetric inversion: a mask of {mask_radius:g} m and rings of {width:g} m were asked; use 3 rings or more")
+    if not r.max() > mask_radius + 3 * width:
+        raise ValueError(
+            f"axisymmetric inversion: the field reaches {r.max():g} m from the centre and the mask {mask_radius:g} m; "
+            "points outside the mask are needed for D"
+        )
+    if edge is not None and not 0 < edge < mask_radius:
+        raise ValueError(f"axisymmetric inversion: an edge at {edge:g} m was asked; use one inside the mask of {mask_radius:g} m")
+
+
+def _basis_radii(A: float, edge: float | None, n: int) -> F64:
+    """Radii of n terms, evenly spaced up to the mask's; one of them is the edge."""
+    if edge is None:
+        return np.linspace(0, A, n + 1)[1:]
+    inner = min(max(round(n * edge / A), 1), n - 1)
+    return np.concatenate([np.linspace(0, edge, inner + 1)[1:], np.linspace(edge, A, n - inner + 1)[1:]])
+
+
+def _mean_phi0(r: F64, radii: F64, box: float, width: float) -> F64:
+    """Phi0 of each term, averaged over the box, over the azimuth and over the ring's width; shape (rings, terms)."""
+    t, w = np.polynomial.legendre.leggauss(4)
+    t, w = t / 2, w / 2
+    mean = np.zeros((r.size, radii.size))
+    for angle in np.pi / 4 * (np.arange(4) + 0.5) / 4:
+        for dr, wr in zip(t * width, w, strict=True):
+            along, across = (r + dr) * np.cos(angle), (r + dr) * np.sin(angle)
+            for dx, wx in zip(t * box, w, strict=True):
+                for dy, wy in zip(t * box, w, strict=True):
+                    mean += wr * wx * wy / 4 * phi0(np.hypot(along + dx, across + dy)[:, None], radii)
+    return mean
+
+
+def _layer(r: F64, radii: F64, E: float, nu: float, thickness: float) -> F64:
+    """What a rigid plate adds to the displacement per newton of each term: nearly uniform, so that its first two moments do."""
+    ring = radii * math.sqrt(2 / 5)
+    cos = np.cos(2 * np.pi * (np.arange(8) + 0.5) / 8)
+    distance = np.sqrt(r[:, None, None] ** 2 + ring[:, None] ** 2 - 2 * r[:, None, None] * ring[:, None] * cos)
+    return np.asarray(layer_correction(distance, E, nu, thickness)[0].mean(axis=2))
+
+
+def _ring_correlation(r: F64, n: int, width: float, pitch: float, box: float) -> tuple[F64, F64]:
+    """Correlation of the noise of ring means, shape (n, n), and by how much it exceeds that of independent points, shape (n,)."""
+    ring = (r / width).astype(np.int64)
+    mean = np.stack([ring == i for i in range(n)]).astype(np.float64)
+    mean /= np.maximum(mean.sum(axis=(1, 2), keepdims=True), 1)
+    flat = mean.reshape(n, -1)
+    covariance = flat @ shared_noise(mean, pitch, box).reshape(n, -1).T
+    independent = np.maximum(np.einsum("ij,ij->i", flat, flat), 1e-300)
+    spread = np.sqrt(np.maximum(np.diag(covariance), independent))
+    return covariance / np.outer(spread, spread), spread / np.sqrt(independent)
+
+
+def _pooled(rings: Rings) -> F64:
+    """Standard error of each ring, shrunk towards that of the typical point."""
+    count = np.maximum(rings.count, 1)
+    variance = rings.standard_error**2 * count
+    known = np.isfinite(variance) & (rings.count > 1)
+    if not known.any():
+        return np.full(len(count), np.nan)
+    typical = float(np.median(variance[known]))
+    own = np.where(known, count - 1, 0)
+    return np.asarray(np.sqrt((np.where(known, variance, 0.0) * own + typical * POOLED) / (own + POOLED) / count))

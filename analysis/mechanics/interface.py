@@ -1,0 +1,179 @@
+"""Local shear law of a rough interface: sigma = mu p (1 - exp(-s/(mu L))) under a first loading, with its memory. SI units throughout.
+
+Bureau's interface is a crowd of Mindlin contacts with exponentially distributed heights. Each behaves as a row of springs that stick
+until their deflection reaches what their normal load allows (Jaeger). Put together, the spring that first touched when the local pressure
+was q holds, under the pressure p, up to a deflection ``mu L ln(p/q)``, and the springs that touched between q and q + dq carry dq/L per
+metre of deflection. Loaded from rest this is the law above. The same springs give, with nothing added, what happens next: at constant
+pressure a reversal repeats the first loading at twice its size (Masing; Mindlin and Deresiewicz for one sphere); where the pressure grows
+new springs touch unstressed; where it falls, those that touched last let go.
+
+References
+----------
+Bureau, Caroli and Baumberger 2003; Prevost et al. 2013, section 6; Jaeger 1993 (Mindlin contacts under any history);
+Mindlin and Deresiewicz 1953; Iwan 1966 (springs and sliders).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+F64 = NDArray[np.float64]
+
+
+def elastic_length(roughness: float, nu: float) -> float:
+    """L = (2 - nu)/(2 (1 - nu)) h in metres, of a surface with rms roughness h (Bureau et al. 2003)."""
+    return (2 - nu) / (2 * (1 - nu)) * roughness
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What the springs of each point remember: their deflection, by the pressure at which they touched.
+
+    Attributes
+    ----------
+    touched : ndarray, shape (m, points)
+        Pressures, falling from the current one towards 0, at which the deflection bends, pascals.
+    slopes : ndarray, shape (m,)
+        Deflection gained per metre of what a spring may deflect, from one bend to the next: 1 or -1 (slipped that way) or 0 (touched
+        without stress). Beyond the last bend all springs moved together.
+    """
+
+    touched: F64
+    slopes: F64
+
+    @classmethod
+    def fresh(cls, points: int) -> Memory:
+        """Of an interface that was never sheared."""
+        return cls(np.empty((0, points)), np.empty(0))
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A rough interface: friction coefficient `mu` and elastic length `L` (metres; 0: rigid until it slips).
+
+    Raises
+    ------
+    ValueError
+        `mu` is not positive, or `L` is negative.
+    """
+
+    mu: float
+    L: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.mu < np.inf:
+            raise ValueError(f"interface: a friction coefficient of {self.mu:g} was asked; use a positive one")
+        if not 0 <= self.L < np.inf:
+            raise ValueError(f"interface: an elastic length of {self.L:g} m was asked; use 0 or more")
+
+    def traction(self, s: ArrayLike, p: ArrayLike) -> F64:
+        """Shear traction (Pa) after a first displacement `s` (m) of the block's surface under the pressure `p` (Pa); they broadcast."""
+        s, p = np.asarray(s, dtype=np.float64), np.asarray(p, dtype=np.float64)
+        share = -np.expm1(-np.abs(s) / (self.mu * self.L)) if self.L > 0 else (s != 0).astype(np.float64)
+        return np.asarray(np.copysign(self.mu * p * share, s))
+
+    def stiffness(self, s: ArrayLike, p: ArrayLike) -> F64:
+        """Stiffness d sigma/d s (Pa/m) at the displacement `s`: p/L at rest; for L = 0 infinite at rest, then 0."""
+        s, p = np.broadcast_arrays(np.asarray(s, dtype=np.float64), np.asarray(p, dtype=np.float64))
+        if self.L == 0:
+            return np.where((s == 0) & (p > 0), np.inf, 0.0)
+        return np.asarray(p / self.L * np.exp(-np.abs(s) / (self.mu * self.L)))
+
+    def displacement(self, sigma: ArrayLike, p: ArrayLike) -> F64:
+        """Displacement (m) at which the traction is `sigma` (Pa), the inverse of `traction`; infinite at mu p, NaN above it."""
+        sigma, p = np.broadcast_arrays(np.asarray(sigma, dtype=np.float64), np.asarray(p, dtype=np.float64))
+        share = np.divide(np.abs(sigma), self.mu * p, out=np.where(sigma == 0, 0.0, np.inf), where=p > 0)
+        with np.errstate(divide="ignore"):
+            depth = -np.log1p(-np.minimum(share, 1.0))
+        reach = self.mu * self.L * depth if self.L > 0 else np.where(share < 1, 0.0, np.inf)
+        return np.asarray(np.where(share > 1, np.nan, np.copysign(reach, sigma)))
+
+    def respond(self, memory: Memory, p: F64, move: F64) -> tuple[F64, F64, F64]:
+        """Traction (Pa), stiffness (Pa/m) and pressure at which the last slipping spring touched (Pa), after a `move` of each point (m).
+
+        Raises ValueError for L = 0."""
+        if self.L == 0:
+            raise ValueError("interface: the memory of a rigid interface (L = 0) was asked; give a small L, or use cattaneo_mindlin")
+        sigma, stiffness, front = _respond(memory.touched, memory.slopes, p, move, self.mu, self.L)
+        return sigma, stiffness, front
+
+    def remember(self, memory: Memory, p: F64, move: F64, front: F64) -> Memory:
+        """The memory after a `move` of each point, with the `front` that `respond` gave for it."""
+        touched, slopes, forward = list(np.minimum(memory.touched, front)), list(memory.slopes), move > 0
+        for sign, moved in ((1.0, forward), (-1.0, ~forward)):
+            touched.insert(0, np.where(moved, front, p))
+            slopes.insert(0, sign)
+        return _compact(touched, slopes, p)
+
+    def under(self, memory: Memory, before: F64, p: F64) -> tuple[Memory, F64]:
+        """The memory once the pressure went from `before` to `p`, and the deflection (m) of the spring that now touches last."""
+        edge = _deflection(memory.touched, memory.slopes, before, p, self.mu * self.L)
+        touched = np.minimum(memory.touched, p)
+        return _compact([np.minimum(before, p), *touched], [0.0, *memory.slopes], p), edge
+
+
+def _compact(touched: list[F64], slopes: list[float], p: F64) -> Memory:
+    """Without the bends that fell together everywhere."""
+    keep, above = [], p
+    for i, row in enumerate(touched):
+        # a row may not rise above the one before it
+        touched[i] = np.minimum(row, above)
+        if (touched[i] < above).any():
+            keep.append(i)
+        above = touched[i]
+    rows = np.stack([touched[i] for i in keep]) if keep else np.empty((0, len(p)))
+    return Memory(rows, np.array([slopes[i] for i in keep]))
+
+
+@njit(cache=True, nogil=True)
+def _respond(touched: F64, slopes: F64, p: F64, move: F64, mu: float, L: float) -> tuple[F64, F64, F64]:
+    n, reach = p.size, mu * L
+    sigma, stiffness, front = np.zeros(n), np.zeros(n), np.zeros(n)
+    for i in range(n):
+        if p[i] <= 0:
+            continue
+        sign = 1.0 if move[i] > 0 else -1.0
+        left = abs(move[i])  # what is still to be taken up by springs that start to slip
+        slipped, above, j = 0.0, p[i], 0
+        while j < slopes.size:
+            if touched[j, i] < above:
+                length = reach * np.log(above / touched[j, i]) if touched[j, i] > 0 else np.inf
+                gap = 1 - sign * slopes[j]
+                if gap > 0 and gap * length > left:
+                    slipped += left / gap
+                    left = 0.0
+                    break
+                slipped += length
+                left -= gap * length if gap > 0 else 0.0
+                above = touched[j, i]
+            j += 1
+        slipped += left
+        held = np.exp(-slipped / reach)
+        front[i] = p[i] * held
+        stiffness[i] = front[i] / L
+        total, above = -sign * p[i] * np.expm1(-slipped / reach), front[i]
+        while j < slopes.size:
+            if touched[j, i] < above:
+                total += slopes[j] * (above - touched[j, i])
+                above = touched[j, i]
+            j += 1
+        sigma[i] = mu * total
+    return sigma, stiffness, front
+
+
+@njit(cache=True, nogil=True)
+def _deflection(touched: F64, slopes: F64, before: F64, p: F64, reach: float) -> F64:
+    """Deflection of the spring that touched at the pressure p, 0 where p is above `before`."""
+    edge = np.zeros(p.size)
+    for i in range(p.size):
+        above = before[i]
+        for j in range(slopes.size):
+            below = max(touched[j, i], p[i])
+            if below < above:
+                edge[i] += slopes[j] * reach * np.log(above / below)
+                above = below
+    return edge

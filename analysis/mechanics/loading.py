@@ -1,0 +1,381 @@
+"""A sphere on a rough plane, loaded tangentially: block displacement, shear force, traction and surface displacement. SI units throughout.
+
+Every point of the contact obeys ``s = D - G*sigma(s)``: D is the block's displacement, G*sigma the elastic one of its surface (azimuthal
+mean) and sigma(s) the local law of `interface`. In Legendre polynomials P_2n of xi = sqrt(1 - r^2/a^2), G is diagonal for tractions
+P_2n(xi)/xi (Popov), and Hertz's pressure makes ``xi sigma`` a smooth even function of xi: a few modes give many digits.
+
+The same sums have Abel's form ``G*sigma ~ integral of F(t)/sqrt(r^2 - t^2)`` over t < min(r, a), with F a sum of Legendre polynomials of
+t/a; a factor ``1 - 2 t^2/r^2`` gives the part that goes with the double angle. The displacement is exact at all r, inside and outside.
+
+References
+----------
+Popov 1962 (the eigenfunctions); Copson 1947 (Abel's form); Prevost et al. 2013, sections 5 and 6.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev, legendre
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+
+from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics.half_space import layer_correction
+from analysis.mechanics.interface import Interface, Memory
+
+F64 = NDArray[np.float64]
+
+MOST_STEPS = 80
+FAR = 6.0  # in thicknesses of a layer: beyond, its surface does not move
+_LAYER_TERMS, _LAYER_ANGLES = 128, 16
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A rough elastic block pressed on a rigid sphere.
+
+    Parameters
+    ----------
+    P : float
+        Normal force, newtons.
+    E, nu : float
+        Young's modulus (Pa) and Poisson's ratio of the block.
+    R : float
+        Radius of the sphere, metres.
+    mu, L : float
+        Friction coefficient and elastic length (m) of the interface; the limit L -> 0 is `cattaneo_mindlin`.
+    thickness : float
+        Of the block on its rigid plate, metres, two contact radii or more; default a half-space. Hertz's pressure is kept.
+
+    Raises
+    ------
+    ValueError
+        A parameter is out of its range.
+    """
+
+    P: float
+    E: float
+    nu: float
+    R: float
+    mu: float
+    L: float
+    thickness: float = math.inf
+
+    def __post_init__(self) -> None:
+        hertz.check("loading", nu=self.nu, normal_force=self.P, E=self.E, R=self.R, mu=self.mu, L=self.L)
+        if not self.thickness >= 2 * self.a:
+            raise ValueError(f"loading: a block {self.thickness:g} m thick found; give two contact radii ({2 * self.a:.3g} m) or more")
+
+    @cached_property
+    def a(self) -> float:
+        """Hertz's contact radius, metres."""
+        return hertz.contact_radius(self.P, self.E, self.nu, self.R)
+
+    @property
+    def G(self) -> float:
+        """Shear modulus, pascals."""
+        return hertz.shear_modulus(self.E, self.nu)
+
+    @property
+    def full_shift(self) -> float:
+        """Displacement of the block (m) at which the whole contact would slide for L = 0, on a half-space."""
+        return cattaneo_mindlin.full_shift(self.mu, self.P, self.a, self.E, self.nu)
+
+    def pressure(self, r: ArrayLike) -> F64:
+        """Hertz's pressure, pascals, shape of `r`."""
+        return hertz.pressure(r, self.P, self.a)
+
+
+class _Basis(NamedTuple):
+    """What depends on the number of modes alone, for a contact of radius 1. `series` matrices give coefficients of Chebyshev."""
+
+    xi: F64
+    weight: F64  # of a traction in the force, over 2 pi a^2
+    green: F64  # traction -> integral of sigma/|x - x'|, at the nodes
+    share: F64  # values at the nodes -> series in 2 xi^2 - 1
+    inside: tuple[F64, F64]  # xi sigma -> series of both parts of the displacement in 1 - 2 r^2
+    outside: tuple[F64, F64]  # the same over asin(1/r), in the square of asin(1/r)
+
+
+@lru_cache(maxsize=8)
+def _basis(modes: int) -> _Basis:
+    x, w = legendre.leggauss(2 * modes)
+    xi, w = x[modes:], w[modes:]
+    n, even = np.arange(modes), _even(xi, modes)
+    at_zero = _even(np.zeros(1), modes)[0]
+    project = (4 * n + 1)[:, None] * (w[:, None] * even).T
+    terms = modes + 16
+    angle = np.pi * (np.arange(terms) + 0.5) / terms
+    z = np.cos(angle)
+    series = 2 / terms * np.cos(np.outer(np.arange(terms), angle))
+    series[0] /= 2
+    t, v = legendre.leggauss(2 * modes + 16)
+    ends = (np.full(terms, np.pi / 2), np.pi / 2 * np.sqrt((1 + z) / 2))
+    radii = (np.sqrt((1 - z) / 2), 1 / np.sin(ends[1]))
+    parts = []
+    for end, r, divisor in zip(ends, radii, (1.0, ends[1][:, None]), strict=True):
+        theta = end[:, None] / 2 * (1 + t)
+        abel = np.pi**2 * at_zero * _even(r[:, None] * np.sin(theta), modes)  # F(t), for each mode
+        weights = (end[:, None] / np.pi * v, end[:, None] / np.pi * v * np.cos(2 * theta))
+        mean, double = (series @ (np.einsum("kt,ktn->kn", q, abel) / divisor) @ project for q in weights)
+        parts.append((mean, double))
+    green = even @ ((np.pi * at_zero)[:, None] ** 2 * project) * xi
+    return _Basis(xi, w * xi, green, series @ _even(np.sqrt((1 + z) / 2), modes) @ project, parts[0], parts[1])
+
+
+def _even(t: F64, modes: int) -> F64:
+    """Legendre polynomials of degree 0, 2, ... 2 (modes - 1)."""
+    return np.asarray(legendre.legvander(t, 2 * modes - 2)[..., ::2])
+
+
+@dataclass(frozen=True)
+class State:
+    """The contact at one moment of its history.
+
+    Attributes
+    ----------
+    loading : AxisymmetricLoading
+        The contact under the normal force of this moment.
+    D, Q : float
+        Displacement of the block far away (m), and shear force (N).
+    stiffness : float
+        dQ/dD as the motion goes on, N/m.
+    s, sigma : ndarray, shape (modes,)
+        Displacement of the surface (m), as a camera at rest with the sphere sees it, and shear traction (Pa), at the radii `r`.
+    memory : Memory
+        Of the interface, at the same radii.
+    """
+
+    loading: AxisymmetricLoading
+    D: float
+    Q: float
+    stiffness: float
+    s: F64
+    sigma: F64
+    memory: Memory
+
+    @property
+    def r(self) -> F64:
+        """Radii of the nodes, metres, falling from about a to about 0."""
+        return self.loading.r
+
+    @property
+    def pressure(self) -> F64:
+        """Pressure at the nodes, pascals."""
+        return self.loading.p
+
+    @property
+    def stick_radius(self) -> float:
+        """Cattaneo and Mindlin's c(Q) of a first loading, metres."""
+        contact = self.loading.contact
+        return float(cattaneo_mindlin.stick_radius(self.Q, contact.mu * contact.P, contact.a))
+
+    @property
+    def peak_radius(self) -> float:
+        """Radius (m) at which the shear traction is greatest: c as read from a measured traction."""
+        a = self.loading.contact.a
+        r = np.linspace(0, a, 1025)
+        sigma = np.abs(self.traction(r))
+        i = int(np.argmax(sigma))
+        if i == 0:
+            return 0.0
+        down, up = sigma[i] - sigma[i - 1], sigma[i] - sigma[i + 1]
+        return float(r[i] + 0.5 * (down - up) / (down + up) * (r[1] - r[0]))
+
+    def traction(self, r: ArrayLike) -> F64:
+        """Shear traction along x at any distance r (m) from the centre, pascals, shape of `r`."""
+        contact = self.loading.contact
+        r = np.asarray(r, dtype=np.float64)
+        x = np.minimum(r / contact.a, 1.0)
+        return np.asarray(contact.pressure(r) * chebyshev.chebval(1 - 2 * x * x, self._series.share))
+
+    def displacement(self, r: ArrayLike) -> tuple[F64, F64]:
+        """Surface displacement G*sigma as (g0, g2), metres, at any r: ``gx = g0 + g2 cos 2 theta``, ``gy = g2 sin 2 theta``."""
+        contact = self.loading.contact
+        r = np.asarray(r, dtype=np.float64)
+        x = np.atleast_1d(r) / contact.a
+        is_in = x <= 1
+        inner, opening = 1 - 2 * x[is_in] ** 2, np.arcsin(1 / x[~is_in])
+        outer = 2 * (2 / np.pi * opening) ** 2 - 1
+        fields = []
+        for inside, outside, layer in self._series.parts:
+            g = np.empty_like(x)
+            g[is_in] = chebyshev.chebval(inner, inside)
+            g[~is_in] = opening * chebyshev.chebval(outer, outside)
+            if layer.size:
+                near = 2 * x * contact.a / (FAR * contact.thickness) - 1
+                g = np.where(near <= 1, g + chebyshev.chebval(np.minimum(near, 1.0), layer), 0.0)
+            fields.append(g.reshape(r.shape))
+        return fields[0], fields[1]
+
+    @cached_property
+    def _series(self) -> _Series:
+        return self.loading.series(self.sigma)
+
+
+class _Series(NamedTuple):
+    """Chebyshev series of a traction over the pressure, and of both parts of its displacement: inside, outside, by the layer."""
+
+    share: F64
+    parts: tuple[tuple[F64, F64, F64], tuple[F64, F64, F64]]
+
+
+class AxisymmetricLoading:
+    """States of a contact whose block is displaced, from rest or from another state.
+
+    Parameters
+    ----------
+    contact : Contact
+    modes : int
+        Number of Legendre polynomials, and of radii.
+
+    Notes
+    -----
+    Friction acts along x and the azimuthal mean of u_x decides on slip: exact for nu = 0, else 0.1 % in Q. The equations are solved
+    by Newton's method with a line search, together with what drives the contact: ``D + compliance Q = stage``, or Q given.
+
+    A first loading depends on where it ends alone. Otherwise each radius keeps the memory described in `interface`, which has
+    Mindlin and Deresiewicz's unloading as its limit L -> 0. A step first changes P, then D, and is exact for that path; when both
+    change together, make small steps.
+    """
+
+    def __init__(self, contact: Contact, modes: int = 64) -> None:
+        if modes < 4:
+            raise ValueError(f"loading: {modes} modes were asked; use 4 or more")
+        self.contact, self.modes, self._basis = contact, int(modes), _basis(int(modes))
+        a, xi = contact.a, self._basis.xi
+        self.r = a * np.sqrt((1 - xi) * (1 + xi))
+        self.p = hertz.peak_pressure(contact.P, a) * xi
+        self._interface = Interface(contact.mu, contact.L)
+        self._scale = a / (2 * np.pi * contact.G) * np.array([1 - contact.nu / 2, contact.nu / 2])
+        self._weight = 2 * np.pi * a * a * self._basis.weight
+        self._green = self._scale[0] * self._basis.green
+        self._layer = (np.empty((0, modes)), np.empty((0, modes)))
+        if math.isfinite(contact.thickness):
+            terms = np.arange(_LAYER_TERMS)
+            angle = np.pi * (terms + 0.5) / terms.size
+            far = FAR * contact.thickness / 2 * (1 + np.cos(angle))
+            mean, double = self._layer_matrices(np.concatenate([self.r, far]))
+            series = 2 / terms.size * np.cos(np.outer(terms, angle))
+            series[0] /= 2
+            self._green = self._green + mean[:modes]
+            self._layer = (series @ mean[modes:], series @ double[modes:])
+
+    def _layer_matrices(self, r: F64) -> tuple[F64, F64]:
+        """From the traction at the nodes to what the layer adds to both parts of the displacement at the radii r."""
+        contact = self.contact
+        angle = np.pi * (np.arange(_LAYER_ANGLES) + 0.5) / _LAYER_ANGLES
+        x = r[:, None, None] - self.r[:, None] * np.cos(angle)
+        y = self.r[:, None] * np.sin(angle)
+        even, double = layer_correction(np.hypot(x, y), contact.E, contact.nu, contact.thickness)
+        mean = even.mean(axis=2), (double * np.cos(2 * np.arctan2(y, x))).mean(axis=2)
+        return mean[0] * self._weight, mean[1] * self._weight
+
+    def at_block(self, D: float) -> State:
+        """State after a first loading to the block displacement D, metres."""
+        return self.driven(D)
+
+    def at_force(self, Q: float) -> State:
+        """State after a first loading to the shear force Q, newtons, less than mu P."""
+        limit = self.contact.mu * self.contact.P
+        if not abs(Q) < limit:
+            raise ValueError(f"loading: a shear force of {Q:g} N was asked; the contact carries less than mu P = {limit:g} N")
+        return self._solved(self.rest, 0.0, 1.0, Q)
+
+    def driven(self, stage: float, compliance: float = 0.0) -> State:
+        """State after a first loading by a stage (m) in series with a compliance (m/N) of all else that gives way."""
+        return self.advance(self.rest, stage, compliance=compliance)
+
+    def advance(self, state: State, stage: float, *, P: float | None = None, compliance: float = 0.0) -> State:
+        """State that follows another one, once P (default: its own) and then the stage have come to their new values.
+
+        With no compliance the stage is the block: its displacement D.
+        """
+        if not (math.isfinite(stage) and 0 <= compliance < math.inf):
+            raise ValueError(
+                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite ones, the compliance 0 or more"
+            )
+        loading = state.loading
+        if P is not None and P != loading.contact.P:
+            loading = AxisymmetricLoading(replace(loading.contact, P=P), loading.modes)
+        return loading._solved(state, 1.0, compliance, stage)
+
+    def table(self, n: int, furthest: float | None = None) -> tuple[State, ...]:
+        """States (n) of a first loading, evenly spaced in D from 0 to `furthest` (m); default: until all but 1e-6 of mu P is carried."""
+        contact = self.contact
+        if furthest is None:
+            furthest = self.at_force((1 - 1e-6) * contact.mu * contact.P).D
+        states = [self.rest]
+        for D in np.linspace(0.0, furthest, n)[1:]:
+            states.append(self.advance(states[-1], float(D)))
+        return tuple(states)
+
+    def series(self, sigma: F64) -> _Series:
+        """Chebyshev series of a traction given at the nodes, and of its displacement."""
+        basis, load = self._basis, self._basis.xi * sigma
+        first, second = (
+            (scale * inside @ load, scale * outside @ load, layer @ sigma)
+            for scale, inside, outside, layer in zip(self._scale, basis.inside, basis.outside, self._layer, strict=True)
+        )
+        return _Series(basis.share @ (sigma / self.p), (first, second))
+
+    @cached_property
+    def rest(self) -> State:
+        """The state before any shear."""
+        zero, k = np.zeros(self.modes), self.p / self.contact.L
+        moved = np.linalg.solve(np.eye(self.modes) + self._green * k, np.ones(self.modes))
+        return State(self, 0.0, 0.0, float((self._weight * k) @ moved), zero, zero, Memory.fresh(self.modes))
+
+    def _taken_over(self, state: State) -> tuple[Memory, F64, F64]:
+        """Memory, deflection of the outermost springs and displacement s of another state, at the radii and pressures of this one."""
+        if state.loading is self or state.loading.contact == self.contact:
+            return state.memory, np.zeros(self.modes), state.s
+        old = state.loading
+        before, memory = old.contact.pressure(self.r), state.memory
+        if memory.slopes.size:
+            xi = np.clip(before / hertz.peak_pressure(old.contact.P, old.contact.a), old._basis.xi[0], old._basis.xi[-1])
+            memory = replace(memory, touched=before * PchipInterpolator(old._basis.xi, memory.touched / old.p, axis=1)(xi))
+        memory, edge = self._interface.under(memory, before, self.p)
+        return memory, edge, state.D - state.displacement(self.r)[0]
+
+    def _solved(self, state: State, per_D: float, per_Q: float, target: float) -> State:
+        """Newton's method for ``s + G sigma = D`` and ``per_D D + per_Q Q = target``."""
+        memory, edge, before = self._taken_over(state)
+        respond, eye, one = self._interface.respond, np.eye(self.modes), np.ones(self.modes)
+        s, D = before.copy(), state.D
+        soft = 1 / (per_D + per_Q * 8 * self.contact.G * self.contact.a / (2 - self.contact.nu))
+
+        def excess(sigma: F64, s: F64, D: float) -> tuple[F64, float, float]:
+            local, rest = D - s - self._green @ sigma, target - per_D * D - per_Q * float(self._weight @ sigma)
+            return local, rest, math.hypot(float(np.sqrt(local @ local / local.size)), soft * rest)
+
+        # at rest, the side towards which a point will move tells its stiffness
+        move = edge + math.copysign(1e-12 * self.contact.L, target - per_D * D - per_Q * state.Q)
+        sigma, stiffness, front = respond(memory, self.p, move)
+        local, rest, size = excess(sigma, s, D)
+        for _ in range(MOST_STEPS):
+            first, moved = np.linalg.solve(eye + self._green * stiffness, np.stack([local, one], axis=1)).T
+            drive = self._weight * stiffness
+            dD = (rest - per_Q * float(drive @ first)) / (per_D + per_Q * float(drive @ moved))
+            ds = first + dD * moved
+            share = 1.0
+            while True:
+                move = edge + (s + share * ds - before)
+                sigma, stiffness, front = respond(memory, self.p, move)
+                after = excess(sigma, s + share * ds, D + share * dD)
+                if after[2] <= (1 - 1e-4 * share) * size or share < 1e-3:
+                    break
+                share /= 2
+            s, D, (local, rest, size) = s + share * ds, D + share * dD, after
+            # the next step would be at most half the square of this one over mu L
+            if np.abs(ds).max() ** 2 <= 1e-13 * self.contact.mu * self.contact.L * np.abs(s).max():
+                break
+        else:
+            raise ValueError(f"loading: no equilibrium was found in {MOST_STEPS} steps towards {target:g}; go there in smaller steps")
+        memory = self._interface.remember(memory, self.p, move, front)
+        return State(self, D, float(self._weight @ sigma), float(drive @ moved), s, sigma, memory)

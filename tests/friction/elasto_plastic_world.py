@@ -1,0 +1,151 @@
+"""A sheared contact with the law sigma = mu p (1 - exp(-s/(mu L))), solved by Abel's integrals on Chebyshev points: the tests' own truth.
+
+``int sigma / distance = 4 int_0^min(r,a) S(t) / sqrt(r^2 - t^2) dt`` with ``S(t) = int_t^a s sigma(s) / sqrt(s^2 - t^2) ds`` (Copson
+1947). The unknown is the slip on Chebyshev points of r^2: both integrals of a polynomial times sqrt(a^2 - r^2) are exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.interpolate import CubicSpline, make_interp_spline
+
+from analysis.contact.rings import Rings, ring_means
+
+E, NU, R, MU, L = 3.43e6, 0.5, 0.1288, 0.93, 0.80e-6
+PITCH, BOX = 70.4e-6, 140.8e-6
+NX, NY = 158, 118
+X, Y = np.meshgrid((np.arange(NX) - (NX - 1) / 2) * PITCH, (np.arange(NY) - (NY - 1) / 2) * PITCH)
+RADIUS, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
+REACH = 58 * PITCH  # of whole rings
+N = 64  # Chebyshev points
+DENSE = np.linspace(0, 7.5e-3, 1501)  # metres, as far as the corners of a field and their boxes
+
+
+def hertz_radius(P: float) -> float:
+    return float(np.cbrt(3 * P * R * (1 - NU**2) / (4 * E)))
+
+
+def _to_abel(t: np.ndarray) -> np.ndarray:
+    """From coefficients of f to S(t) of sqrt(1 - r^2) f, for t below 1, contact of unit radius."""
+    angle = (np.arange(2 * N) + 0.5) * np.pi / (4 * N)  # midpoint rule: exact for polynomials
+    y, weight = np.sin(angle), np.cos(angle) ** 2 * np.pi / (4 * N)
+    z = t[:, None] ** 2 + (1 - t[:, None] ** 2) * y**2
+    return np.einsum("i,j,ijk->ik", 1 - t**2, weight, chebyshev.chebvander(2 * z - 1, N - 1))
+
+
+@cache
+def _displacement_matrix(inside: bool) -> tuple[np.ndarray, np.ndarray]:
+    """From coefficients of f to the integral of sqrt(1 - s^2) f / distance, and the radii where: contact of unit radius."""
+    if inside:
+        r = np.sqrt((1 - np.cos((np.arange(N) + 0.5) * np.pi / N)) / 2)
+        angle = np.broadcast_to((np.arange(2 * N) + 0.5) * np.pi / (4 * N), (N, 2 * N))
+        weight = np.full_like(angle, np.pi / (4 * N))
+    else:
+        r = 1 + np.linspace(0, 1, 300) ** 2 * 7
+        node, w = np.polynomial.legendre.leggauss(N)
+        top = np.arcsin(1 / r)[:, None]
+        angle, weight = top * (node + 1) / 2, top * w / 2
+    t = np.minimum(r[:, None] * np.sin(angle), 1.0)
+    S = _to_abel(t.ravel()).reshape(*t.shape, N)
+    return r, 4 * np.einsum("ij,ijk->ik", weight, S)
+
+
+@dataclass(frozen=True)
+class State:
+    """The contact with the block driven by D: slip, traction, displacement and force."""
+
+    P: float
+    D: float
+    Q: float
+    a: float
+    sigma: CubicSpline  # Pa, of r; for r up to a
+    g0: np.ndarray  # metres, on DENSE
+    g2: np.ndarray
+
+    @property
+    def peak(self) -> float:
+        """Radius at which sigma is largest: the paper's c."""
+        r = np.linspace(0, self.a, 20001)
+        return float(r[np.argmax(self.sigma(r))])
+
+    def field(self, box: float = BOX) -> np.ndarray:
+        """u_x on the grid, averaged over boxes; shape (NY, NX)."""
+        node, weight = np.polynomial.legendre.leggauss(4)
+        even, double = CubicSpline(DENSE, self.g0), CubicSpline(DENSE, self.g2)
+        total = np.zeros(X.shape)
+        for dx, wx in zip(node, weight / 2, strict=True):
+            for dy, wy in zip(node, weight / 2, strict=True):
+                x, y = X + dx * box / 2, Y + dy * box / 2
+                r = np.hypot(x, y)
+                total += wx * wy * (even(r) + double(r) * np.cos(2 * np.arctan2(y, x)))
+        return self.D - total
+
+
+class World:
+    """Sphere on plane under a normal force P; L = 0 is not possible here."""
+
+    def __init__(self, P: float, mu: float = MU, L: float = L, E: float = E, nu: float = NU) -> None:
+        self.P, self.mu, self.L, self.a = P, mu, L, float(np.cbrt(3 * P * R * (1 - nu**2) / (4 * E)))
+        self.peak_pressure = 3 * P / (2 * np.pi * self.a**2)
+        self.scale = (1 + nu) / (np.pi * E) * mu * self.peak_pressure * self.a
+        self.nu = nu
+        self.r, matrix = _displacement_matrix(True)
+        self.to_coefficients = np.linalg.inv(chebyshev.chebvander(2 * self.r**2 - 1, N - 1))
+        self.matrix = self.scale * (1 - nu / 2) * matrix @ self.to_coefficients
+        self.full = float(self.matrix.sum(axis=1).max())
+
+    def slip(self, D: float, start: np.ndarray) -> np.ndarray:
+        s, soft = start, self.mu * self.L
+        for _ in range(60):
+            decay = np.exp(-s / soft)
+            miss = s + self.matrix @ (1 - decay) - D
+            step = np.linalg.solve(np.eye(N) + self.matrix * (decay / soft), -miss)
+            s = s + step * min(1.0, 2 * soft / np.abs(step).max())
+            if np.abs(step).max() < 1e-13 * self.full:
+                return s
+        raise AssertionError("the truth has not converged")
+
+    def run(self, distances: np.ndarray) -> list[State]:
+        """States at growing displacements of the block."""
+        states, s, last = [], np.zeros(N), 0.0
+        for D in distances:
+            for stop in np.linspace(last, D, int(np.ceil((D - last) / (4 * self.mu * self.L))) + 1)[1:]:
+                s = self.slip(float(stop), s)
+            last = D
+            states.append(self._state(float(D), s))
+        return states
+
+    def _state(self, D: float, s: np.ndarray) -> State:
+        f = self.to_coefficients @ (1 - np.exp(-s / (self.mu * self.L)))
+        outer, matrix = _displacement_matrix(False)
+        z = np.linspace(0, 1, 600)
+        inner = self.matrix @ chebyshev.chebval(2 * self.r**2 - 1, f)
+        at = np.minimum(DENSE / self.a, 1)
+        inside = chebyshev.chebval(2 * at**2 - 1, self.to_coefficients @ inner)
+        beyond = make_interp_spline(np.sqrt(outer - 1), self.scale * (1 - self.nu / 2) * matrix @ f)
+        g0 = np.where(DENSE < self.a, inside, beyond(np.sqrt(np.maximum(DENSE / self.a - 1, 0))))
+        swept = CubicSpline(DENSE, g0 * DENSE).antiderivative()(DENSE)
+        mean = np.divide(2 * swept, DENSE**2, out=g0.copy(), where=DENSE > 0)
+        g2 = self.nu / 2 / (1 - self.nu / 2) * (mean - g0)
+        root = np.sin(z * np.pi / 2)  # r/a, crowded at the edge
+        sigma = self.mu * self.peak_pressure * np.cos(z * np.pi / 2) * chebyshev.chebval(2 * root**2 - 1, f)
+        node, weight = np.polynomial.legendre.leggauss(N)
+        angle = (node + 1) * np.pi / 4
+        rim = np.cos(angle) ** 2 * np.sin(angle) * chebyshev.chebval(2 * np.sin(angle) ** 2 - 1, f)
+        Q = 2 * np.pi * self.a**2 * self.mu * self.peak_pressure * float(weight @ rim) * np.pi / 4
+        angle_of = CubicSpline(z, sigma)
+        return State(self.P, D, Q, self.a, lambda r: angle_of(np.arcsin(np.minimum(np.asarray(r) / self.a, 1)) * 2 / np.pi), g0, g2)
+
+
+def noise(sd: float, rng: np.random.Generator, *, shared: bool) -> np.ndarray:
+    """White noise on the grid, or that of boxes of two pitches, of which neighbours share a half; metres."""
+    white = rng.normal(0, sd, (NY + 1, NX + 1))
+    return (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2 if shared else white[1:, 1:]
+
+
+def rings_of(field: np.ndarray) -> Rings:
+    return ring_means(RADIUS, field, PITCH, REACH, theta=AZIMUTH)

@@ -1,0 +1,142 @@
+"""Stress from ring means against contacts whose stress is known from another computation."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from inversion import sheared_contact as world
+
+from analysis.contact.rings import ring_means
+from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.problem import mask_radius
+from analysis.inversion.smoothing import shared_noise
+from analysis.mechanics.half_space import SurfaceGreen
+
+X, Y = world.points()
+RADIUS, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
+
+
+def inversion(P, mask=None, **settings):
+    settings = {"edge": world.hertz_radius(P), "box": world.BOX, "noise_box": 0.0} | settings
+    limit = mask_radius(P, world.E, world.NU, world.R, world.H, world.PITCH) if mask is None else mask
+    return AxisymmetricInversion(X, Y, world.PITCH, limit, world.E, world.NU, **settings)
+
+
+def rings(u):
+    return ring_means(RADIUS, u, world.PITCH, theta=AZIMUTH)
+
+
+def noisy(contact, seed=0, box=0.0):
+    return contact.displacement(X, Y) + world.noise(seed, box)
+
+
+@pytest.mark.parametrize(("P", "share", "profile", "field"), [(0.5, 0.3, 0.014, 0.014), (0.5, 1, 0.014, 0.014), (0.1, 0.6, 0.03, 0.03)])
+@pytest.mark.parametrize("edge_at", [1.0, 1.03, None])
+def test_stress_force_and_far_displacement_of_a_noisy_field(P, share, profile, field, edge_at):
+    contact = world.loaded(P, share)
+    solver = inversion(P, edge=edge_at and edge_at * contact.a)
+    found = solver.solve(rings(noisy(contact)))
+    error = (found.sigma - contact.stress(found.radius))[found.radius < contact.a] / contact.peak
+    assert np.sqrt(np.mean(error**2)) < profile
+    error = (solver.stress(RADIUS, found.coefficients) - contact.stress(RADIUS))[contact.a > RADIUS] / contact.peak
+    assert np.sqrt(np.mean(error**2)) < field
+    assert found.Q == pytest.approx(contact.Q, rel=2e-3 if P > 0.1 else 6e-3)
+    assert found.D == pytest.approx(contact.D, abs=0.05e-6)
+    assert found.is_converged
+    assert found.is_covered
+    assert (found.sigma[found.radius > solver.mask_radius] == 0).all()
+
+
+@pytest.mark.parametrize("box", [0.0, world.BOX])
+def test_stated_uncertainties_cover_the_errors(box):
+    contact = world.loaded(0.5, 0.6)
+    solver = inversion(0.5, edge=None, noise_box=box)
+    u = contact.displacement(X, Y)
+    found = [solver.solve(rings(u + world.noise(seed, box))) for seed in range(16)]
+    for error in ([(f.Q - contact.Q) / f.Q_sd for f in found], [(f.D - contact.D) / f.D_sd for f in found]):
+        assert 0.5 < np.sqrt(np.mean(np.square(error))) < 1.6
+    inside = found[0].radius < contact.a
+    covered = [np.abs(f.sigma - contact.stress(f.radius))[inside] < f.sigma_sd[inside] for f in found]
+    assert 0.55 < np.mean(covered) < 0.9
+    assert np.mean([f.chi2 for f in found]) == pytest.approx(1, abs=0.2)
+
+
+def test_a_mask_that_cuts_the_contact_is_flagged():
+    contact = world.loaded(0.5, 0.9)
+    found = inversion(0.5, mask=contact.a - 3 * world.PITCH, edge=None).solve(rings(noisy(contact)))
+    assert not found.is_converged
+    assert "widen the mask" in found.notes[0]
+
+
+def test_a_wrong_ring_is_left_out():
+    contact = world.loaded(0.5, 0.6)
+    given = rings(noisy(contact))
+    wrong = given.mean.copy()
+    wrong[[12, 45]] += 2e-6
+    found = inversion(0.5).solve(dataclasses.replace(given, mean=wrong))
+    assert found.Q == pytest.approx(contact.Q, rel=2e-3)
+    assert "2 rings" in found.notes[-1]
+
+
+def test_a_field_without_displacement_has_no_stress():
+    found = inversion(0.5).solve(rings(np.zeros_like(X)))
+    assert np.abs(found.sigma).max() < 1
+    assert found.Q == pytest.approx(0, abs=1e-9)
+
+
+def test_a_field_with_a_hole_over_the_contact_is_not_covered():
+    contact = world.loaded(0.5, 0.6)
+    u = noisy(contact)
+    u[:, X[0] > 1e-3] = np.nan
+    found = inversion(0.5).solve(rings(u))
+    assert not found.is_covered
+    assert "widen the field" in found.notes[0]
+
+
+def test_the_thickness_of_the_block_is_in_the_operator():
+    contact = world.loaded(0.5, 0.6)
+    thick = 8e-3
+    green = SurfaceGreen(world.SHAPE, world.PITCH, world.E, world.NU, box=world.BOX, thickness=thick)
+    given = rings(contact.D - green.apply(contact.stress(RADIUS)))
+    right, half_space = inversion(0.5, thickness=thick).solve(given), inversion(0.5).solve(given)
+    assert right.Q == pytest.approx(contact.Q, rel=1e-3)
+    assert right.D == pytest.approx(contact.D, abs=0.02e-6)
+    assert abs(half_space.D - contact.D) > 1e-6
+
+
+def test_noise_of_overlapping_boxes_is_correlated_as_stated():
+    fields = np.stack([world.noise(seed, world.BOX) for seed in range(60)]) / world.NOISE
+    rows = fields[:, 50, 60] @ fields.reshape(60, -1) / 60
+    unit = np.zeros(world.SHAPE)
+    unit[50, 60] = 1
+    expected = shared_noise(unit, world.PITCH, world.BOX)
+    assert expected[50, 59:62] == pytest.approx([0.5, 1, 0.5])
+    assert expected[49, 61] == pytest.approx(0.25)
+    assert rows.reshape(world.SHAPE)[48:53, 58:63] == pytest.approx(expected[48:53, 58:63], abs=0.45)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"mask": 20e-3}, "outside the mask"),
+        ({"mask": 0.0}, "rings"),
+        ({"edge": 1.0}, "an edge at"),
+    ],
+)
+def test_a_geometry_that_cannot_be_inverted_is_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        inversion(0.5, **settings)
+
+
+@pytest.mark.parametrize(("E", "nu"), [(-1.0, 0.5), (1e6, 0.6), (np.nan, 0.3)])
+def test_a_material_out_of_range_is_refused(E, nu):
+    with pytest.raises(ValueError, match="nu from 0 to"):
+        AxisymmetricInversion(X, Y, world.PITCH, 2e-3, E, nu)
+
+
+def test_rings_on_one_side_of_the_mask_only_are_refused():
+    contact = world.loaded(0.5, 0.6)
+    with pytest.raises(ValueError, match="on either side"):
+        inversion(0.5).solve(rings(np.where(RADIUS < 2e-3, noisy(contact), np.nan)))
+    with pytest.raises(ValueError, match="a grid of shape"):
+        AxisymmetricInversion([[0.0]], [[0.0]], world.PITCH, 2e-3, 1e6, 0.5)

@@ -1,0 +1,224 @@
+"""Stress fields from displacement fields: conjugate gradients, Van-Cittert, the regularised method, and their flags."""
+
+import numpy as np
+import pytest
+from inversion import sheared_contact as world
+
+from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.problem import InversionProblem, mask_radius
+from analysis.inversion.regularised import RegularisedInversion
+from analysis.inversion.result import Stopped
+from analysis.inversion.uncertainty import bootstrap
+from analysis.inversion.van_cittert import van_cittert
+from analysis.mechanics.half_space import SurfaceGreen
+
+X, Y = world.points()
+RADIUS = np.hypot(X, Y)
+P = 0.5
+LIMIT = mask_radius(P, world.E, world.NU, world.R, world.H, world.PITCH)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return InversionProblem(RADIUS < LIMIT, world.PITCH, world.E, world.NU, box=world.BOX)
+
+
+@pytest.fixture(scope="module")
+def regularised():
+    return RegularisedInversion(X, Y, LIMIT, world.E, world.NU, edge=world.hertz_radius(P), box=world.BOX, noise_box=0.0)
+
+
+@pytest.fixture(scope="module")
+def contact():
+    return world.loaded(P, 0.6)
+
+
+@pytest.fixture(scope="module")
+def clean(contact):
+    return contact.displacement(X, Y)
+
+
+def field_error(found, contact, centre=(0.0, 0.0)):
+    r = np.hypot(X - centre[0], Y - centre[1])
+    error = (found.sigma - contact.stress(r))[r < contact.a] / contact.peak
+    return np.sqrt(np.mean(error**2))
+
+
+def test_conjugate_gradients_warm_from_the_previous_frames(problem):
+    last = None
+    for n in range(6):
+        contact = world.loaded(P, 0.8 + 0.02 * n)
+        u = contact.displacement(X, Y) + world.noise(n)
+        last = conjugate_gradient(problem, u, world.NOISE, start=last and last.sigma, iterations=5 if last else 50)
+    assert last.stopped is Stopped.DISCREPANCY
+    assert last.iterations <= 5
+    assert field_error(last, contact) < 0.026
+    assert last.Q == pytest.approx(contact.Q, rel=2e-3)
+    assert last.D == pytest.approx(contact.D, abs=0.05e-6)
+    assert (last.sigma[~problem.mask] == 0).all()
+    assert last.residual == pytest.approx(u - (last.D - problem.green.apply(last.sigma)), abs=1e-11)
+
+
+def test_the_noise_is_measured_where_it_is_not_given(problem, contact, clean):
+    u = clean + world.noise(3, world.BOX)
+    assert problem.noise_level(u) == pytest.approx(world.NOISE, rel=0.04)
+    assert conjugate_gradient(problem, u).Q == pytest.approx(contact.Q, rel=5e-3)
+
+
+@pytest.mark.parametrize("method", [conjugate_gradient, van_cittert])
+def test_outliers_and_holes_change_little(problem, contact, clean, method):
+    u = clean + world.noise(1)
+    before = method(problem, u, world.NOISE)
+    rng = np.random.default_rng(0)
+    wrong = rng.random(u.shape) < 0.01
+    u[wrong] += 70e-6 * rng.choice([-1, 1], wrong.sum())
+    u[20:24, 30:40] = np.nan
+    found = method(problem, u, world.NOISE)
+    assert found.is_converged
+    assert found.is_covered
+    assert np.isnan(found.residual[20:24, 30:40]).all()
+    assert found.Q == pytest.approx(before.Q, rel=3e-3)
+    assert field_error(found, contact) < field_error(before, contact) + 0.01
+
+
+def test_points_of_little_precision_count_little(problem, contact, clean):
+    sd = np.where(X > 3e-3, 100 * world.NOISE, world.NOISE)
+    found = conjugate_gradient(problem, clean + world.noise(1) + np.where(X > 3e-3, 3e-6, 0), sd)
+    assert found.Q == pytest.approx(contact.Q, rel=5e-3)
+    assert found.D == pytest.approx(contact.D, abs=0.05e-6)
+
+
+def test_van_cittert_reaches_the_noise_and_says_so(problem, contact, clean):
+    found = van_cittert(problem, clean + world.noise(1), world.NOISE, D=contact.D)
+    assert found.stopped is Stopped.DISCREPANCY
+    assert found.iterations < 40
+    assert field_error(found, contact) < 0.09
+    assert found.Q == pytest.approx(contact.Q, rel=5e-3)
+    assert found.D_sd == 0
+    fitted = van_cittert(problem, clean + world.noise(1), world.NOISE)
+    assert fitted.D == pytest.approx(contact.D, abs=0.1e-6)
+
+
+def test_van_cittert_over_the_whole_field_as_in_the_paper(contact, clean):
+    whole = InversionProblem(np.ones(world.SHAPE, np.bool_), world.PITCH, world.E, world.NU, box=world.BOX)
+    found = van_cittert(whole, clean + world.noise(1), world.NOISE, D=contact.D)
+    assert found.stopped is Stopped.DISCREPANCY
+    assert not found.is_covered  # the mask reaches the rim
+    assert found.Q == pytest.approx(contact.Q, rel=1e-2)
+    with pytest.raises(ValueError, match="outside"):
+        van_cittert(whole, clean, world.NOISE)
+
+
+def test_a_wrong_far_displacement_stagnates_and_is_flagged(problem, contact, clean):
+    found = van_cittert(problem, clean + world.noise(1), world.NOISE, D=contact.D + 1e-6)
+    assert found.stopped is Stopped.STAGNATION
+    assert not found.is_converged
+    assert "times the noise" in found.notes[0]
+
+
+def test_too_few_iterations_are_flagged(problem, clean):
+    found = van_cittert(problem, clean + world.noise(1), world.NOISE, iterations=3)
+    assert (found.stopped, found.iterations, found.is_converged) == (Stopped.ITERATIONS, 3, False)
+
+
+def test_van_cittert_converges_on_any_grid_mask_and_unit():
+    rng = np.random.default_rng(5)
+    for _ in range(1000):
+        shape = tuple(rng.integers(2, 13, 2))
+        pitch, E, nu = 10 ** rng.uniform(-6, -2), 10 ** rng.uniform(3, 10), rng.uniform(0, 0.5)
+        mask = rng.random(shape) < rng.uniform(0.05, 1)
+        mask.flat[rng.integers(mask.size)] = True
+        problem = InversionProblem(mask, pitch, E, nu)
+        D = rng.normal() * pitch
+        u = D - problem.green.apply(np.where(mask, rng.normal(size=shape), 0) * E)
+        step = rng.uniform(0.3, 1.99)
+        size = np.sqrt(np.mean((D - u) ** 2))
+        few, many = (van_cittert(problem, u, 1e-3 * size, D=D, step=step, iterations=n) for n in (30, 120))
+        start = np.mean((D - u)[mask] ** 2)
+        for found in (few, many):
+            assert np.isfinite(found.sigma).all()
+            assert found.chi2 < 1e6
+            assert np.mean(found.residual[mask] ** 2) < 0.5 * start
+        assert many.chi2 <= few.chi2
+
+
+def test_regularised_field_of_a_round_contact(regularised, contact, clean):
+    found = regularised.solve(clean + world.noise(1), world.NOISE)
+    assert field_error(found, contact) < 0.015
+    assert found.Q == pytest.approx(contact.Q, rel=2e-3)
+    assert found.D == pytest.approx(contact.D, abs=0.05e-6)
+    assert found.Q == pytest.approx(found.sigma.sum() * world.PITCH**2, rel=2e-3)
+    inside = contact.a > RADIUS
+    assert 0.4 < np.mean((np.abs(found.sigma - contact.stress(RADIUS)) < found.sigma_sd)[inside]) < 0.95
+    assert found.is_converged
+
+
+def test_regularised_field_follows_what_is_not_round(regularised, contact):
+    centre = (2.5 * world.PITCH, -1.5 * world.PITCH)
+    x, y = world.points(centre=centre)
+    found = regularised.solve(contact.displacement(x, y) + world.noise(1), world.NOISE)
+    assert found.is_converged
+    assert found.Q == pytest.approx(contact.Q, rel=3e-3)
+    assert field_error(found, contact, centre) < 0.06
+    shift = np.sum(found.sigma * X) / found.sigma.sum(), np.sum(found.sigma * Y) / found.sigma.sum()
+    assert shift == pytest.approx(centre, abs=0.3 * world.PITCH)
+
+
+def test_bootstrap_agrees_with_the_scatter_of_the_method(problem, contact, clean):
+    def invert(u):
+        return conjugate_gradient(problem, u, world.NOISE)
+
+    scatter = np.std([invert(clean + world.noise(seed, world.BOX)).Q for seed in range(12)], ddof=1)
+    found = bootstrap(invert, problem, invert(clean + world.noise(20, world.BOX)), world.NOISE, repeats=12)
+    assert 0.4 < found.Q_sd / scatter < 2.5
+    assert found.sigma_sd[contact.a > RADIUS].mean() / contact.peak == pytest.approx(0.02, abs=0.015)
+    with pytest.raises(ValueError, match="two or more"):
+        bootstrap(invert, problem, found, world.NOISE, repeats=1)
+
+
+def test_a_contact_at_the_rim_is_not_covered(contact):
+    x, y = world.points(centre=(4e-3, 0.0))
+    off = InversionProblem(np.hypot(x, y) < LIMIT, world.PITCH, world.E, world.NU, box=world.BOX)
+    found = conjugate_gradient(off, contact.displacement(x, y) + world.noise(1), world.NOISE)
+    assert not found.is_covered
+    assert "widen the field" in found.notes[0]
+
+
+@pytest.mark.parametrize("mask", [np.zeros((8, 8), np.bool_), np.ones(8, np.bool_), np.ones((1, 1), np.bool_)])
+def test_masks_and_grids_of_no_use_are_refused(mask):
+    with pytest.raises(ValueError, match="a mask of shape|two or more"):
+        InversionProblem(mask, 1e-4, 1e6, 0.5)
+
+
+@pytest.mark.parametrize(("E", "nu"), [(0.0, 0.5), (1e6, -0.1), (1e6, 0.51)])
+def test_materials_out_of_range_are_refused(E, nu):
+    with pytest.raises(ValueError, match="was asked"):
+        InversionProblem(np.ones((8, 8), np.bool_), 1e-4, E, nu)
+
+
+@pytest.mark.parametrize("invert", [conjugate_gradient, van_cittert])
+def test_fields_of_no_use_are_refused(problem, clean, invert):
+    with pytest.raises(ValueError, match="same grid"):
+        invert(problem, clean[1:], world.NOISE)
+    with pytest.raises(ValueError, match="outside were measured"):
+        invert(problem, np.where(problem.mask, clean, np.nan), world.NOISE)
+    with pytest.raises(ValueError, match="0 points inside"):
+        invert(problem, np.where(problem.mask, np.nan, clean), world.NOISE)
+    with pytest.raises(ValueError, match="no noise can be told"):
+        invert(problem, np.full_like(clean, np.nan))
+
+
+@pytest.mark.parametrize("step", [0.0, 2.0, np.nan])
+def test_a_step_that_diverges_is_refused(problem, clean, step):
+    with pytest.raises(ValueError, match="between 0 and 2"):
+        van_cittert(problem, clean, world.NOISE, step=step)
+
+
+def test_a_mask_of_one_point_is_inverted():
+    mask = np.zeros((9, 9), np.bool_)
+    mask[4, 4] = True
+    green = SurfaceGreen((9, 9), 1e-4, 1e6, 0.3)
+    u = 3e-6 - green.apply(np.where(mask, 1e4, 0.0))
+    found = conjugate_gradient(InversionProblem(mask, 1e-4, 1e6, 0.3), u, 1e-12)
+    assert found.sigma[4, 4] == pytest.approx(1e4, rel=1e-6)
+    assert found.D == pytest.approx(3e-6, rel=1e-9)
