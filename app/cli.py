@@ -235,6 +235,53 @@ def model(
 
 
 @app.command()
+def invert(
+    fields: Annotated[
+        Path, typer.Argument(metavar="FIELDS.h5|.csv", help="A session, a file of `slipscope dic`, or a table.", show_default=False)
+    ],
+    modulus: Annotated[float | None, typer.Option("--modulus", "--E", help="Young's modulus E, MPa.", show_default=False)] = None,
+    poisson: Annotated[float | None, typer.Option(help="Poisson's ratio, 0 to 0.5.", show_default=False)] = None,
+    radius: Annotated[float | None, typer.Option(help="Radius R of the sphere, mm.", show_default=False)] = None,
+    normal_force: Annotated[float | None, typer.Option(help="Normal force P, N.", show_default=False)] = None,
+    roughness: Annotated[float | None, typer.Option(help="Standard deviation h of the heights, um.", show_default=False)] = None,
+    thickness: Annotated[
+        float | None, typer.Option(help="Of the block on its rigid plate, mm; 0: a half-space.", show_default=False)
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="axisymmetric: a profile; regularised: the whole field, best; cgls; van-cittert: the paper's.")
+    ] = "axisymmetric",
+    pixel: Annotated[float | None, typer.Option(help="Size of a pixel, um, where the file counts in pixels.", show_default=False)] = None,
+    box: Annotated[
+        float | None, typer.Option(help="Side of the box that a displacement is the mean of, um; default two pitches.", show_default=False)
+    ] = None,
+    centre: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="X Y", help="Centre of the contact, mm, as the file counts; else it is found.", show_default=False),
+    ] = None,
+    frame: Annotated[list[int] | None, typer.Option(help="Only this field; may be repeated. Without it all.", show_default=False)] = None,
+    path: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.csv|.npz", help="Where the tractions go.", show_default=False)
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Shear tractions sigma_xz from displacement fields, by the Green's tensor of the block; the block's far displacement D is fitted.
+
+    A session knows its own E, nu, R, P and pixel; options go before them. A table has a header with x, y, ux and their units: x_px, y_mm,
+    ux_um; ux_std and frame if there are any; nan where nothing was measured. u_x is counted in the frame of the sphere, which stands still.
+
+    Example: `slipscope invert fields.csv --E 3.43 --poisson 0.5 --radius 128.8 --normal-force 0.5 --pixel 7.04 -o sigma.csv`
+    """
+    asked = {key: value for key, value in locals().items() if key not in {"fields", "path", "frame"}}
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.commands import invert as inversion
+
+        raise typer.Exit(inversion.invert(fields, path, frames=frame or [], **asked))
+
+
+@app.command()
 def config() -> None:
     """Print the default settings, each with its meaning, unit and limits: `slipscope config > bench.toml`."""
     from app.config import default_toml

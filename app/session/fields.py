@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
+from app.session.layout import FORMAT_ATTRIBUTE
 
 
 class FieldsWriter:
@@ -133,3 +134,12 @@ def read_fields_file(path: Path) -> FieldsFile:
     if ux.shape != (len(frame), len(y), len(x)) or sd.shape != ux.shape:
         raise UserError(f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x {len(y)} points; correlate again")
     return FieldsFile(x, y, ux, sd, tuple(int(n) for n in frame))
+
+
+def is_session(path: Path) -> bool:
+    """Whether a file is a SlipScope session; False where it can not be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return FORMAT_ATTRIBUTE in file.attrs
+    except OSError:
+        return False
