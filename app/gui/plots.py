@@ -155,9 +155,7 @@ class CurvesView(QWidget):
         self.stress_low, self.stress_high = pg.PlotCurveItem(pen=None), pg.PlotCurveItem(pen=None)
         band = pg.FillBetweenItem(self.stress_low, self.stress_high, brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70))
         self.stress_curve = pg.PlotDataItem(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True, name="inverted ± sd")
-        self.stress_model = pg.PlotDataItem(
-            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, c of uₓ"
-        )
+        self.stress_model = pg.PlotDataItem(pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, c of uₓ")
         legend = self.stress.addLegend(offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
         legend.setBrush(pg.mkBrush(28, 32, 39, 200))
         for item in (self.stress_low, self.stress_high, band):

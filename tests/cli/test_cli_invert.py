@@ -46,7 +46,7 @@ def test_every_method_finds_the_force_the_far_displacement_and_the_profile(slips
     peak = MU * hertz.peak_pressure(P, a)
     for one, Q in zip(found, (0.15, 0.35), strict=True):
         is_simple = method == "van-cittert"  # stops at the noise, with D and Q not quite there
-        assert one["Q_n"] == pytest.approx(Q, rel=2e-2 if is_simple else 3e-3)
+        assert one["Q_n"] == pytest.approx(Q, rel=2e-2 if is_simple else 5e-3)
         assert one["D_m"] == pytest.approx(D, abs=3e-7 if is_simple else 5e-8)
         r, sigma = np.array(one["radius_m"]), np.array(one["sigma_pa"], dtype=float)
         known = np.isfinite(sigma)
