@@ -96,16 +96,25 @@ class LosslessChannel(Generic[T]):
 class LatestChannel(Generic[T]):
     """A short queue where the newest wins: what does not fit pushes out the oldest, which is counted as skipped.
 
-    `depth` may be changed while the channel is in use. With `sender_waits` nothing is ever pushed out.
+    With `sender_waits` nothing is ever pushed out.
     """
 
     def __init__(self, depth: int, *, sender_waits: bool) -> None:
         self.depth = depth
+        self._narrow_to = depth
+        self._grace = 0  # items that may still be put at the old depth
         self.sender_waits = sender_waits
         self.skipped = 0
         self._items: deque[T] = deque()
         self._ended = False
         self._changed = threading.Condition()
+
+    def narrow(self, depth: int, grace: int) -> None:
+        """Lower the depth once the queue has run empty, or after `grace` more items at the latest: what waits now is not pushed out."""
+        with self._changed:
+            self._narrow_to, self._grace = depth, grace
+            if not self._items:
+                self.depth = depth
 
     def put(self, item: T) -> None:
         """Offer `item`; after the end it is counted as skipped."""
@@ -116,6 +125,9 @@ class LatestChannel(Generic[T]):
                 self.skipped += 1
                 return
             self._items.append(item)
+            self._grace -= 1
+            if self._grace < 0:
+                self.depth = self._narrow_to
             while len(self._items) > self.depth:
                 self._items.popleft()
                 self.skipped += 1
@@ -128,6 +140,8 @@ class LatestChannel(Generic[T]):
             if not self._items:
                 return None
             item = self._items.popleft()
+            if not self._items:
+                self.depth = self._narrow_to
             self._changed.notify_all()
             return item
 

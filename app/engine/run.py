@@ -300,7 +300,8 @@ class Run:
     def _act_on(self, phase: Phase) -> None:
         """What entering a phase means for the actuator."""
         if phase is Phase.DRIVE:
-            self._to_analysis.depth = self._unhurried_depth if self._free_running else 1
+            if not self._free_running:
+                self._to_analysis.narrow(1, grace=2 * self._unhurried_depth)
             self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
             if not self._ending.is_called.is_set():
                 self._bench.actuator.move_to(self._start_m + self._experiment.travel_m)

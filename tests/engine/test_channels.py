@@ -89,3 +89,28 @@ def test_after_the_end_offers_are_counted_as_skipped():
     assert channel.get(0) is None
     assert channel.skipped == 1
     assert channel.is_drained
+
+
+def test_a_channel_that_narrows_delivers_what_waited():
+    channel = LatestChannel(5, sender_waits=False)
+    for item in range(4):
+        channel.put(item)
+    channel.narrow(1, grace=10)
+    channel.put(4)
+    assert [channel.get(0) for _ in range(5)] == [0, 1, 2, 3, 4]
+    channel.put(5)
+    channel.put(6)
+    assert channel.get(0) == 6
+    assert channel.skipped == 1
+
+
+def test_a_receiver_that_does_not_catch_up_loses_what_waited_in_the_end():
+    channel = LatestChannel(3, sender_waits=False)
+    for item in range(3):
+        channel.put(item)
+    channel.narrow(1, grace=2)
+    for item in range(3, 6):
+        channel.put(item)
+    assert channel.get(0) == 5
+    assert channel.get(0) is None
+    assert channel.skipped == 5
