@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from analysis.dic import Field, Grid, Status, Tracker, compile_kernels
 from analysis.dic.updating import UpdatingTracker
-from app.config import Dic, correlation, options
+from app.config import correlation, options
 from app.errors import UserError
+from app.sections import Dic
 from app.session.fields import FieldsWriter
 
 SUFFIXES = (".h5", ".csv", ".npz")

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import dic
-from app.config import Config, correlation, exposure_samples, to_toml
+from app.config import correlation, exposure_samples, to_toml
 from app.engine.run import Run
 from app.errors import UserError
+from app.sections import Config
 from app.session.writer import RESERVE_BYTES, SessionWriter
 from drivers.bench import Bench, open_bench
 from drivers.sim.world import World, WorldSettings

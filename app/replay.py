@@ -14,11 +14,12 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
-from app.config import Config, correlation, from_record
+from app.config import correlation, from_record
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.errors import UserError
 from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot, without_fields
+from app.sections import Config
 from app.session.reader import SessionReader
 
 

@@ -9,7 +9,8 @@ import pytest
 
 from analysis.dic import INTERPOLANTS, METHODS, Correlation
 from app import config
-from app.config import Config, ConfigError, Dic, correlation, from_data, from_record, load, parse_override, to_toml
+from app.config import ConfigError, correlation, from_data, from_record, load, parse_override, to_toml
+from app.sections import Config, Dic
 
 
 def all_options() -> list[tuple[str, str]]:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output
-from app.config import ConfigError, Dic, from_data
+from app.config import ConfigError, from_data
 from app.errors import UserError
+from app.sections import Dic
 
 if TYPE_CHECKING:
     from app.dic_files import FilesSummary

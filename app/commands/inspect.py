@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from app.commands.terminal import DONE, output, print_json, print_rows
-from app.config import Config, from_record
+from app.config import from_record
+from app.sections import Config
 
 
 def info(session: Path, as_json: bool) -> int:

@@ -14,12 +14,13 @@ from rich.table import Table
 
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output, print_json
-from app.config import Config, Dic, averaging_box_px, from_record
+from app.config import averaging_box_px, from_record
 from app.errors import UserError
 from app.field_files import read_fields
 from app.invert_files import METHODS, SUFFIXES, Block, Inverted, Series, TableWriter, invert_series, noise_of
 from app.report.summary import measured_text, plain
 from app.results import Phase
+from app.sections import Config, Dic
 from app.session.fields import is_session
 from app.session.reader import SessionReader
 

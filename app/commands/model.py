@@ -76,6 +76,7 @@ class Quantity:
 
     @property
     def text(self) -> str:
+        """The value with its unit, for people."""
         return f"{self.value * self.per_si:.4g} {self.unit}".rstrip()
 
 

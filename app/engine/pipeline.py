@@ -17,10 +17,11 @@ from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.config import Config, correlation
+from app.config import correlation
 from app.engine.history import Conditions
 from app.engine.tractions import Tractions, local_law
 from app.results import ContactResult, Phase, Snapshot, Summary
+from app.sections import Config
 
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
 _NO_FIELD = np.empty((0, 0), np.float32)

@@ -24,7 +24,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from app.config import Config, exposure_samples
+from app.config import exposure_samples
 from app.engine.analyst import Analyst
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
@@ -34,6 +34,7 @@ from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
 from app.results import ContactResult, Counts, Event, Health, Outcome, Phase, Snapshot
+from app.sections import Config
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Actuator, Camera, ForceSource, Frame, SampleBlock, TriggerTrain
 

@@ -16,8 +16,9 @@ from analysis.friction.modulus import balance_modulus
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem
-from app.config import Config, averaging_box_px
+from app.config import averaging_box_px
 from app.results import Snapshot
+from app.sections import Config
 
 F64 = NDArray[np.float64]
 

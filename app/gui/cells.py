@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from app.config import Config
 from app.gui.numbers import NOT_KNOWN, Cell, Tone, disk_text, grouped, measured, number
 from app.results import Counts, Health, Outcome, Phase, Snapshot, Summary
+from app.sections import Config
 
 
 def readouts(normal_n: float, shear_n: float, newest: Snapshot | None) -> tuple[Cell, ...]:

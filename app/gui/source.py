@@ -7,8 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config import Config
 from app.results import F64, ContactResult, Health, Outcome, Snapshot
+from app.sections import Config
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.config import Config, exposure_samples
+from app.config import exposure_samples
 from app.gui.cells import disk_cell, health_cells, operator_sentence, queue_cell, readouts, result_cells, setting_cells, state_tone
 from app.gui.numbers import Cell, Tone, measured, number
 from app.gui.source import Image, RunSource
 from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
+from app.sections import Config
 
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
 LARGEST_DISPLAY_PX = 1000  # wider images are shown one pixel in two, three ...

@@ -20,8 +20,9 @@ from typer.testing import Result
 
 from app import cli
 from app.commands import experiment
-from app.config import Dic, default_toml
+from app.config import default_toml
 from app.results import Counts, Health, Outcome
+from app.sections import Dic
 
 Command = Callable[..., Result]
 

@@ -10,9 +10,9 @@ import pytest
 from blobs import Speckle
 from scipy.interpolate import RegularGridInterpolator
 
-from app.config import Dic
 from app.dic_files import PLANES, correlate_files, read_image
 from app.errors import UserError
+from app.sections import Dic
 
 DATA = Path(__file__).parents[1] / "data" / "dic_challenge"
 

@@ -1,6 +1,6 @@
 """Numbers as they are told: digits from uncertainties, units, and what was not measured."""
 
-from __future__ import annotations
+from __future__ import dataclasses
 
 import json
 import math
@@ -14,7 +14,27 @@ from app.report.summary import measured_text, outcome_data, outcome_rows, plain,
 from app.results import Counts, Outcome, Phase, Summary
 
 NAN = math.nan
-MEASURED = Summary(0.5, 2.2046e-3, 0.0413e-3, 2.19412e-3, 20.234, 0.0996, 0.46311, 0.92622, 0.0042, 0.93011, (0.9214, 0.9388), 4.8312e-6, (), 0.9312, 0.0111, 0.803e-6, 0.045e-6, 3.421e6, 0.0321e6)
+MEASURED = Summary(
+    0.5,
+    2.2046e-3,
+    0.0413e-3,
+    2.19412e-3,
+    20.234,
+    0.0996,
+    0.46311,
+    0.92622,
+    0.0042,
+    0.93011,
+    (0.9214, 0.9388),
+    4.8312e-6,
+    (),
+    0.9312,
+    0.0111,
+    0.803e-6,
+    0.045e-6,
+    3.421e6,
+    0.0321e6,
+)
 
 
 @pytest.mark.parametrize(
