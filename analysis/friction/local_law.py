@@ -1,11 +1,11 @@
-"""Local law of friction sigma = mu p (1 - exp(-s/(mu L))) from a loading run: the paper's master curve, and the fit of mu, L and E.
+"""Local law of friction sigma = mu p (1 - exp(-s/(mu L))) from a loading run: mu, L and E by fitting the loading solution to u_x(r) and Q.
 
-The law can be read off stress against displacement, as in the paper (`master_curve`), or fitted to the displacements themselves
-(`fit_local_law`). The inverted stress is smoothed, and the curve inherits that; the fit needs no stress, and is the one to quote.
+The measured u_x at the contact, lens removed, is the law's s. The stress that goes with it is the loading solution's for the same mu, L and
+E: none is inverted, and nothing is smoothed. `master_curve` draws the law as the paper does.
 
 References
 ----------
-Prevost et al. 2013, section 6 and Fig. 15; Bureau et al. 2003.
+Prevost et al. 2013, section 6; Bureau et al. 2003.
 """
 
 from __future__ import annotations
@@ -25,51 +25,13 @@ from analysis.mechanics.loading import AxisymmetricLoading, Contact, State
 F64 = NDArray[np.float64]
 
 FEWEST = 12  # frames
-INNER = 0.9  # of a: beyond, p vanishes, and with it what sigma/p is worth; the boxes mix inside and outside
 REACH = 1.5  # of a: the displacement is compared up to there
 STATES = 64
 ROUNDS = 15
 HUBER = 2.5  # standard deviations from which a residual counts less
-LAGS = 3  # rings whose errors may be shared
 STEPS = np.array([0.01, 0.03, 0.01])  # of the logarithms of mu, L and E, for derivatives
+FURTHEST = np.array([1.5, 3.0, 1.0])  # from the first guess of these logarithms
 LOST = (0.1, 0.5, 0.1)  # relative uncertainties of mu, L and E from which they are not told
-BINS = 40
-
-
-@dataclass(frozen=True, slots=True)
-class MasterCurve:
-    """sigma/p against u_x, all radii and frames together (paper, Fig. 15), and the law through it. NaN where there is none: see `notes`.
-
-    Attributes
-    ----------
-    radius : ndarray, shape (m,)
-        Radii used, metres: those below 0.9 a.
-    slip, ratio : ndarray, shape (nt, m)
-        u_x (m) and sigma/p; NaN where either was not measured.
-    bin_slip, bin_ratio, bin_sd : ndarray
-        Medians over bins of equal numbers of points, and robust standard deviation of a point.
-    mu, mu_sd, L, L_sd : float
-        Of the curve, L in metres; not corrected for the smoothing of sigma.
-    stiffness : ndarray, shape (m,)
-        k = p/L, the initial slope of sigma against u_x at each radius, Pa/m.
-    outliers : float
-        Share of the points that lie more than four standard deviations off the law.
-    notes : tuple of str
-    """
-
-    radius: F64
-    slip: F64
-    ratio: F64
-    bin_slip: F64
-    bin_ratio: F64
-    bin_sd: F64
-    mu: float = np.nan
-    mu_sd: float = np.nan
-    L: float = np.nan
-    L_sd: float = np.nan
-    stiffness: F64 | None = None
-    outliers: float = np.nan
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +49,7 @@ class LocalLaw:
     D : ndarray, shape (nt,)
         Displacement of the block far away in each frame, metres; NaN in frames without a measurement.
     reduced_chi2 : float
-        Per degree of freedom.
+        Per degree of freedom, outliers clipped.
     notes : tuple of str
         What the numbers rest on, or why there are none.
     """
@@ -103,72 +65,6 @@ class LocalLaw:
     D: F64 | None = None
     reduced_chi2: float = np.nan
     notes: tuple[str, ...] = ()
-
-
-def master_curve(
-    radii: ArrayLike, ux: ArrayLike, ux_sd: ArrayLike, sigma: ArrayLike, sigma_sd: ArrayLike, P: ArrayLike, a: float
-) -> MasterCurve:
-    """sigma/p against u_x at all radii and frames of the drive, and the law through it.
-
-    Parameters
-    ----------
-    radii : array_like, shape (nr,)
-        Metres.
-    ux, ux_sd, sigma, sigma_sd : array_like, shape (nt, nr)
-        Ring means of u_x, lens removed, and inverted stress, with their standard uncertainties (m, Pa). NaN where not measured.
-    P : array_like, shape (nt,) or scalar
-        Normal force, newtons.
-    a : float
-        Hertz's radius, metres.
-
-    Notes
-    -----
-    Least squares with the errors of both variables, outliers down-weighted. Errors are taken to be shared by all frames of a ring
-    (smoothing, reference image) and by neighbouring rings.
-    """
-    r = np.asarray(radii, dtype=np.float64)
-    inner = r < INNER * a
-    u, u_sd, s, s_sd = (np.atleast_2d(np.asarray(v, dtype=np.float64))[:, inner] for v in (ux, ux_sd, sigma, sigma_sd))
-    force = np.broadcast_to(np.asarray(P, dtype=np.float64), len(u))[:, None]
-    p = hertz.pressure(r[inner], 1.0, a) * force
-    ratio, ratio_sd = s / p, s_sd / p
-    good = np.isfinite(u) & np.isfinite(ratio) & (u_sd > 0) & (ratio_sd > 0)
-    slip, ratio = np.where(good, u, np.nan), np.where(good, ratio, np.nan)
-    bins = [b for b in np.array_split(np.flatnonzero(good)[np.argsort(slip[good])], BINS) if b.size]
-    bin_slip, bin_ratio = (np.array([np.median(v.ravel()[b]) for b in bins]) for v in (slip, ratio))
-    bin_sd = np.array([1.4826 * np.median(np.abs(ratio.ravel()[b] - m)) for b, m in zip(bins, bin_ratio, strict=True)])
-    curve = MasterCurve(r[inner], slip, ratio, bin_slip, bin_ratio, bin_sd)
-    if good.any(axis=1).sum() < FEWEST or not inner.any():
-        return _without(curve, f"{good.any(axis=1).sum()} frames have a stress; {FEWEST} or more are needed")
-    x, y = np.where(good, u, 0.0), np.where(good, ratio, 0.0)
-    theta = np.log([bin_ratio[-3:].mean(), np.interp(0.63 * bin_ratio[-3:].mean(), bin_ratio, bin_slip) / bin_ratio[-3:].mean()])
-    for _ in range(4 * ROUNDS):
-        mu, L = np.exp(theta)
-        decay, t = np.exp(-np.maximum(x, 0.0) / (mu * L)), np.maximum(x, 0.0) / (mu * L)
-        root = np.where(good, 1 / np.sqrt(ratio_sd**2 + (decay / L * u_sd) ** 2), 0.0)
-        e = (y - np.where(x < 0, x / L, mu * (1 - decay))) * root
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(e[good]))))
-        weight = _huber(e / scale)
-        J = np.stack([mu * (1 - decay - t * decay) * root, -mu * t * decay * root])
-        H = np.einsum("aij,bij,ij->ab", J, J, weight)
-        step = np.linalg.solve(H, np.einsum("aij,ij,ij->a", J, weight, e))
-        theta = theta + np.clip(step, -0.3, 0.3)
-        if np.abs(step).max() < 1e-6:
-            break
-    sd = np.sqrt(np.diag(_sandwich(H, _neighbouring(np.einsum("aij,ij,ij->ja", J, weight, e)))))
-    if not (sd < LOST[:2]).all():
-        return _without(curve, f"mu and L come out within {sd[0]:.0%} and {sd[1]:.0%} only; drive further")
-    mu, L = (float(v) for v in np.exp(theta))
-    return MasterCurve(
-        r[inner], slip, ratio, bin_slip, bin_ratio, bin_sd, mu, mu * float(sd[0]), L, L * float(sd[1]), p.mean(axis=0) / L,
-        float(np.mean(np.abs(e[good]) > 4 * scale)), (f"local law: {int(good.sum())} points at {int(inner.sum())} radii",),
-    )  # fmt: skip
-
-
-def _without(curve: MasterCurve, why: str) -> MasterCurve:
-    return MasterCurve(
-        curve.radius, curve.slip, curve.ratio, curve.bin_slip, curve.bin_ratio, curve.bin_sd, notes=(f"local law: {why}",)
-    )  # fmt: skip
 
 
 def displacement_in_rings(state: State, r: ArrayLike, box: float = 0.0, width: float = 0.0) -> F64:
@@ -240,17 +136,24 @@ def fit_local_law(
     """
     r = np.asarray(radii, dtype=np.float64)
     load, force = float(np.nanmedian(np.asarray(P, dtype=np.float64))), np.asarray(Q, dtype=np.float64)
+    if not load > 0:
+        return LocalLaw(notes=(f"local law: a normal force of {load:.3g} N was measured; without contact there is no friction",))
     a = hertz.contact_radius(load, E, nu, R)
     near = r < REACH * a
     r, u, u_sd = r[near], np.asarray(ux, dtype=np.float64)[:, near], np.asarray(ux_sd, dtype=np.float64)[:, near]
-    frames = np.isfinite(force) & (np.isfinite(u).mean(axis=1) > 0.5)
-    if frames.sum() < FEWEST or len(r) < FEWEST:
-        return LocalLaw(notes=(f"local law: {frames.sum()} frames and {len(r)} rings were measured; {FEWEST} or more are needed",))
-    data = np.column_stack([u, force])[frames]
-    good = np.isfinite(data)
-    root = good / np.append(np.sqrt(np.nanmedian(u_sd[frames] ** 2, axis=0)), Q_sd)
-    fit = _Fit(np.where(good, data, 0.0), root, load, nu, R, thickness, r, box, width)
-    start = np.log([float(np.max(force[frames])) / load, elastic_length(1e-6, nu), E])
+    measured = np.isfinite(u) & (u_sd > 0)
+    seen = measured.mean(axis=0) > 0.5
+    frames = np.isfinite(force) & (measured[:, seen].mean(axis=1) > 0.5)
+    if frames.sum() < FEWEST or seen.sum() < FEWEST:
+        return LocalLaw(notes=(f"local law: {frames.sum()} frames and {seen.sum()} rings were measured; {FEWEST} or more are needed",))
+    top = float(np.max(force[frames]))
+    if not top > 10 * Q_sd:
+        return LocalLaw(notes=(f"local law: a shear force of {top:.3g} N at most was measured, of noise {Q_sd:.2g} N; drive further",))
+    r, u, u_sd, measured = r[seen], u[frames][:, seen], u_sd[frames][:, seen], measured[frames][:, seen]
+    noise = np.sqrt(np.nanmedian(np.where(measured, u_sd, np.nan) ** 2, axis=0))
+    root = np.column_stack([measured / noise, np.full(len(u), 1 / Q_sd)])
+    fit = _Fit(np.column_stack([np.where(measured, u, 0.0), force[frames]]), root, load, nu, R, thickness, r, box, width)
+    start = np.log([top / load, elastic_length(1e-6, nu), E])
     theta, sd, shift, chi2, is_done = fit.run(start)
     if not (is_done and (sd < LOST).all()):
         return LocalLaw(notes=(f"local law: mu, L, E come out within {', '.join(f'{v:.0%}' for v in sd)} only; drive until it slides",))
@@ -280,15 +183,15 @@ class _Fit:
         mu, L, E = np.exp(theta).tolist()
         return _Loading(Contact(self.P, E, self.nu, self.R, mu, L, self.thickness), self.r, self.box, self.width)
 
-    def run(self, theta: F64) -> tuple[F64, F64, F64, float, bool]:
+    def run(self, start: F64) -> tuple[F64, F64, F64, float, bool]:
         """Logarithms, their standard uncertainties, D of each frame, chi2 per degree of freedom, and whether it has settled."""
-        loading = self._loading(theta)
+        theta, loading = start, self._loading(start)
         D, scale, step = self._nearest(loading), 50.0, np.ones(3)
         for _ in range(ROUNDS):
             D = self._followed(loading, D, scale)
             e, t = self._miss(loading, D), loading.slope(D) * self.root
             scale = max(1.0, 1.4826 * float(np.median(np.abs(e[self.root > 0]))))
-            weight = _huber(e / scale)
+            weight = huber(e / scale)
             base, slopes = loading.at(D), []
             for change in np.diag(STEPS):
                 g = (self._loading(theta + change).at(D) - base) / change.sum() * self.root
@@ -298,10 +201,11 @@ class _Fit:
             if np.abs(step).max() < 1e-3:
                 break
             step = np.clip(np.linalg.solve(H, np.einsum("aij,ij,ij->a", J, weight, e)), -0.5, 0.5)
-            theta = theta + step
+            theta = np.clip(theta + step, start - FURTHEST, start + FURTHEST)
             loading = self._loading(theta)
         freedom = np.count_nonzero(self.root) - len(D) - 3
-        chi2 = float((weight * e * e).sum() / freedom)
+        e = weight * e
+        chi2 = float((e * e).sum() / freedom)
         wide = max(1.0, chi2) * correlation_factor(e[:, :-1])
         score = weight * J
         own, common = np.einsum("aij,bij->ab", score[:, :, :-1], score[:, :, :-1]), score[:, :, :-1].sum(axis=1)
@@ -312,31 +216,22 @@ class _Fit:
         return (self.data - loading.at(D)) * self.root
 
     def _nearest(self, loading: _Loading) -> F64:
-        """D of each frame among a thousand; a frame further than these lies as far beyond as its displacements do."""
+        """D of each frame among a thousand."""
         grid = np.linspace(0, loading.furthest, 1000)
         table, square = loading.at(grid), self.root**2
         chi2 = square @ (table * table).T - 2 * (square * self.data) @ table.T
-        return grid[np.argmin(chi2, axis=1)]
+        return np.asarray(grid[np.argmin(chi2, axis=1)])
 
     def _followed(self, loading: _Loading, D: F64, scale: float) -> F64:
         for _ in range(5):
             e, t = self._miss(loading, D), loading.slope(D) * self.root
-            weight = _huber(e / scale)
+            weight = huber(e / scale)
             D = np.maximum(D + (weight * t * e).sum(axis=1) / (weight * t * t).sum(axis=1), 0.0)
         return D
 
 
-def _huber(e: F64) -> F64:
+def huber(e: F64) -> F64:
     return np.asarray(1 / np.maximum(1.0, np.abs(e) / HUBER))
-
-
-def _neighbouring(scores: F64) -> F64:
-    """Covariance of the sum of the scores of rings, shape (nr, k), each of which shares errors with its neighbours (Newey and West)."""
-    total = scores.T @ scores
-    for lag in range(1, LAGS):
-        part = scores[lag:].T @ scores[:-lag]
-        total += (1 - lag / LAGS) * (part + part.T)
-    return np.asarray(total)
 
 
 def _sandwich(H: F64, scores: F64) -> F64:

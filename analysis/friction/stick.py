@@ -200,4 +200,4 @@ def correlation_factor(residual: F64) -> float:
     if not power > 0:
         return 1.0
     found = sum(float((residual[..., lag:] * residual[..., :-lag]).sum()) for lag in (1, 2)) / power
-    return max(1.0, (1 + 2 * found) / (1 - 12 / max(n, 24)))
+    return float(max(1.0, (1 + 2 * found) / (1 - 12 / max(n, 24))))

@@ -24,7 +24,9 @@ POOLED = 20  # points' worth of the typical noise in each ring's: a ring of thre
 EDGE_WIDTH = 0.02  # of the mask's radius and never under a ring's width, within which curvature at the edge is hardly penalised
 LEAST_ERROR = 1e-12  # metres, of a ring: a field may be free of noise
 OUTLYING = 4.0  # standard deviations beyond which a ring is left out
+MOST_WRONG = 0.05  # share of the rings that may be left out; more of them and it is the model that is wrong
 TOO_LARGE = 4.0  # standard deviations of chi2
+CUT_OFF = (6.0, 0.1)  # standard deviations, and share of the greatest stress, of the last two rings' stress if the mask cuts the contact
 
 
 class AxisymmetricInversion:
@@ -118,7 +120,7 @@ class AxisymmetricInversion:
     def solve(self, rings: Rings) -> RadialInversion:
         """Shear stress, force and far displacement from the ring means of one field.
 
-        Rings that are empty, or miss most of their circle, or lie four standard deviations off the fit, are left out.
+        Rings that are empty, or miss most of their circle, or a few that lie four standard deviations off the fit, are left out.
 
         Raises
         ------
@@ -145,24 +147,33 @@ class AxisymmetricInversion:
             size = np.where(used, np.abs(residual) * weight, 0.0)
             if size.max() < OUTLYING:  # no ring is out of line: spare the median
                 break
-            used &= size < OUTLYING * max(1.0, 1.4826 * float(np.median(size[used])))
+            wrong = size > OUTLYING * max(1.0, 1.4826 * float(np.median(size[used])))
+            if wrong.sum() > MOST_WRONG * measured:
+                break
+            used &= ~wrong
         return self._result(fit.coefficients, fit.covariance, fit.chi2, fit.freedom, residual, coverage, measured - int(used.sum()))
 
     def _result(self, b: F64, covariance: F64, chi2: float, freedom: float, residual: F64, coverage: F64, left_out: int) -> RadialInversion:
         is_covered = bool((coverage[self.radius < self.mask_radius][INNERMOST:] > COMPLETE).all())
         fits = chi2 < 1 + TOO_LARGE * math.sqrt(2 / freedom)
+        sigma = self._sigma @ b
+        sigma_sd = np.sqrt(np.einsum("ij,ij->i", self._sigma, self._sigma @ covariance))
+        rim, size = np.flatnonzero(self.radius < self.mask_radius)[-2:], np.abs(sigma)
+        cuts = bool((size[rim] > np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())).any())
         notes: tuple[str, ...] = () if is_covered else (NOT_COVERED,)
         if not fits:
             notes += (
                 f"axisymmetric inversion: the residual is {math.sqrt(chi2):.2f} times the noise; widen the mask, or invert the field",
             )
+        if cuts:
+            notes += (f"axisymmetric inversion: the stress does not vanish at the mask's rim, {self.mask_radius:.3g} m; widen the mask",)
         if left_out:
             notes += (f"axisymmetric inversion: {left_out} rings lie off the rest and were left out",)
         return RadialInversion(
             radius=self.radius,
             coefficients=b[1:],
-            sigma=self._sigma @ b,
-            sigma_sd=np.sqrt(np.einsum("ij,ij->i", self._sigma, self._sigma @ covariance)),
+            sigma=sigma,
+            sigma_sd=sigma_sd,
             D=float(b[0]),
             D_sd=math.sqrt(covariance[0, 0]),
             Q=float(self._force @ b),
@@ -172,7 +183,7 @@ class AxisymmetricInversion:
             iterations=0,
             stopped=Stopped.GCV,
             is_covered=is_covered,
-            is_converged=fits,
+            is_converged=fits and not cuts,
             notes=notes,
         )
 

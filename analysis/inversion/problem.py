@@ -188,13 +188,13 @@ def _trust(rest: F64, sd: F64, valid: Mask) -> F64:
     """Weight of each point, 1 up to four standard deviations from the median of its neighbourhood, then falling with the fourth power.
 
     `rest` is what simple stresses leave of the field: slopes would bend the median at the rim. A point is compared with its neighbours,
-    not with a finished fit, so that it depends neither on the method nor on how far it has come; the standard deviation is that of the
-    typical point, in units of its `sd`.
+    not with a finished fit, so that it depends neither on the method nor on how far it has come; the standard deviation is the stated
+    one or, if that is larger, that of the typical point.
     """
     if not valid.all():
         nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
         rest, sd = rest[tuple(nearest)], sd[tuple(nearest)]
     unit = float(np.median(sd))
     size = np.abs(rest - unit * cv2.medianBlur((rest / unit).astype(np.float32), 5)) / sd
-    limit = OUTLYING * 1.4826 * float(np.median(size[valid]))
-    return np.where(valid, np.minimum(1.0, limit / np.maximum(size, max(limit, 1e-300))) ** 4, 0.0)
+    limit = OUTLYING * max(1.0, 1.4826 * float(np.median(size[valid])))
+    return np.where(valid, np.minimum(1.0, limit / np.maximum(size, limit)) ** 4, 0.0)

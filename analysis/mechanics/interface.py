@@ -95,7 +95,11 @@ class Interface:
     def respond(self, memory: Memory, p: F64, move: F64) -> tuple[F64, F64, F64]:
         """Traction (Pa), stiffness (Pa/m) and pressure at which the last slipping spring touched (Pa), after a `move` of each point (m).
 
-        Raises ValueError for L = 0."""
+        Raises
+        ------
+        ValueError
+            For L = 0: a rigid interface has no stiffness.
+        """
         if self.L == 0:
             raise ValueError("interface: the memory of a rigid interface (L = 0) was asked; give a small L, or use cattaneo_mindlin")
         sigma, stiffness, front = _respond(memory.touched, memory.slopes, p, move, self.mu, self.L)
@@ -109,20 +113,24 @@ class Interface:
             slopes.insert(0, sign)
         return _compact(touched, slopes, p)
 
-    def under(self, memory: Memory, before: F64, p: F64) -> tuple[Memory, F64]:
-        """The memory once the pressure went from `before` to `p`, and the deflection (m) of the spring that now touches last."""
+    def under(self, memory: Memory, before: F64, p: F64) -> Memory:
+        """The memory once the pressure went from `before` to `p` with the points at rest."""
         edge = _deflection(memory.touched, memory.slopes, before, p, self.mu * self.L)
-        touched = np.minimum(memory.touched, p)
-        return _compact([np.minimum(before, p), *touched], [0.0, *memory.slopes], p), edge
+        kept = _compact([np.minimum(before, p), *np.minimum(memory.touched, p)], [0.0, *memory.slopes], p)
+        # the springs nearest to letting go now slip
+        return self.remember(kept, p, edge, self.respond(kept, p, edge)[2])
 
 
 def _compact(touched: list[F64], slopes: list[float], p: F64) -> Memory:
-    """Without the bends that fell together everywhere."""
-    keep, above = [], p
+    """Without the bends that fell together everywhere, or bend nothing."""
+    keep: list[int] = []
+    above = p
     for i, row in enumerate(touched):
         # a row may not rise above the one before it
         touched[i] = np.minimum(row, above)
         if (touched[i] < above).any():
+            if keep and slopes[keep[-1]] == slopes[i]:
+                keep.pop()
             keep.append(i)
         above = touched[i]
     rows = np.stack([touched[i] for i in keep]) if keep else np.empty((0, len(p)))
@@ -171,6 +179,8 @@ def _deflection(touched: F64, slopes: F64, before: F64, p: F64, reach: float) ->
     edge = np.zeros(p.size)
     for i in range(p.size):
         above = before[i]
+        if p[i] <= 0:
+            continue
         for j in range(slopes.size):
             below = max(touched[j, i], p[i])
             if below < above:

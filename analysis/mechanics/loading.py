@@ -331,21 +331,20 @@ class AxisymmetricLoading:
         moved = np.linalg.solve(np.eye(self.modes) + self._green * k, np.ones(self.modes))
         return State(self, 0.0, 0.0, float((self._weight * k) @ moved), zero, zero, Memory.fresh(self.modes))
 
-    def _taken_over(self, state: State) -> tuple[Memory, F64, F64]:
-        """Memory, deflection of the outermost springs and displacement s of another state, at the radii and pressures of this one."""
+    def _taken_over(self, state: State) -> tuple[Memory, F64]:
+        """Memory and displacement s of another state, at the radii and pressures of this one."""
         if state.loading is self or state.loading.contact == self.contact:
-            return state.memory, np.zeros(self.modes), state.s
+            return state.memory, state.s
         old = state.loading
         before, memory = old.contact.pressure(self.r), state.memory
         if memory.slopes.size:
             xi = np.clip(before / hertz.peak_pressure(old.contact.P, old.contact.a), old._basis.xi[0], old._basis.xi[-1])
             memory = replace(memory, touched=before * PchipInterpolator(old._basis.xi, memory.touched / old.p, axis=1)(xi))
-        memory, edge = self._interface.under(memory, before, self.p)
-        return memory, edge, state.D - state.displacement(self.r)[0]
+        return self._interface.under(memory, before, self.p), state.D - state.displacement(self.r)[0]
 
     def _solved(self, state: State, per_D: float, per_Q: float, target: float) -> State:
         """Newton's method for ``s + G sigma = D`` and ``per_D D + per_Q Q = target``."""
-        memory, edge, before = self._taken_over(state)
+        memory, before = self._taken_over(state)
         respond, eye, one = self._interface.respond, np.eye(self.modes), np.ones(self.modes)
         s, D = before.copy(), state.D
         soft = 1 / (per_D + per_Q * 8 * self.contact.G * self.contact.a / (2 - self.contact.nu))
@@ -355,7 +354,7 @@ class AxisymmetricLoading:
             return local, rest, math.hypot(float(np.sqrt(local @ local / local.size)), soft * rest)
 
         # at rest, the side towards which a point will move tells its stiffness
-        move = edge + math.copysign(1e-12 * self.contact.L, target - per_D * D - per_Q * state.Q)
+        move = one * math.copysign(1e-12 * self.contact.L, target - per_D * D - per_Q * state.Q)
         sigma, stiffness, front = respond(memory, self.p, move)
         local, rest, size = excess(sigma, s, D)
         for _ in range(MOST_STEPS):
@@ -365,7 +364,7 @@ class AxisymmetricLoading:
             ds = first + dD * moved
             share = 1.0
             while True:
-                move = edge + (s + share * ds - before)
+                move = s + share * ds - before
                 sigma, stiffness, front = respond(memory, self.p, move)
                 after = excess(sigma, s + share * ds, D + share * dD)
                 if after[2] <= (1 - 1e-4 * share) * size or share < 1e-3:

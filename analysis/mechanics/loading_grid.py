@@ -145,9 +145,7 @@ class GridLoading:
                 f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite ones, the compliance 0 or more"
             )
         p, before = self.pressure.ravel(), state.pressure.ravel()
-        memory, edge = (
-            (state.memory, np.zeros(p.size)) if state.pressure is self.pressure else self.interface.under(state.memory, before, p)
-        )
+        memory = state.memory if state.pressure is self.pressure else self.interface.under(state.memory, before, p)
         drive = np.zeros_like(s)
         _along(drive)[...] = stage
 
@@ -158,7 +156,7 @@ class GridLoading:
             return u
 
         def respond(s: F64) -> _Response:
-            move = edge + (s - state.s).reshape(-1, p.size)
+            move = (s - state.s).reshape(-1, p.size)
             return self._along_slip(move) if self.green.coupled else self._one_component(memory, move[0])
 
         # at rest, the side towards which a point will move tells its stiffness

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -62,7 +63,7 @@ class State:
     D: float
     Q: float
     a: float
-    sigma: CubicSpline  # Pa, of r; for r up to a
+    sigma: Callable[[np.ndarray], np.ndarray]  # Pa, of r; for r up to a
     g0: np.ndarray  # metres, on DENSE
     g2: np.ndarray
 
@@ -72,9 +73,12 @@ class State:
         r = np.linspace(0, self.a, 20001)
         return float(r[np.argmax(self.sigma(r))])
 
+    def rings(self, field_noise: np.ndarray | float = 0.0) -> Rings:
+        return rings_of(self.field() + field_noise)
+
     def field(self, box: float = BOX) -> np.ndarray:
         """u_x on the grid, averaged over boxes; shape (NY, NX)."""
-        node, weight = np.polynomial.legendre.leggauss(4)
+        node, weight = np.polynomial.legendre.leggauss(3)
         even, double = CubicSpline(DENSE, self.g0), CubicSpline(DENSE, self.g2)
         total = np.zeros(X.shape)
         for dx, wx in zip(node, weight / 2, strict=True):
@@ -104,7 +108,7 @@ class World:
             decay = np.exp(-s / soft)
             miss = s + self.matrix @ (1 - decay) - D
             step = np.linalg.solve(np.eye(N) + self.matrix * (decay / soft), -miss)
-            s = s + step * min(1.0, 2 * soft / np.abs(step).max())
+            s = s + step * min(1.0, 2 * soft / max(np.abs(step).max(), 1e-300))
             if np.abs(step).max() < 1e-13 * self.full:
                 return s
         raise AssertionError("the truth has not converged")
@@ -127,7 +131,7 @@ class World:
         at = np.minimum(DENSE / self.a, 1)
         inside = chebyshev.chebval(2 * at**2 - 1, self.to_coefficients @ inner)
         beyond = make_interp_spline(np.sqrt(outer - 1), self.scale * (1 - self.nu / 2) * matrix @ f)
-        g0 = np.where(DENSE < self.a, inside, beyond(np.sqrt(np.maximum(DENSE / self.a - 1, 0))))
+        g0 = np.where(self.a > DENSE, inside, beyond(np.sqrt(np.maximum(DENSE / self.a - 1, 0))))
         swept = CubicSpline(DENSE, g0 * DENSE).antiderivative()(DENSE)
         mean = np.divide(2 * swept, DENSE**2, out=g0.copy(), where=DENSE > 0)
         g2 = self.nu / 2 / (1 - self.nu / 2) * (mean - g0)
@@ -149,3 +153,46 @@ def noise(sd: float, rng: np.random.Generator, *, shared: bool) -> np.ndarray:
 
 def rings_of(field: np.ndarray) -> Rings:
     return ring_means(RADIUS, field, PITCH, REACH, theta=AZIMUTH)
+
+
+@cache
+def ring_noise(count: int, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Means and standard errors of rings of `count` fields of unit noise; shape (count, rings)."""
+    rings = [rings_of(noise(1.0, np.random.default_rng(seed), shared=shared)) for seed in range(count)]
+    return np.array([ring.mean for ring in rings]), np.array([ring.standard_error for ring in rings])
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a bench would see, without noise: frames (t), rings (r)."""
+
+    world: World
+    states: list[State]
+    radius: np.ndarray
+    count: np.ndarray
+    ux: np.ndarray  # (t, r)
+    Q: np.ndarray
+
+    @property
+    def peak(self) -> np.ndarray:
+        return np.array([state.peak for state in self.states])
+
+    def measured(self, sd: float, seed: int, shared: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """u_x, its standard error and Q: image noise of every frame and of the reference, which all share, and 1 mN."""
+        mean, error = ring_noise(128, shared=shared)
+        rng = np.random.default_rng(seed)
+        pick = rng.permutation(len(mean))[: len(self.Q) + 1]
+        ux = self.ux + sd * (mean[pick[1:]] - mean[pick[0]]) / np.sqrt(2)
+        return ux, sd * error[pick[1:]], self.Q + rng.normal(0, 1e-3, len(self.Q))
+
+
+@cache
+def drive(P: float, frames: int, speed: float = 5e-6, compliance: float = 1 / 9579 + 0.68e-6) -> Run:
+    """Frames evenly spaced in time, from rest to 1.3 times the distance at which the contact slides."""
+    world = World(P)
+    D = np.linspace(0, 1.4 * world.full, 80)[1:]
+    stage = np.append(0.0, D + compliance * np.array([state.Q for state in world.run(D)]))
+    slides = world.full + compliance * MU * P
+    states = world.run(np.interp(1.3 * slides * np.arange(1, frames + 1) / frames, stage, np.append(0.0, D)))
+    rings = [state.rings() for state in states]
+    return Run(world, states, rings[0].radius, rings[0].count, np.array([ring.mean for ring in rings]), np.array([s.Q for s in states]))

@@ -1,6 +1,7 @@
 """Stress from ring means against contacts whose stress is known from another computation."""
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ X, Y = world.points()
 RADIUS, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
 
 
+@cache
 def inversion(P, mask=None, **settings):
     settings = {"edge": world.hertz_radius(P), "box": world.BOX, "noise_box": 0.0} | settings
     limit = mask_radius(P, world.E, world.NU, world.R, world.H, world.PITCH) if mask is None else mask
@@ -26,22 +28,29 @@ def rings(u):
     return ring_means(RADIUS, u, world.PITCH, theta=AZIMUTH)
 
 
-def noisy(contact, seed=0, box=0.0):
-    return contact.displacement(X, Y) + world.noise(seed, box)
+@cache
+def clean(P, share):
+    contact = world.loaded(P, share)
+    return contact, contact.displacement(X, Y)
+
+
+def noisy(P, share):
+    contact, u = clean(P, share)
+    return contact, u + world.noise(0)
 
 
 @pytest.mark.parametrize(("P", "share", "profile", "field"), [(0.5, 0.3, 0.014, 0.014), (0.5, 1, 0.014, 0.014), (0.1, 0.6, 0.03, 0.03)])
 @pytest.mark.parametrize("edge_at", [1.0, 1.03, None])
 def test_stress_force_and_far_displacement_of_a_noisy_field(P, share, profile, field, edge_at):
-    contact = world.loaded(P, share)
+    contact, u = noisy(P, share)
     solver = inversion(P, edge=edge_at and edge_at * contact.a)
-    found = solver.solve(rings(noisy(contact)))
+    found = solver.solve(rings(u))
     error = (found.sigma - contact.stress(found.radius))[found.radius < contact.a] / contact.peak
     assert np.sqrt(np.mean(error**2)) < profile
     error = (solver.stress(RADIUS, found.coefficients) - contact.stress(RADIUS))[contact.a > RADIUS] / contact.peak
     assert np.sqrt(np.mean(error**2)) < field
-    assert found.Q == pytest.approx(contact.Q, rel=2e-3 if P > 0.1 else 6e-3)
-    assert found.D == pytest.approx(contact.D, abs=0.05e-6)
+    assert abs(found.Q / contact.Q - 1) < (2e-3 if P > 0.1 else 6e-3)
+    assert abs(found.D - contact.D) < 0.05e-6
     assert found.is_converged
     assert found.is_covered
     assert (found.sigma[found.radius > solver.mask_radius] == 0).all()
@@ -49,10 +58,9 @@ def test_stress_force_and_far_displacement_of_a_noisy_field(P, share, profile, f
 
 @pytest.mark.parametrize("box", [0.0, world.BOX])
 def test_stated_uncertainties_cover_the_errors(box):
-    contact = world.loaded(0.5, 0.6)
+    contact, u = clean(0.5, 0.6)
     solver = inversion(0.5, edge=None, noise_box=box)
-    u = contact.displacement(X, Y)
-    found = [solver.solve(rings(u + world.noise(seed, box))) for seed in range(16)]
+    found = [solver.solve(rings(u + world.noise(seed, box))) for seed in range(12)]
     for error in ([(f.Q - contact.Q) / f.Q_sd for f in found], [(f.D - contact.D) / f.D_sd for f in found]):
         assert 0.5 < np.sqrt(np.mean(np.square(error))) < 1.6
     inside = found[0].radius < contact.a
@@ -61,32 +69,33 @@ def test_stated_uncertainties_cover_the_errors(box):
     assert np.mean([f.chi2 for f in found]) == pytest.approx(1, abs=0.2)
 
 
-def test_a_mask_that_cuts_the_contact_is_flagged():
-    contact = world.loaded(0.5, 0.9)
-    found = inversion(0.5, mask=contact.a - 3 * world.PITCH, edge=None).solve(rings(noisy(contact)))
+@pytest.mark.parametrize("pitches", [-6, -3, -2, 0])
+@pytest.mark.parametrize("P", [0.1, 0.5])
+def test_a_mask_that_cuts_the_contact_is_flagged(P, pitches):
+    contact, u = noisy(P, 0.9)
+    found = inversion(P, mask=contact.a + pitches * world.PITCH, edge=None).solve(rings(u))
     assert not found.is_converged
-    assert "widen the mask" in found.notes[0]
+    assert any("widen the mask" in note for note in found.notes)
 
 
 def test_a_wrong_ring_is_left_out():
-    contact = world.loaded(0.5, 0.6)
-    given = rings(noisy(contact))
+    contact, u = noisy(0.5, 0.6)
+    given = rings(u)
     wrong = given.mean.copy()
     wrong[[12, 45]] += 2e-6
     found = inversion(0.5).solve(dataclasses.replace(given, mean=wrong))
-    assert found.Q == pytest.approx(contact.Q, rel=2e-3)
+    assert abs(found.Q / contact.Q - 1) < 2e-3
     assert "2 rings" in found.notes[-1]
 
 
 def test_a_field_without_displacement_has_no_stress():
     found = inversion(0.5).solve(rings(np.zeros_like(X)))
     assert np.abs(found.sigma).max() < 1
-    assert found.Q == pytest.approx(0, abs=1e-9)
+    assert abs(found.Q) < 1e-9
 
 
 def test_a_field_with_a_hole_over_the_contact_is_not_covered():
-    contact = world.loaded(0.5, 0.6)
-    u = noisy(contact)
+    _, u = noisy(0.5, 0.6)
     u[:, X[0] > 1e-3] = np.nan
     found = inversion(0.5).solve(rings(u))
     assert not found.is_covered
@@ -94,13 +103,13 @@ def test_a_field_with_a_hole_over_the_contact_is_not_covered():
 
 
 def test_the_thickness_of_the_block_is_in_the_operator():
-    contact = world.loaded(0.5, 0.6)
+    contact, _ = clean(0.5, 0.6)
     thick = 8e-3
     green = SurfaceGreen(world.SHAPE, world.PITCH, world.E, world.NU, box=world.BOX, thickness=thick)
     given = rings(contact.D - green.apply(contact.stress(RADIUS)))
     right, half_space = inversion(0.5, thickness=thick).solve(given), inversion(0.5).solve(given)
-    assert right.Q == pytest.approx(contact.Q, rel=1e-3)
-    assert right.D == pytest.approx(contact.D, abs=0.02e-6)
+    assert abs(right.Q / contact.Q - 1) < 1e-3
+    assert abs(right.D - contact.D) < 0.02e-6
     assert abs(half_space.D - contact.D) > 1e-6
 
 
@@ -135,8 +144,8 @@ def test_a_material_out_of_range_is_refused(E, nu):
 
 
 def test_rings_on_one_side_of_the_mask_only_are_refused():
-    contact = world.loaded(0.5, 0.6)
+    _, u = noisy(0.5, 0.6)
     with pytest.raises(ValueError, match="on either side"):
-        inversion(0.5).solve(rings(np.where(RADIUS < 2e-3, noisy(contact), np.nan)))
+        inversion(0.5).solve(rings(np.where(RADIUS < 2e-3, u, np.nan)))
     with pytest.raises(ValueError, match="a grid of shape"):
         AxisymmetricInversion([[0.0]], [[0.0]], world.PITCH, 2e-3, 1e6, 0.5)

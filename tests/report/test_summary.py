@@ -1,6 +1,6 @@
 """Numbers as they are told: digits from uncertainties, units, and what was not measured."""
 
-from __future__ import dataclasses
+from __future__ import annotations
 
 import json
 import math
