@@ -1,11 +1,13 @@
-"""Contact mechanics: pressure, traction, surface displacement and loading curve of a sphere on a plane, in closed form.
+"""Contact mechanics of a sphere on a plane: closed forms, the surface of the block as an operator, and loading under a law of friction.
 
-===========  ==========================================================  =======================================
-Paper        Quantity                                                    Function
-===========  ==========================================================  =======================================
-section 2    contact radius and pressure under a normal force P          `hertz.contact_radius`, `hertz.pressure`
-section 5    stick radius c of a shear force Q                           `cattaneo_mindlin.stick_radius`
-section 5    shear traction, surface displacement inside and outside     `cattaneo_mindlin.traction`, `.displacement`
-Fig. 5       shear force Q against the distance driven                   `cattaneo_mindlin.driven_shear_force`
-===========  ==========================================================  =======================================
+===========================================================  =======================================================
+Quantity                                                     Where
+===========================================================  =======================================================
+contact radius, pressure, indentation under P                `hertz`
+the same with adhesion; with roughness                       `jkr`; `greenwood_tripp`
+stick radius, shear traction, surface displacement, Q(D)     `cattaneo_mindlin`
+surface displacement of any traction: half-space, layer      `half_space.SurfaceGreen`
+local friction law with its memory                           `interface.Interface`
+loading under that law: round contact; any, on a grid        `loading.AxisymmetricLoading`; `loading_grid`
+===========================================================  =======================================================
 """
