@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
 
 F64 = NDArray[np.float64]
 
@@ -119,6 +120,50 @@ class Interface:
         kept = _compact([np.minimum(before, p), *np.minimum(memory.touched, p)], [0.0, *memory.slopes], p)
         # the springs nearest to letting go now slip
         return self.remember(kept, p, edge, self.respond(kept, p, edge)[2])
+
+
+class TabulatedLaw:
+    """A law of the slip given by a table: share of mu p against the displacement. First loadings only: it has no memory.
+
+    Parameters
+    ----------
+    mu : float
+    slip, share : array_like, shape (n,)
+        Displacement (m), from 0 and increasing, and share of mu p, from 0 to 1 and never falling; smooth between (PCHIP), 1 beyond.
+
+    Raises
+    ------
+    ValueError
+        The table is something else.
+    """
+
+    def __init__(self, mu: float, slip: ArrayLike, share: ArrayLike) -> None:
+        slip, share = np.asarray(slip, dtype=np.float64), np.asarray(share, dtype=np.float64)
+        is_law = slip.ndim == 1 and slip.shape == share.shape and len(slip) >= 2 and np.isfinite([slip, share]).all()
+        if not (is_law and slip[0] == share[0] == 0 and share[-1] == 1 and (np.diff(slip) > 0).all() and (np.diff(share) >= 0).all()):
+            raise ValueError(
+                f"interface: a table of {slip.size} slips and {share.size} shares was given; "
+                "let the slip rise from 0 and the share of mu p rise from 0 to 1, never falling"
+            )
+        self.mu, self._end = mu, float(slip[-1])
+        self._share = PchipInterpolator(slip, share)
+        self._slope = self._share.derivative()
+        steepest = float(self._slope(0.0))
+        if not steepest > 0:
+            raise ValueError(
+                "interface: the table begins flat; an interface at rest has a stiffness, so let the share rise from the first row on"
+            )
+        self.L = 1 / (mu * steepest)
+
+    def respond(self, memory: Memory, p: F64, move: F64) -> tuple[F64, F64, F64]:
+        """Traction (Pa) and stiffness (Pa/m) after a first `move` of each point (m); see `Interface.respond`."""
+        s = np.minimum(np.abs(move), self._end)
+        rising = np.where(np.abs(move) < self._end, self._slope(s), 0.0)
+        return np.copysign(self.mu * p * self._share(s), move), self.mu * p * rising, np.zeros_like(p)
+
+    def remember(self, memory: Memory, p: F64, move: F64, front: F64) -> Memory:
+        """No memory."""
+        return memory
 
 
 def _compact(touched: list[F64], slopes: list[float], p: F64) -> Memory:

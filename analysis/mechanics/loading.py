@@ -26,7 +26,7 @@ from scipy.interpolate import PchipInterpolator
 
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.half_space import layer_correction
-from analysis.mechanics.interface import Interface, Memory
+from analysis.mechanics.interface import Interface, Memory, TabulatedLaw
 
 F64 = NDArray[np.float64]
 
@@ -233,6 +233,8 @@ class AxisymmetricLoading:
     contact : Contact
     modes : int
         Number of Legendre polynomials, and of radii.
+    law : TabulatedLaw, optional
+        Instead of the contact's interface; its mu and L are to be the contact's. First loadings only.
 
     Notes
     -----
@@ -244,13 +246,14 @@ class AxisymmetricLoading:
     change together, make small steps.
     """
 
-    def __init__(self, contact: Contact, modes: int = 64) -> None:
+    def __init__(self, contact: Contact, modes: int = 64, *, law: TabulatedLaw | None = None) -> None:
         if modes < 4:
             raise ValueError(f"loading: {modes} modes were asked; use 4 or more")
         self.contact, self.modes, self._basis = contact, int(modes), _basis(int(modes))
         a, xi = contact.a, self._basis.xi
         self.r = a * np.sqrt((1 - xi) * (1 + xi))
         self.p = hertz.peak_pressure(contact.P, a) * xi
+        self._law = law
         self._interface = Interface(contact.mu, contact.L)
         self._scale = a / (2 * np.pi * contact.G) * np.array([1 - contact.nu / 2, contact.nu / 2])
         self._weight = 2 * np.pi * a * a * self._basis.weight
@@ -301,6 +304,8 @@ class AxisymmetricLoading:
                 f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite ones, the compliance 0 or more"
             )
         loading = state.loading
+        if self._law is not None and state.s.any():
+            raise ValueError("loading: a step from a loaded state was asked of a tabulated law, which has no memory; load from rest")
         if P is not None and P != loading.contact.P:
             loading = AxisymmetricLoading(replace(loading.contact, P=P), loading.modes)
         return loading._solved(state, 1.0, compliance, stage)
@@ -312,7 +317,7 @@ class AxisymmetricLoading:
             furthest = self.at_force((1 - 1e-6) * contact.mu * contact.P).D
         states = [self.rest]
         for D in np.linspace(0.0, furthest, n)[1:]:
-            states.append(self.advance(states[-1], float(D)))
+            states.append(self.at_block(float(D)) if self._law else self.advance(states[-1], float(D)))
         return tuple(states)
 
     def series(self, sigma: F64) -> _Series:
@@ -339,13 +344,15 @@ class AxisymmetricLoading:
         before, memory = old.contact.pressure(self.r), state.memory
         if memory.slopes.size:
             xi = np.clip(before / hertz.peak_pressure(old.contact.P, old.contact.a), old._basis.xi[0], old._basis.xi[-1])
-            memory = replace(memory, touched=before * PchipInterpolator(old._basis.xi, memory.touched / old.p, axis=1)(xi))
+            share = np.where(memory.touched > 1e-100 * old.p, memory.touched / old.p, 0.0)
+            memory = replace(memory, touched=before * PchipInterpolator(old._basis.xi, share, axis=1)(xi))
         return self._interface.under(memory, before, self.p), state.D - state.displacement(self.r)[0]
 
     def _solved(self, state: State, per_D: float, per_Q: float, target: float) -> State:
         """Newton's method for ``s + G sigma = D`` and ``per_D D + per_Q Q = target``."""
         memory, before = self._taken_over(state)
-        respond, eye, one = self._interface.respond, np.eye(self.modes), np.ones(self.modes)
+        law = self._law or self._interface
+        respond, eye, one = law.respond, np.eye(self.modes), np.ones(self.modes)
         s, D = before.copy(), state.D
         soft = 1 / (per_D + per_Q * 8 * self.contact.G * self.contact.a / (2 - self.contact.nu))
 
@@ -376,5 +383,5 @@ class AxisymmetricLoading:
                 break
         else:
             raise ValueError(f"loading: no equilibrium was found in {MOST_STEPS} steps towards {target:g}; go there in smaller steps")
-        memory = self._interface.remember(memory, self.p, move, front)
+        memory = law.remember(memory, self.p, move, front)
         return State(self, D, float(self._weight @ sigma), float(drive @ moved), s, sigma, memory)

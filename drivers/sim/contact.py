@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics.interface import TabulatedLaw
 from analysis.mechanics.loading import AxisymmetricLoading
 from analysis.mechanics.loading import Contact as Sphere
 from analysis.mechanics.loading import State as LoadingState
@@ -102,8 +103,11 @@ class ElastoPlastic:
     def __init__(self, settings: WorldSettings) -> None:
         s = settings
         self.limit = s.mu * s.normal_force_n
-        sphere = Sphere(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m, s.mu, s.slip_length_m, s.thickness_m)
-        self._loading = AxisymmetricLoading(sphere)
+        law = TabulatedLaw(s.mu, *np.array(s.table).reshape(-1, 2).T) if s.law == "table" else None
+        L = law.L if law else s.slip_length_m
+        sphere = Sphere(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m, s.mu, L, s.thickness_m)
+        self._loading = AxisymmetricLoading(sphere, law=law)
+        self._has_memory = law is None
         self._compliance = series_compliance(s)
         last = self._loading.at_force(self.limit * (1 - 1e-9))
         self._states = self._loading.table(STATES, last.D)
@@ -121,6 +125,8 @@ class ElastoPlastic:
     def sheared(self, driven: float) -> Sheared:
         """See `Contact`."""
         D = driven - self._compliance * float(self.shear_force(np.asarray(driven)))
+        if not self._has_memory:
+            return _Yielding(self._loading.at_block(D))
         below = max(bisect.bisect_right(self._states, D, key=lambda state: state.D) - 1, 0)
         return _Yielding(self._loading.advance(self._states[below], D))
 
@@ -158,6 +164,6 @@ def sheared_contact(settings: WorldSettings) -> Contact:
         if math.isfinite(s.thickness_m):
             raise ValueError("simulated world: a block of finite thickness was asked with law 'cattaneo-mindlin'; use 'elasto-plastic'")
         return CattaneoMindlin(s)
-    if s.law == "elasto-plastic":
+    if s.law in ("elasto-plastic", "table"):
         return ElastoPlastic(s)
-    raise ValueError(f"simulated world: law '{s.law}' was asked; there are 'cattaneo-mindlin' and 'elasto-plastic'")
+    raise ValueError(f"simulated world: law '{s.law}' was asked; there are 'cattaneo-mindlin', 'elasto-plastic' and 'table'")

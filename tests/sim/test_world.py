@@ -305,3 +305,30 @@ def test_a_finite_thickness_needs_a_law_that_has_it():
         World(WorldSettings(**{**BASE, "thickness_m": 15e-3}))
     with pytest.raises(ValueError, match="law 'viscous'"):
         World(WorldSettings(**{**BASE, "law": "viscous"}))
+
+
+def test_a_tabulated_law_is_obeyed_as_well():
+    slip = np.linspace(0, 12e-6, 400)
+    share = slip / 1.2e-6 / (1 + slip / 1.2e-6) * (1 + 0.1)  # saturates differently from an exponential
+    share = np.minimum(share, 1.0)
+    share[-1] = 1.0
+    world = driven(law="table", table=tuple(zip(slip.tolist(), share.tolist(), strict=True)), distance_m=300e-6)
+    s = world.settings
+    a, limit, *_ = constants(s)
+    for travel in (30e-6, 70e-6, 250e-6):
+        state = world.state(START + round(travel / 1e-7))
+        r = np.linspace(0, a, 30)[:-1]
+        found = state.block_m - state.lens_m - state.radial(r)[0]
+        expected = 0.93 * hertz.pressure(r, s.normal_force_n, a) * np.interp(found, slip, share)
+        np.testing.assert_allclose(state.traction(r), expected, rtol=5e-3, atol=1e-3 * expected.max())
+        rings = (np.arange(2000) + 0.5) * a / 2000
+        assert (state.traction(rings) * 2 * np.pi * rings).sum() * a / 2000 == pytest.approx(state.shear_force_n, rel=1e-3)
+    assert state.shear_force_n == pytest.approx(limit, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "table", [(), ((0, 0),), ((0, 0.1), (1e-6, 1)), ((0, 0), (1e-6, 0.9)), ((0, 0), (1e-6, 0.6), (2e-6, 0.5), (3e-6, 1))]
+)
+def test_a_table_that_is_no_law_is_refused(table):
+    with pytest.raises(ValueError, match="rise from 0"):
+        World(WorldSettings(**{**BASE, "law": "table", "table": table}))
