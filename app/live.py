@@ -138,8 +138,18 @@ def prepare(config: Config, say: Callable[[str], None]) -> None:
 
 
 def make_bench(config: Config, pace: float | None) -> Bench:
-    """The bench that the settings name, not yet open."""
-    return open_bench(config.forces.source, config.camera.source, config.actuator.source, world=world_settings(config), pace=pace)
+    """The bench that the settings name, not yet open.
+
+    Raises
+    ------
+    UserError
+        The settings describe a world that can not be.
+    """
+    world = world_settings(config)
+    try:
+        return open_bench(config.forces.source, config.camera.source, config.actuator.source, world=world, pace=pace)
+    except ValueError as error:
+        raise UserError(f"[sim]: {error}") from None
 
 
 def make_run(config: Config, output: Path, *, pace: float | None, overwrite: bool = False, bench: Bench | None = None) -> Run:

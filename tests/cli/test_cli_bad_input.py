@@ -192,3 +192,22 @@ def test_fields_are_not_overwritten_unasked(slipscope: Command, tmp_path: Path, 
     (tmp_path / "f.csv").write_bytes(b"precious")
     refused(slipscope("dic", grey, grey, "-o", "f.csv"), "f.csv", "--overwrite")
     assert (tmp_path / "f.csv").read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("sim.law=viscous", ("sim.law", "'table'")),
+        ("sim.law=table", ("sim.law_table", "none is named")),
+        ("sim.thickness=15", ("finite thickness", "'elasto-plastic'")),
+        ("sim.law_table=bad.csv", ("never falling",)),
+        ("sim.law_table=nowhere.csv", ("nowhere.csv", "two columns")),
+        ("sim.law_table=three.csv", ("3 columns",)),
+    ],
+)
+def test_a_world_that_can_not_be(slipscope: Command, tmp_path: Path, setting: str, words: tuple[str, ...]) -> None:
+    (tmp_path / "bad.csv").write_text("0,0\n1,0.5\n2,0.4\n3,1\n")
+    (tmp_path / "three.csv").write_text("0,0,0\n")
+    law = () if setting.startswith(("sim.law=", "sim.th")) else ("--set", "sim.law=table")
+    refused(slipscope("run", "--headless", "-o", "w.h5", *law, "--set", setting), *words)
+    assert not (tmp_path / "w.h5").exists()
