@@ -2,9 +2,9 @@
 
     python benchmarks/inversion.py [--seeds N] [--shared-noise] [--edge FACTOR]
 
-Interface law of the paper (mu = 0.93, L = 0.80 um), E = 3.43 MPa, R = 128.8 mm, 158 x 118 points at 70.4 um, boxes of two pitches, noise
-0.033 px = 232 nm: white, or shared by overlapping boxes. Errors are rms over the contact, as a fraction of mu p0; medians over seeds of their
-sizes. Run with OMP_NUM_THREADS=1 for the time of one core.
+Interface law of the paper (mu = 0.93, L = 0.80 um), E = 3.43 MPa, R = 128.8 mm, 158 x 118 points at 70.4 um, boxes of two pitches,
+noise 0.033 px = 232 nm: white, or shared by overlapping boxes. Errors are rms over the contact, as a fraction of mu p0; medians over
+seeds of their sizes. Run with OMP_NUM_THREADS=1 for the time of one core.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ import datetime
 import platform
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
@@ -71,22 +72,20 @@ def compare(
         u = clean + world.noise(seed, box)
         rings = ring_means(RADIUS, u, world.PITCH, theta=AZIMUTH)
         before = previous_frames(problem, P, share, 1000 * (seed + 1), box)
+        noise = world.NOISE
         calls = {
-            "axisymmetric": (live.solve, rings, {}),
-            "CGLS, cold": (conjugate_gradient, u, {}),
-            "CGLS, warm": (conjugate_gradient, u, {"start": before, "iterations": 5}),
-            "Van-Cittert": (van_cittert, u, {"D": contact.D}),
-            "  D fitted": (van_cittert, u, {}),
-            "  whole field": (van_cittert, u, {"D": contact.D}),
-            "regularised": (best.solve, u, {}),
+            "axisymmetric": partial(live.solve, rings),
+            "CGLS, cold": partial(conjugate_gradient, problem, u, noise),
+            "CGLS, warm": partial(conjugate_gradient, problem, u, noise, start=before, iterations=5),
+            "Van-Cittert": partial(van_cittert, problem, u, noise, D=contact.D),
+            "  D fitted": partial(van_cittert, problem, u, noise),
+            "  whole field": partial(van_cittert, whole, u, noise, D=contact.D),
+            "regularised": partial(best.solve, u, noise),
         }
-        for name, (method, given, settings) in calls.items():
-            grid = whole if "whole" in name else problem
-            given = (given,) if name == "axisymmetric" else (given, world.NOISE)
-            given = given if name in {"axisymmetric", "regularised"} else (grid, *given)
-            method(*given, **settings)  # warms the caches
+        for name, method in calls.items():
+            method()  # warms the caches
             began = time.perf_counter()
-            found = method(*given, **settings)
+            found = method()
             ms = (time.perf_counter() - began) * 1e3
             field = live.stress(RADIUS, found.coefficients) if name == "axisymmetric" else found.sigma
             rows.setdefault(name, []).append([*errors(field, contact), *numbers(found, contact), ms])

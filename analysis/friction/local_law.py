@@ -31,6 +31,8 @@ ROUNDS = 15
 HUBER = 2.5  # standard deviations from which a residual counts less
 STEPS = np.array([0.01, 0.03, 0.01])  # of the logarithms of mu, L and E, for derivatives
 FURTHEST = np.array([1.5, 3.0, 1.0])  # from the first guess of these logarithms
+WEAK = 0.01  # a prior of 10 in each logarithm: what is not measured at all comes out as uncertain as that
+FORCE_OFF = (5.0, 0.05)  # of the noise of Q, and of Q: the fit meets the forces within one of these or is not told
 LOST = (0.1, 0.5, 0.1)  # relative uncertainties of mu, L and E from which they are not told
 
 
@@ -143,7 +145,7 @@ def fit_local_law(
     r, u, u_sd = r[near], np.asarray(ux, dtype=np.float64)[:, near], np.asarray(ux_sd, dtype=np.float64)[:, near]
     measured = np.isfinite(u) & (u_sd > 0)
     seen = measured.mean(axis=0) > 0.5
-    frames = np.isfinite(force) & (measured[:, seen].mean(axis=1) > 0.5)
+    frames = np.isfinite(force) & (2 * measured[:, seen].sum(axis=1) > max(seen.sum(), 1))
     if frames.sum() < FEWEST or seen.sum() < FEWEST:
         return LocalLaw(notes=(f"local law: {frames.sum()} frames and {seen.sum()} rings were measured; {FEWEST} or more are needed",))
     top = float(np.max(force[frames]))
@@ -154,14 +156,17 @@ def fit_local_law(
     root = np.column_stack([measured / noise, np.full(len(u), 1 / Q_sd)])
     fit = _Fit(np.column_stack([np.where(measured, u, 0.0), force[frames]]), root, load, nu, R, thickness, r, box, width)
     start = np.log([top / load, elastic_length(1e-6, nu), E])
-    theta, sd, shift, chi2, is_done = fit.run(start)
-    if not (is_done and (sd < LOST).all()):
+    theta, sd, shift, chi2, off = fit.run(start)
+    if not off * Q_sd < max(FORCE_OFF[0] * Q_sd, FORCE_OFF[1] * top):
+        why = f"(Q is {off * Q_sd:.2g} N off)" if math.isfinite(off) else "(the fit has not settled)"
+        return LocalLaw(notes=(f"local law: displacements and forces do not go together {why}; check E, P and the zero of Q",))
+    if not (sd < LOST).all():
         return LocalLaw(notes=(f"local law: mu, L, E come out within {', '.join(f'{v:.0%}' for v in sd)} only; drive until it slides",))
     (mu, L, modulus), (mu_sd, L_sd, modulus_sd) = np.exp(theta).tolist(), (np.exp(theta) * sd).tolist()
     D = np.full(len(frames), np.nan)
     D[frames] = shift
     rough = elastic_length(1.0, nu)
-    note = f"local law: {int(frames.sum())} frames, {len(r)} rings within {REACH:g} a"
+    note = f"local law: {int(frames.sum())} frames, {len(r)} rings within {REACH:g} a; Q met within {off * Q_sd * 1e3:.2g} mN"
     return LocalLaw(mu, mu_sd, L, L_sd, L / rough, L_sd / rough, modulus, modulus_sd, D, chi2, (note,))
 
 
@@ -183,8 +188,8 @@ class _Fit:
         mu, L, E = np.exp(theta).tolist()
         return _Loading(Contact(self.P, E, self.nu, self.R, mu, L, self.thickness), self.r, self.box, self.width)
 
-    def run(self, start: F64) -> tuple[F64, F64, F64, float, bool]:
-        """Logarithms, their standard uncertainties, D of each frame, chi2 per degree of freedom, and whether it has settled."""
+    def run(self, start: F64) -> tuple[F64, F64, F64, float, float]:
+        """Logarithms, their standard uncertainties, D of each frame, chi2 per degree of freedom, and how far off Q is, in its noise."""
         theta, loading = start, self._loading(start)
         D, scale, step = self._nearest(loading), 50.0, np.ones(3)
         for _ in range(ROUNDS):
@@ -197,20 +202,22 @@ class _Fit:
                 g = (self._loading(theta + change).at(D) - base) / change.sum() * self.root
                 slopes.append(g - t * ((weight * t * g).sum(axis=1) / (weight * t * t).sum(axis=1))[:, None])  # D follows
             J = np.array(slopes)
-            H = np.einsum("aij,bij,ij->ab", J, J, weight)
+            H = np.einsum("aij,bij,ij->ab", J, J, weight) + WEAK * np.eye(3)
             if np.abs(step).max() < 1e-3:
                 break
             step = np.clip(np.linalg.solve(H, np.einsum("aij,ij,ij->a", J, weight, e)), -0.5, 0.5)
             theta = np.clip(theta + step, start - FURTHEST, start + FURTHEST)
             loading = self._loading(theta)
         freedom = np.count_nonzero(self.root) - len(D) - 3
+        off = float(np.median(np.abs(e[:, -1]))) / 0.6745
         e = weight * e
         chi2 = float((e * e).sum() / freedom)
         wide = max(1.0, chi2) * correlation_factor(e[:, :-1])
         score = weight * J
         own, common = np.einsum("aij,bij->ab", score[:, :, :-1], score[:, :, :-1]), score[:, :, :-1].sum(axis=1)
-        meat = wide / 2 * (own + common @ common.T) + score[:, :, -1] @ score[:, :, -1].T
-        return theta, np.sqrt(np.diag(_sandwich(H, meat))), D, chi2, bool(np.abs(step).max() < 1e-3)
+        meat = wide / 2 * (own + common @ common.T) + score[:, :, -1] @ score[:, :, -1].T + WEAK * np.eye(3)
+        covariance = np.linalg.solve(H, np.linalg.solve(H, meat).T)
+        return theta, np.sqrt(np.diag(covariance)), D, chi2, off if np.abs(step).max() < 1e-3 else np.inf
 
     def _miss(self, loading: _Loading, D: F64) -> F64:
         return (self.data - loading.at(D)) * self.root
@@ -232,8 +239,3 @@ class _Fit:
 
 def huber(e: F64) -> F64:
     return np.asarray(1 / np.maximum(1.0, np.abs(e) / HUBER))
-
-
-def _sandwich(H: F64, scores: F64) -> F64:
-    """Covariance of the estimates from that of the scores."""
-    return np.asarray(np.linalg.solve(H, np.linalg.solve(H, scores).T))

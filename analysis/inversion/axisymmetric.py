@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.contact.rings import Rings
 from analysis.inversion.result import NOT_COVERED, RadialInversion, Stopped
-from analysis.inversion.smoothing import shared_noise, smooth_fit
+from analysis.inversion.smoothing import Smooth, shared_noise, smooth_fit
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.half_space import layer_correction
 
@@ -151,13 +151,14 @@ class AxisymmetricInversion:
             if wrong.sum() > MOST_WRONG * measured:
                 break
             used &= ~wrong
-        return self._result(fit.coefficients, fit.covariance, fit.chi2, fit.freedom, residual, coverage, measured - int(used.sum()))
+        return self._result(fit, residual, coverage, measured - int(used.sum()))
 
-    def _result(self, b: F64, covariance: F64, chi2: float, freedom: float, residual: F64, coverage: F64, left_out: int) -> RadialInversion:
+    def _result(self, fit: Smooth, residual: F64, coverage: F64, left_out: int) -> RadialInversion:
         is_covered = bool((coverage[self.radius < self.mask_radius][INNERMOST:] > COMPLETE).all())
-        fits = chi2 < 1 + TOO_LARGE * math.sqrt(2 / freedom)
-        sigma = self._sigma @ b
-        sigma_sd = np.sqrt(np.einsum("ij,ij->i", self._sigma, self._sigma @ covariance))
+        b, chi2 = fit.coefficients, fit.chi2
+        fits = chi2 < 1 + TOO_LARGE * math.sqrt(2 / fit.freedom)
+        sigma, sigma_sd = self._sigma @ b, fit.sd(self._sigma)
+        D_sd, Q_sd = fit.sd(np.stack([np.eye(len(b))[0], self._force]))
         rim, size = np.flatnonzero(self.radius < self.mask_radius)[-2:], np.abs(sigma)
         cuts = bool((size[rim] > np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())).any())
         notes: tuple[str, ...] = () if is_covered else (NOT_COVERED,)
@@ -175,9 +176,9 @@ class AxisymmetricInversion:
             sigma=sigma,
             sigma_sd=sigma_sd,
             D=float(b[0]),
-            D_sd=math.sqrt(covariance[0, 0]),
+            D_sd=float(D_sd),
             Q=float(self._force @ b),
-            Q_sd=math.sqrt(self._force @ covariance @ self._force),
+            Q_sd=float(Q_sd),
             residual=residual,
             chi2=chi2,
             iterations=0,

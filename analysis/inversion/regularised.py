@@ -78,16 +78,16 @@ class RegularisedInversion:
         residual = rest - (fit.coefficients @ self._design).reshape(rest.shape)
         sigma = round_stress + np.tensordot(amounts, self._bumps, 1)
         flat = self._bumps.reshape(len(self._bumps), -1)
-        variance = np.einsum("ij,ij->j", flat, fit.covariance[1:, 1:] @ flat).reshape(rest.shape)
-        variance += np.where(problem.mask, np.interp(self.radius, rings.radius, rings.sigma_sd), 0.0) ** 2
+        own_sd = fit.sd(np.pad(flat.T, ((0, 0), (1, 0)))).reshape(rest.shape)
         force = np.concatenate([[0.0], flat.sum(axis=1)]) * problem.pitch**2
+        D_sd, Q_sd = fit.sd(np.stack([np.eye(len(force))[0], force]))
         result = problem.result(sigma, rings.D + float(shift), field, residual, 0, Stopped.GCV)
         return replace(
             result,
-            sigma_sd=np.sqrt(variance),
-            D_sd=math.hypot(rings.D_sd, math.sqrt(fit.covariance[0, 0])),
+            sigma_sd=np.hypot(own_sd, np.where(problem.mask, np.interp(self.radius, rings.radius, rings.sigma_sd), 0.0)),
+            D_sd=math.hypot(rings.D_sd, D_sd),
             Q=rings.Q + float(force @ fit.coefficients),
-            Q_sd=math.hypot(rings.Q_sd, math.sqrt(force @ fit.covariance @ force)),
+            Q_sd=math.hypot(rings.Q_sd, Q_sd),
         )
 
 

@@ -23,6 +23,10 @@ class Smooth:
     chi2: float
     freedom: float  # degrees of freedom that are left
 
+    def sd(self, rows: F64) -> F64:
+        """Standard uncertainty of each of several sums of the coefficients; rows of shape (n, k) to (n,)."""
+        return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", rows, rows @ self.covariance), 0.0)))
+
 
 def smooth_fit(gram: F64, shared: F64, right: F64, power: float, penalty: F64, count: int) -> Smooth:
     """Least ``|y - X b|^2 + lambda b penalty b`` with lambda from generalised cross-validation.

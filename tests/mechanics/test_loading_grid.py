@@ -51,6 +51,22 @@ def test_first_loadings_agree(contact):
         assert close_to_balance(grid, state, part * SHIFT)
 
 
+@pytest.mark.parametrize("thickness", [np.inf, 15e-3])
+def test_displacement_far_outside_agrees_in_both_components(thickness):
+    contact, n, pitch = replace(CONTACT, thickness=thickness), 100, 0.24e-3
+    state = AxisymmetricLoading(contact).at_block(0.6 * SHIFT)
+    at = (np.arange(n) - (n - 1) / 2) * pitch
+    r, double = np.hypot(at[:, None], at), 2 * np.arctan2(at[:, None], at)
+    sigma = state.traction(r)
+    gx, gy = SurfaceGreen((n, n), pitch, contact.E, contact.nu, thickness=thickness, coupled=True).apply(
+        [sigma * state.Q / (sigma.sum() * pitch**2), np.zeros((n, n))]
+    )
+    g0, g2 = state.displacement(r)
+    outside = r > 1.5 * contact.a
+    np.testing.assert_allclose(gx[outside], (g0 + g2 * np.cos(double))[outside], atol=3e-4 * SHIFT)
+    np.testing.assert_allclose(gy[outside], (g2 * np.sin(double))[outside], atol=3e-4 * SHIFT)
+
+
 def test_finer_cells_come_closer():
     contact = replace(CONTACT, nu=0.0)
     Q = AxisymmetricLoading(contact).at_block(0.3 * SHIFT).Q
