@@ -2,14 +2,15 @@
 
     python benchmarks/pipeline.py [--frames 60] [--set key=value]...
 
-Pictures of the simulated world during a drive at 23.8 frames/s go through the pipeline of a run; medians of the time on the clock and of the
-processor time of the process (the correlation uses two threads). A frame must take less than 42 ms on average.
+Pictures of the simulated world during a drive at 23.8 frames/s go through the pipeline of a run; medians of the time on the clock and
+of the processor time of the process (the correlation uses two threads). A frame must take less than 42 ms on average.
 """
 
 from __future__ import annotations
 
 import argparse
 import datetime
+import os
 import platform
 import sys
 import time
@@ -18,15 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from app import config as settings  # noqa: E402
-from app import live  # noqa: E402
-from app.engine import pipeline, tractions  # noqa: E402
-from app.engine.history import Conditions  # noqa: E402
-from app.results import Phase  # noqa: E402
-from drivers.sim.images import Renderer  # noqa: E402
-from drivers.sim.world import World  # noqa: E402
+from app import config as settings
+from app import live
+from app.engine import pipeline, tractions
+from app.engine.history import Conditions
+from app.results import Phase
+from drivers.sim.images import Renderer
+from drivers.sim.world import World
 
 DIVISOR = 42
 spent: dict[str, list[tuple[float, float]]] = defaultdict(list)

@@ -94,9 +94,12 @@ def balance_modulus(
     spread = float(weight @ (dx * dx))
     scores = (weight * dx * (y - offset - slope * x))[keep]
     frame_sd = float(np.sqrt(len(x) / weight.sum())) * scale
-    if not (slope > 0 and np.ptp(y[keep]) > LEAST_RANGE * frame_sd):
-        return Modulus(frames=int(keep.sum()), outliers=int((~keep).sum()), notes=(f"modulus: Q varies by {np.ptp(y):.3g} N",))
+    counted = {"frames": int(keep.sum()), "outliers": int((~keep).sum())}
+    if not slope > 0:
+        return Modulus(notes=(f"modulus: stress and force have opposite signs (slope {slope:.3g}); check the sign of Q",), **counted)
+    if not np.ptp(y[keep]) > LEAST_RANGE * frame_sd:
+        return Modulus(notes=(f"modulus: Q varies by {np.ptp(y):.2g} N, frames scatter by {frame_sd:.2g} N; drive further",), **counted)
     shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / float(scores @ scores))
     slope_sd = scale * np.sqrt(shared / spread)
     E = slope * E_supposed
-    return Modulus(E, float(np.hypot(slope_sd * E_supposed, relative_sd * E)), slope, offset, int(keep.sum()), int((~keep).sum()))
+    return Modulus(E, float(np.hypot(slope_sd * E_supposed, relative_sd * E)), slope, offset, **counted)

@@ -1,0 +1,83 @@
+"""Young's modulus from the balance of stress and force."""
+
+import numpy as np
+import pytest
+from friction import elasto_plastic_world as world
+
+from analysis.contact.rings import Rings
+from analysis.friction.modulus import balance_modulus
+from analysis.inversion.axisymmetric import AxisymmetricInversion
+
+E, SUPPOSED = 3.43e6, 2.9e6
+FRAMES = 60
+TRUE_Q = 0.465 * np.minimum(np.arange(FRAMES) / 40, 1)
+
+
+def _balance(seed, integral_sd=1e-3, force_sd=1e-3, zero=0.0):
+    rng = np.random.default_rng(seed)
+    integral = SUPPOSED / E * TRUE_Q + rng.normal(0, integral_sd, FRAMES)
+    return integral, TRUE_Q + zero + rng.normal(0, force_sd, FRAMES)
+
+
+@pytest.mark.parametrize(("integral_sd", "force_sd"), [(1e-3, 1e-3), (0.02, 1e-3), (1e-4, 0.02)])
+def test_no_bias_and_the_stated_uncertainty(integral_sd, force_sd):
+    found = []
+    for seed in range(300):
+        integral, Q = _balance(seed, integral_sd, force_sd)
+        modulus = balance_modulus(integral, integral_sd, Q, SUPPOSED, Q_sd=force_sd)
+        found.append((modulus.E - E, modulus.E_sd))
+    error, stated = np.array(found).T
+    assert abs(error.mean()) < 3 * error.std() / np.sqrt(300)  # noise of the integral alone would flatten a plain line
+    assert 0.60 < np.mean(np.abs(error) < stated) < 0.78
+
+
+def test_the_zero_of_the_force_is_an_offset():
+    integral, Q = _balance(0, zero=0.05)
+    modulus = balance_modulus(integral, 1e-3, Q, SUPPOSED)
+    assert abs(modulus.E / E - 1) < 0.005
+    assert abs(modulus.offset - 0.05) < 0.002
+
+
+def test_outlying_and_lost_frames_are_left_out():
+    integral, Q = _balance(1)
+    integral[[10, 50]] += 0.1
+    Q[20] = np.nan
+    modulus = balance_modulus(integral, 1e-3, Q, SUPPOSED)
+    assert abs(modulus.E / E - 1) < 0.005
+    assert (modulus.frames, modulus.outliers) == (FRAMES - 3, 2)
+
+
+def test_errors_that_frames_share_widen_the_uncertainty():
+    integral, Q = _balance(2)
+    plain = balance_modulus(integral, 1e-3, Q, SUPPOSED)
+    slow = balance_modulus(integral + 3e-3 * np.sin(np.arange(FRAMES) / 4), 1e-3, Q, SUPPOSED)
+    assert slow.E_sd > 3 * plain.E_sd
+    sure = balance_modulus(integral, 1e-3, Q, SUPPOSED, relative_sd=0.01)
+    np.testing.assert_allclose(sure.E_sd, np.hypot(plain.E_sd, 0.01 * plain.E))
+
+
+def test_inverted_displacements_give_the_modulus():
+    run = world.drive(0.5, 24)
+    ux, error, Q = run.measured(232e-9, 0)
+    a = run.world.a
+    invert = AxisymmetricInversion(
+        world.X, world.Y, world.PITCH, a + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH, SUPPOSED, world.NU, edge=a, box=world.BOX
+    )
+    solved = [invert.solve(Rings(run.radius, u, sd, run.count)) for u, sd in zip(ux, error, strict=True)]
+    modulus = balance_modulus([s.Q for s in solved], [s.Q_sd for s in solved], Q, SUPPOSED)
+    assert abs(modulus.E / world.E - 1) < 0.015
+    assert abs(modulus.E - world.E) < 4 * modulus.E_sd
+
+
+@pytest.mark.parametrize(
+    ("integral", "Q", "words"), [(TRUE_Q[:5], TRUE_Q[:5], "5 frames"), (0 * TRUE_Q, 0 * TRUE_Q, "varies"), (-TRUE_Q, TRUE_Q, "opposite")]
+)
+def test_what_cannot_be_told_is_not(integral, Q, words):
+    modulus = balance_modulus(integral, 1e-3, Q, SUPPOSED)
+    assert np.isnan([modulus.E, modulus.E_sd]).all()
+    assert words in modulus.notes[0]
+
+
+def test_a_modulus_of_zero_is_refused():
+    with pytest.raises(ValueError, match="modulus: E 0 Pa"):
+        balance_modulus(TRUE_Q, 1e-3, TRUE_Q, 0.0)
