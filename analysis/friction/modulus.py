@@ -94,12 +94,15 @@ def balance_modulus(
     spread = float(weight @ (dx * dx))
     scores = (weight * dx * (y - offset - slope * x))[keep]
     frame_sd = float(np.sqrt(len(x) / weight.sum())) * scale
-    counted = {"frames": int(keep.sum()), "outliers": int((~keep).sum())}
-    if not slope > 0:
-        return Modulus(notes=(f"modulus: stress and force have opposite signs (slope {slope:.3g}); check the sign of Q",), **counted)
+    frames, outliers = int(keep.sum()), int((~keep).sum())
+    why = ""
     if not np.ptp(y[keep]) > LEAST_RANGE * frame_sd:
-        return Modulus(notes=(f"modulus: Q varies by {np.ptp(y):.2g} N, frames scatter by {frame_sd:.2g} N; drive further",), **counted)
+        why = f"modulus: Q varies by {np.ptp(y):.2g} N, frames scatter by {frame_sd:.2g} N; drive further"
+    elif not slope > 0:
+        why = f"modulus: stress and force have opposite signs (slope {slope:.3g}); check the sign of Q"
+    if why:
+        return Modulus(frames=frames, outliers=outliers, notes=(why,))
     shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / float(scores @ scores))
     slope_sd = scale * np.sqrt(shared / spread)
     E = slope * E_supposed
-    return Modulus(E, float(np.hypot(slope_sd * E_supposed, relative_sd * E)), slope, offset, **counted)
+    return Modulus(E, float(np.hypot(slope_sd * E_supposed, relative_sd * E)), slope, offset, frames, outliers)

@@ -173,6 +173,7 @@ class AxisymmetricInversion:
         return RadialInversion(
             radius=self.radius,
             coefficients=b[1:],
+            covariance=self._sigma @ fit.covariance @ self._sigma.T,
             sigma=sigma,
             sigma_sd=sigma_sd,
             D=float(b[0]),

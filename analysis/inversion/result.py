@@ -74,10 +74,13 @@ class RadialInversion(Inversion):
         Of each ring, metres.
     coefficients : ndarray
         Of the basis: `AxisymmetricInversion.stress` turns them into the stress at any radius.
+    covariance : ndarray, shape (n, n)
+        Of `sigma`: smoothing makes neighbours share their errors.
     """
 
     radius: F64
     coefficients: F64
+    covariance: F64
 
 
 NOT_COVERED = "inversion: the mask reaches beyond the measured points, and sigma, Q and D rest on a part of the contact; widen the field"

@@ -17,7 +17,7 @@ from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.config import correlation
+from app.config import averaging_box_px, correlation
 from app.engine.history import Conditions
 from app.engine.tractions import Tractions, local_law
 from app.results import ContactResult, Phase, Snapshot, Summary
@@ -153,7 +153,8 @@ class Pipeline:
         inner_m = CENTRE_SHARE * (self.contact.apparent_radius_m if math.isfinite(self.contact.apparent_radius_m) else hertz_m)
         sheared: dict[str, Any] = {}
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
-            fit = fit_stick_radius(rings.radius, rings.mean, rings.standard_error, hertz_m)
+            box, width = averaging_box_px(self.config.dic) * self._pixel_m, self.config.dic.step * self._pixel_m
+            fit = fit_stick_radius(rings.radius, rings.mean, rings.standard_error, hertz_m, box=box, width=width)
             sheared = {"stick_radius_m": fit.stick_radius, "stick_radius_sd_m": fit.stick_radius_sd}
             sheared["full_slip_pa"] = full_slip_stress(self.config, fit.amplitude)
             if self._tractions is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analysis.contact.rings import Rings
 from analysis.friction.local_law import fit_local_law
 from analysis.friction.modulus import balance_modulus
+from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem
@@ -24,6 +25,7 @@ F64 = NDArray[np.float64]
 
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
 ITERATIONS = 5
+PEAK_REACH = 0.1  # of a: the parabola through the largest traction goes so far to either side
 MARGIN = 2  # pitches by which the mask is larger than the apparent contact
 
 
@@ -63,6 +65,7 @@ class Tractions:
             thickness=sample.thickness * 1e-3 or math.inf,
         )
 
+        self._reach = PEAK_REACH * hertz_radius_m
         self._problem: InversionProblem | None = None
         self._last: F64 | None = None
         if config.stress.field:
@@ -93,7 +96,10 @@ class Tractions:
         except ValueError:
             return {}
         inside = found.radius < self._profile.mask_radius
+        peak = stress_peak(found.radius[inside], found.sigma[inside], found.covariance[np.ix_(inside, inside)], reach=self._reach)
         return {
+            "peak_radius_m": peak.radius,
+            "peak_radius_sd_m": peak.radius_sd,
             "block_m": found.D,
             "block_sd_m": found.D_sd,
             "stress_force_n": found.Q,

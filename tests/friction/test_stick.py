@@ -5,11 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from friction import elasto_plastic_world as world
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ellipkm1
 
-from analysis.friction.stick import cattaneo_mindlin_profile, fit_stick_radius
+from analysis.friction.stick import cattaneo_mindlin_profile, fit_stick_radius, seen_in_rings
+from analysis.mechanics import cattaneo_mindlin
 
 E, NU, R, MU = 3.43e6, 0.5, 0.1288, 0.93
 G = E / (2 * (1 + NU))
@@ -149,3 +151,46 @@ def test_the_profile_is_the_summed_one():
         expected = 30e-6 - _summed(share)
         found = Q0 * (1 - NU / 2) / (2 * np.pi * G) * cattaneo_mindlin_profile(RADII, [share * A], A)[0]
         np.testing.assert_allclose(found, expected, rtol=2e-6)
+
+
+@cache
+def _pictured(share, P=0.5):
+    """u_x as measured: Cattaneo and Mindlin's field on the grid, averaged over boxes, its rings; and their points."""
+    a = world.hertz_radius(P)
+    g0, g2 = cattaneo_mindlin.radial_displacement(world.DENSE, MU * P * (1 - share**3), MU, P, a, E, NU)
+    rings = world.State(P, 30e-6, 0.0, a, np.zeros_like, g0, g2).rings()
+    return rings.radius, rings.mean, a
+
+
+@pytest.mark.parametrize("P", [0.1, 1.4])
+@pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
+def test_profiles_averaged_like_the_picture_leave_no_bias(share, P):
+    r, u, a = _pictured(share, P)
+    sd = 50e-9 / np.sqrt(2 * np.pi * r / PITCH)
+    averaged = fit_stick_radius(r, u, sd, a, box=world.BOX, width=PITCH)
+    assert abs(averaged.stick_radius / a - share) < 5e-4
+    if share == 0.95:
+        assert abs(fit_stick_radius(r, u, sd, a).stick_radius / a - share) > 1e-3
+
+
+def test_the_average_over_boxes_and_rings_is_that_of_the_points_in_them():
+    rng = np.random.default_rng(0)
+    r = 0.5e-3 + PITCH * (rng.random(400_000) - 0.5)
+    x, y = r[:, None] * np.array([1, np.cos(0.3), np.cos(0.7)]), r[:, None] * np.sin([0, 0.3, 0.7])
+    x, y = (v + BOX * (rng.random(v.shape) - 0.5) for v in (x, y))
+    found = seen_in_rings(lambda at: np.exp(-((at / 4e-4) ** 2)), np.array([0.5e-3]), BOX, PITCH)
+    np.testing.assert_allclose(found, np.mean(np.exp(-(x**2 + y**2) / 4e-4**2)), rtol=1e-3)
+
+
+@pytest.mark.parametrize(("P", "sd", "most"), [(0.5, 232e-9, 0.005), (0.1, 50e-9, 0.005)])
+def test_noise_of_overlapping_boxes_scatters_little_and_is_stated(P, sd, most):
+    mean, error = world.ring_noise(128, shared=True)
+    scores = []
+    for share in (0.2, 0.5, 0.8, 0.95):
+        r, u, a = _pictured(share, P)
+        fits = [fit_stick_radius(r, u + sd * m, sd * e, a, box=world.BOX, width=PITCH) for m, e in zip(mean[:80], error, strict=False)]
+        errors = np.array([fit.stick_radius / a - share for fit in fits])
+        assert abs(errors.mean()) < 0.002
+        assert errors.std() < most
+        scores += list(errors * a / [fit.stick_radius_sd for fit in fits])
+    assert 0.60 < np.mean(np.abs(scores) < 1) < 0.76
