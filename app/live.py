@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import dic
+from analysis.contact.rings import ring_means
 from app.config import correlation, exposure_samples, to_toml
 from app.engine.run import Run
 from app.errors import UserError
@@ -129,6 +130,7 @@ def prepare(config: Config, say: Callable[[str], None]) -> None:
 
     say("compiling the image correlation")
     dic.compile_kernels(correlation(config.dic))
+    ring_means(np.ones(8), np.ones(8), 1.0, theta=np.ones(8))
     say("compiling the simulated camera")
     world = World(WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None)
     world.start()

@@ -7,8 +7,8 @@ peak    c by the live fit and by the maximum of the inverted stress, elasto-plas
 law     mu, L, E (fit of the loading), mu, L (master curve) and E (balance of forces): bias +- scatter in per cent, coverage
 speed   medians, milliseconds
 
-Fields of 158 x 118 points, pitch 70.4 um, means over boxes of two pitches that share noise; force noise 1 mN; the truth of the elasto-plastic
-world is that of tests/friction/elasto_plastic_world.py.
+Fields of 158 x 118 points, pitch 70.4 um, means over boxes of two pitches that share noise; force noise 1 mN. The truth of the
+elasto-plastic world is that of tests/friction/elasto_plastic_world.py.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 F64 = NDArray[np.float64]
@@ -95,17 +96,40 @@ def _chosen(values: ArrayLike, chosen: NDArray[np.bool_]) -> F64:
     return np.asarray(values, dtype=np.float64)[chosen]
 
 
+@njit(cache=True, nogil=True)
 def _ring_median(values: F64, ring: NDArray[np.int64], n: int) -> F64:
     """Median of the values of each ring, NaN in empty ones."""
-    count = np.bincount(ring, minlength=n)
-    by_value = np.argsort(values)
-    ordered = values[by_value[np.argsort(ring[by_value].astype(np.min_scalar_type(n)), kind="stable")]]
-    first = np.cumsum(count) - count
+    first = np.zeros(n + 1, np.int64)
+    for k in ring:
+        first[k + 1] += 1
+    for k in range(n):
+        first[k + 1] += first[k]
+    free, sorted_by_ring = first[:-1].copy(), np.empty(values.size)
+    for i in range(values.size):
+        sorted_by_ring[free[ring[i]]] = values[i]
+        free[ring[i]] += 1
     median = np.full(n, np.nan)
-    full = count > 0
-    low, high = first + (count - 1) // 2, first + count // 2
-    median[full] = 0.5 * (ordered[low[full]] + ordered[high[full]])
+    for k in range(n):
+        if first[k + 1] > first[k]:
+            median[k] = np.median(sorted_by_ring[first[k] : first[k + 1]])
     return median
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tuple[F64, F64]:
+    """Sums over each ring of the products of the columns, shape (n, k, k), and of the columns with the values, shape (n, k)."""
+    size = columns.shape[1]
+    normal, right = np.zeros((n, size, size)), np.zeros((n, size))
+    for p in range(values.size):
+        k = ring[p]
+        for i in range(size):
+            right[k, i] += columns[p, i] * values[p]
+            for j in range(i + 1):
+                normal[k, i, j] += columns[p, i] * columns[p, j]
+    for i in range(size):
+        for j in range(i):
+            normal[:, j, i] = normal[:, i, j]
+    return normal, right
 
 
 def _outlying(values: F64, ring: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
@@ -133,7 +157,8 @@ def _plain_means(r: F64, values: F64, ring: NDArray[np.int64], n: int, width: fl
 
 def _columns(offset: F64, theta: F64) -> F64:
     """What the values of a ring may depend on, shape (points, 6): 1, distance from the ring's middle, two harmonics of the azimuth."""
-    return np.stack([np.ones_like(offset), offset, np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)], axis=1)
+    cos, sin = np.cos(theta), np.sin(theta)
+    return np.stack([np.ones_like(offset), offset, cos, sin, cos * cos - sin * sin, 2 * sin * cos], axis=1)
 
 
 def _ring_fits(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tuple[F64, F64]:
@@ -142,11 +167,7 @@ def _ring_fits(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tu
     NaN factor: the ring has too few points, or too small a part of the circle; its only coefficient is the plain mean.
     """
     size = columns.shape[1]
-    sums = np.stack([np.bincount(ring, column * values, minlength=n) for column in columns.T], axis=1).astype(np.float64)
-    normal = np.empty((n, size, size))
-    for i in range(size):
-        for j in range(i + 1):
-            normal[:, i, j] = normal[:, j, i] = np.bincount(ring, columns[:, i] * columns[:, j], minlength=n)
+    normal, sums = _normal_equations(columns, values, ring, n)
     count = normal[:, 0, 0].copy()
     poor = (count < FEWEST) | (np.linalg.eigvalsh(normal)[:, 0] < 1e-2 * count)
     normal[poor] = np.eye(size)

@@ -89,11 +89,14 @@ class Calibration:
         Mean of the estimate in states of the model, and c in these states.
     scatter : ndarray
         Standard deviation of the estimate; NaN where the model was without noise.
+    between : float
+        Standard error of interpolating between the states.
     """
 
     estimate: F64
     truth: F64
     scatter: F64
+    between: float
 
     def corrected(self, value: float, sd: float = np.nan) -> tuple[float, float]:
         """The c that an estimate stands for, and its standard uncertainty; both NaN beyond what the model covers by more than that.
@@ -108,7 +111,7 @@ class Calibration:
         # the slope over the uncertainty, not at a point
         low, high = np.clip([value - spread, value + spread], least, most)
         rise = (curve(high) - curve(low)) / (high - low) if high > low else curve(low, 1)
-        return float(curve(np.clip(value, least, most))), float(rise * spread)
+        return float(curve(np.clip(value, least, most))), float(np.hypot(rise * spread, self.between))
 
 
 def calibrate(
@@ -149,4 +152,6 @@ def calibrate(
             keep.append(int(i))
     if len(keep) < FEWEST:
         raise ValueError(f"calibration of c: the estimate grows with c in {len(keep)} states of the model; give {FEWEST} or more")
-    return Calibration(mean[keep], c[keep], scatter[keep])
+    mean, c, scatter = mean[keep], c[keep], scatter[keep]
+    miss = PchipInterpolator(mean[::2], c[::2])(mean[1:-1:2]) - c[1:-1:2]  # at twice the step: some twice as large
+    return Calibration(mean, c, scatter, float(np.sqrt(np.mean(miss**2))) / 2)

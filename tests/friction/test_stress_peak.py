@@ -119,7 +119,7 @@ def test_both_estimates_of_c_are_brought_to_the_maximum_of_the_true_stress():
         calibration = calibrate(estimate, model, peaks, noise)
         bias, scatter, coverage = _scores(estimate, calibration, run.ux[chosen][::2], run.peak[chosen][::2])
         assert np.abs(bias).max() < worst
-        assert scatter.max() < worst
+        assert scatter.max() < 1.5 * worst
         assert 0.5 < coverage < 0.85
 
 
