@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt, QTimer, Signal
@@ -19,7 +20,8 @@ from app.gui.source import RunSource
 from app.gui.view_state import ViewState
 from app.results import Outcome
 
-REFRESH_MS = 100  # a redraw takes a core that the analysis needs too; buttons and keys do not wait for it
+REFRESH_MS = 100  # buttons and keys do not wait for it
+RESTS = 2.0  # times as long as a redraw took its thread, the next one waits: the analysis needs the core too
 SILENT_S = 1.0  # a source that has not answered for so long is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 
@@ -50,10 +52,11 @@ class MainWindow(QMainWindow):
         self._closing_for_ms: int | None = None
         self._must_close = False
         self._reported = False
+        self._drawn = (0.0, 0.0)  # when the last redraw began, on the clock and in the time of this thread
         self._failures: list[str] = []  # sentences from other threads
         self._build()
         self._timer = QTimer(self)
-        self._timer.timeout.connect(self.refresh)
+        self._timer.timeout.connect(self._tick)
         self._timer.start(REFRESH_MS)
         if source is not None:
             self._attach(source)
@@ -114,6 +117,14 @@ class MainWindow(QMainWindow):
 
     # ------------------------------------------------------------------ looking
 
+    def _tick(self) -> None:
+        """Refresh, unless the last redraw, its painting included, was too dear to follow it up at once."""
+        used, now = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
+        if now >= (1 + RESTS) * used:
+            self._drawn = (time.monotonic(), time.thread_time())
+            self.refresh()
+        self._wait_to_close()
+
     def refresh(self) -> None:
         """Draw the newest answer of the source and ask for the next; an error becomes a sentence, the window goes on."""
         try:
@@ -128,7 +139,6 @@ class MainWindow(QMainWindow):
                     self._reader.ask()
         except Exception as error:
             self._report(f"The window could not draw the run ({type(error).__name__}: {error}); the run itself goes on.")
-        self._wait_to_close()
 
     def _show(self, answer: Answer) -> None:
         if answer.problem:
