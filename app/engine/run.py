@@ -41,6 +41,7 @@ from drivers.protocols import Actuator, Camera, ForceSource, Frame, SampleBlock,
 READ_TIMEOUT_S = 2.0
 FREE_RUNNING_READS = 30
 REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
+HURRIED_S = 0.2  # of frames kept for the analysis during the drive: one that takes a little longer than a frame loses none
 UNHURRIED_S = 1.5  # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
 
 
@@ -302,7 +303,8 @@ class Run:
         """What entering a phase means for the actuator."""
         if phase is Phase.DRIVE:
             if not self._free_running:
-                self._to_analysis.narrow(1, grace=2 * self._unhurried_depth)
+                rate = self.sample_rate_hz / self.config.camera.divisor
+                self._to_analysis.narrow(max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth)
             self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
             if not self._ending.is_called.is_set():
                 self._bench.actuator.move_to(self._start_m + self._experiment.travel_m)
