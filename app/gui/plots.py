@@ -59,7 +59,7 @@ class CurvesView(QWidget):
     def show_scene(self, scene: Scene) -> None:
         """Empty the curves for a new run; the travel axis spans the travel asked for."""
         self._curves = self._forces = None
-        for curve in (self.loading_curve, self.stick_curve, self.stick_low, self.stick_high, self.model_curve):
+        for curve in (self.loading_curve, self.stick_curve, self.stick_low, self.stick_high, self.peak_curve, self.model_curve):
             curve.setData([], [])
         for curve in (self.normal_curve, self.shear_curve):
             curve.setData([], [])
@@ -94,6 +94,7 @@ class CurvesView(QWidget):
         self.stick_curve.setData(shear, stick)
         self.stick_low.setData(shear, stick - sd)
         self.stick_high.setData(shear, stick + sd)
+        self.peak_curve.setData(curves.peak_shear_n, curves.peak_mm)
 
     def _show_stress(self, stress: StressView) -> None:
         self._stress = stress
@@ -137,14 +138,15 @@ class CurvesView(QWidget):
         self.stick_high = pg.PlotCurveItem(pen=None)
         band = pg.FillBetweenItem(self.stick_low, self.stick_high, brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70))
         self.stick_curve = pg.PlotDataItem(
-            pen=None, symbol="o", symbolSize=4, symbolBrush=theme.STICK, symbolPen=None, antialias=True, name="c ± sd"
+            pen=None, symbol="o", symbolSize=4, symbolBrush=theme.STICK, symbolPen=None, antialias=True, name="c of uₓ ± sd"
         )
+        self.peak_curve = pg.PlotDataItem(pen=None, symbol="+", symbolSize=5, symbolBrush=None, symbolPen=theme.SHEAR, name="largest σ")
         self.model_curve = pg.PlotDataItem(pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, μP = Qₛ")
         self.apparent_line = _guide(self.sticking, 0, "a")
         legend = self.sticking.addLegend(offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
         for item in (self.stick_low, self.stick_high, band):
             self.sticking.addItem(item, ignoreBounds=True)
-        for item in (self.stick_curve, self.model_curve):
+        for item in (self.peak_curve, self.stick_curve, self.model_curve):
             self.sticking.addItem(item)
         self.model_curve.setZValue(-1)
         legend.setBrush(pg.mkBrush(28, 32, 39, 200))

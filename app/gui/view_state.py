@@ -24,6 +24,7 @@ from app.sections import Config
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
 LARGEST_DISPLAY_PX = 1000  # wider images are shown one pixel in two, three ...
 FORCE_POINTS = 2000  # points of a force strip; more than the screen has columns
+MOST_UNCERTAIN = 0.2  # of the radius of the largest traction: beyond, it is not drawn
 ENDED = ("done", "failed")
 
 
@@ -60,6 +61,8 @@ class Curves:
     stick_shear_n: F64
     stick_mm: F64
     stick_sd_mm: F64
+    peak_shear_n: F64
+    peak_mm: F64
     drive_start_s: float  # on the clock of the samples; NaN while unknown
     newest: Snapshot | None
     newest_field: Snapshot | None
@@ -173,7 +176,7 @@ def read(source: RunSource, seen: int) -> Reading:
 def no_curves() -> Curves:
     """Curves before the first frame."""
     empty = np.empty(0)
-    return Curves(0, empty, empty, empty, empty, empty, math.nan, None, None)
+    return Curves(0, empty, empty, empty, empty, empty, empty, empty, math.nan, None, None)
 
 
 def extended(curves: Curves, snapshots: tuple[Snapshot, ...], scene: Scene) -> Curves:
@@ -183,6 +186,7 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], scene: Scene) -> C
     loaded = [s for s in snapshots if s.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
     pulled = [s for s in loaded if math.isfinite(s.travel_m) and math.isfinite(s.shear_force_n)]
     stuck = [s for s in loaded if math.isfinite(s.stick_radius_m) and math.isfinite(s.shear_force_n)]
+    peaked = [s for s in loaded if s.peak_radius_sd_m < MOST_UNCERTAIN * s.peak_radius_m]
     fields = [s for s in snapshots if s.ux_px.size]
     newest = snapshots[-1]
     start = curves.drive_start_s
@@ -195,6 +199,8 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], scene: Scene) -> C
         np.append(curves.stick_shear_n, [s.shear_force_n for s in stuck]),
         np.append(curves.stick_mm, [s.stick_radius_m * 1e3 for s in stuck]),
         np.append(curves.stick_sd_mm, [np.nan_to_num(s.stick_radius_sd_m * 1e3) for s in stuck]),
+        np.append(curves.peak_shear_n, [s.shear_force_n for s in peaked]),
+        np.append(curves.peak_mm, [s.peak_radius_m * 1e3 for s in peaked]),
         start,
         newest,
         fields[-1] if fields else curves.newest_field,

@@ -91,6 +91,12 @@ def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> N
     assert look(run.at(REFERENCE + 2)).stress is None
 
 
+def test_both_radii_called_c_are_drawn_over_q(run: ScriptedRun) -> None:
+    curves = look(run.at(120)).curves
+    assert len(curves.peak_mm) > 20
+    np.testing.assert_allclose(curves.peak_mm - np.interp(curves.peak_shear_n, curves.stick_shear_n, curves.stick_mm), 0.05, atol=1e-3)
+
+
 def test_the_traction_of_every_point_is_a_field_of_its_own(run: ScriptedRun) -> None:
     view = look(run.at(200))
     assert view.stress_field is not None
