@@ -27,6 +27,7 @@ F64 = NDArray[np.float64]
 FEWEST = 12  # frames
 REACH = 1.5  # of a: the displacement is compared up to there
 STATES = 32  # of the table that is interpolated in D: 64 change mu by 3e-6, L by 2e-5
+STIFFEST = 1e-4  # of a: an L below which the fit may run away towards 0
 ROUNDS = 15
 HUBER = 2.5  # standard deviations from which a residual counts less
 STEPS = np.array([0.01, 0.03, 0.01])  # of the logarithms of mu, L and E, for derivatives
@@ -158,6 +159,9 @@ def fit_local_law(
     fit = _Fit(np.column_stack([np.where(measured, u, 0.0), force[frames]]), root, load, nu, R, thickness, r, box, width)
     start = np.log([top / load, elastic_length(1e-6, nu), E])
     theta, sd, shift, chi2, off = fit.run(start)
+    if not math.isfinite(off) and math.exp(theta[1]) < STIFFEST * a:
+        limit = f"{STIFFEST * a * 1e6:.2g} um"
+        return LocalLaw(notes=(f"local law: L is below {limit}, too short to be told: the interface looks like Cattaneo and Mindlin's",))
     if not off * Q_sd < max(FORCE_OFF[0] * Q_sd, FORCE_OFF[1] * top):
         why = f"(Q is {off * Q_sd:.2g} N off)" if math.isfinite(off) else "(the fit has not settled)"
         return LocalLaw(notes=(f"local law: displacements and forces do not go together {why}; check E, P and the zero of Q",))
@@ -238,4 +242,5 @@ class _Fit:
 
 
 def huber(e: F64) -> F64:
+    """Weights of scores: 1 up to `HUBER` standard deviations, then falling as their inverse (Huber 1964)."""
     return np.asarray(1 / np.maximum(1.0, np.abs(e) / HUBER))

@@ -78,7 +78,9 @@ class Pipeline:
         return self.config.camera.pixel * 1e-6
 
     def close(self) -> None:
-        """Let the tracker's threads go, and note what became of the reference."""
+        """Let the tracker's threads go, and note what became of the reference and of the tractions."""
+        if self._tractions is not None:
+            self.notes.extend(self._tractions.notes())
         if self._tracker is not None:
             self._tracker.close()
         if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:

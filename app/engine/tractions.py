@@ -25,6 +25,7 @@ F64 = NDArray[np.float64]
 
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
 ITERATIONS = 5
+OFTEN = 0.1  # share of the frames from which a doubt is told
 PEAK_REACH = 0.1  # of a: the parabola through the largest traction goes so far to either side
 MARGIN = 2  # pitches by which the mask is larger than the apparent contact
 
@@ -65,6 +66,8 @@ class Tractions:
             thickness=sample.thickness * 1e-3 or math.inf,
         )
 
+        self._frames = self._uncovered = self._doubtful = 0
+        self._refusals: list[str] = []
         self._reach = PEAK_REACH * hertz_radius_m
         self._problem: InversionProblem | None = None
         self._last: F64 | None = None
@@ -73,6 +76,19 @@ class Tractions:
             E, nu = sample.young_modulus * 1e6, sample.poisson
             box = averaging_box_px(config.dic) * pixel_m
             self._problem = InversionProblem(mask, self._pitch, E, nu, box=box, thickness=sample.thickness * 1e-3 or math.inf)
+
+    def notes(self) -> list[str]:
+        """What limits the tractions of the run so far."""
+        n, said = self._frames, []
+        if self._refusals:
+            said.append(f"shear traction: {len(self._refusals)} of {n} frames were not inverted; the first: {self._refusals[0]}")
+        if self._uncovered > OFTEN * n:
+            said.append(f"shear traction: in {self._uncovered} of {n} frames the field does not cover the contact; widen it")
+        if self._doubtful > OFTEN * n:
+            said.append(
+                f"shear traction: in {self._doubtful} of {n} frames the residual is above the noise or the traction not 0 at the rim"
+            )
+        return said
 
     def field(self, ux_m: F64, sd_m: F64) -> dict[str, Any]:
         """The traction of every grid point from u_x on the material grid, lens compliance removed; nothing where it was not asked for.
@@ -91,10 +107,14 @@ class Tractions:
 
     def of(self, rings: Rings) -> dict[str, Any]:
         """What a snapshot says of the shear traction, by its names there; nothing where the rings do not allow an inversion."""
+        self._frames += 1
         try:
             found = self._profile.solve(rings)
-        except ValueError:
+        except ValueError as error:
+            self._refusals.append(str(error))
             return {}
+        self._uncovered += not found.is_covered
+        self._doubtful += not found.is_converged
         inside = found.radius < self._profile.mask_radius
         peak = stress_peak(found.radius[inside], found.sigma[inside], found.covariance[np.ix_(inside, inside)], reach=self._reach)
         return {

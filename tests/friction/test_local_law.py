@@ -8,6 +8,7 @@ from analysis.contact.rings import Rings
 from analysis.friction.local_law import displacement_in_rings, fit_local_law
 from analysis.friction.master_curve import master_curve
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.loading import AxisymmetricLoading, Contact
 
 KNOWN = {"E": 3.0e6, "nu": world.NU, "R": world.R, "box": world.BOX, "width": world.PITCH}
@@ -125,3 +126,16 @@ def test_a_master_curve_of_nothing_is_empty(run):
     curve = master_curve(run.radius, nothing, nothing, nothing, nothing, 0.5, run.world.a)
     assert np.isnan(curve.mu)
     assert "0 frames" in curve.notes[0]
+
+
+def test_an_interface_too_stiff_to_be_told_is_said_to_be_so() -> None:
+    """Cattaneo and Mindlin's displacements, in closed form."""
+    P, E, nu, R, mu = 0.5, 3.43e6, 0.5, 128.8e-3, 0.93
+    a = hertz.contact_radius(P, E, nu, R)
+    r, forces = (np.arange(50) + 0.5) * 70.4e-6, 0.465 * np.append(np.linspace(0.02, 0.98, 40), 1.0)
+    g = np.array([cattaneo_mindlin.radial_displacement(r, Q, mu, P, a, E, nu)[0] for Q in forces])
+    D = cattaneo_mindlin.shift(forces, mu, P, a, E, nu)
+    ux = D[:, None] - g + np.random.default_rng(2).normal(0, 3e-9, g.shape)
+    law = fit_local_law(r, ux, np.full(ux.shape, 3e-9), np.full(41, P), forces, E=E, nu=nu, R=R, Q_sd=1e-4)
+    assert np.isnan(law.L)
+    assert "too short to be told" in law.notes[0]
