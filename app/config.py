@@ -18,6 +18,8 @@ from msgspec import Meta
 from app.sections import Config, Dic, Section
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from analysis.dic import Correlation
 
 
@@ -58,11 +60,13 @@ def _wanted_text(base: Any, meta: Meta) -> str:
     """What an option may be, for an error: ``a number more than 0 and at most 10 N``."""
     if meta.pattern:
         return _limits_text(meta)
-    kinds = {float: "a number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
-    if base in kinds:
-        kind = kinds[base]
+    plain = {float: "a number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
+    if base in plain:
+        kind = plain[base]
     else:
-        kind = "two rows of two numbers, [[a, b], [c, d]]" if "tuple[tuple" in str(base) else "two numbers, [a, b]"
+        kinds = {"tuple[tuple": "two rows of two numbers, [[a, b], [c, d]]", "tuple[str, ...]": 'texts in quotes, ["a", "b"]'}
+        kinds |= {"tuple[str, str]": 'two texts in quotes, ["a", "b"]', "tuple[int": "two whole numbers, [a, b]"}
+        kind = next((words for start, words in kinds.items() if str(base).startswith(start)), "two numbers, [a, b]")
     unit = _unit(meta)
     text = " ".join(part for part in (kind, _limits_text(meta)) if part)
     return f"{text} {unit}" if _limits_text(meta) and unit else f"{text} in {unit}" if unit else text
@@ -165,12 +169,40 @@ def from_record(text: str, where: str) -> Config:
     return from_data(data, where)
 
 
-def correlation(settings: Dic) -> Correlation:
-    """The way to correlate that the settings ask for; ValueError if two of them can not be used together."""
+def correlation(settings: Dic, full_scale: int | None = None) -> Correlation:
+    """The way to correlate that the settings ask for; ValueError if two of them can not be used together.
+
+    `full_scale` is the end of the grey scale where the settings name none; None: that of the image's type.
+    """
     from analysis.dic import Correlation  # takes a second
 
-    own = {"tolerance": settings.tolerance or None, "full_scale": settings.full_scale or None}
+    own = {"tolerance": settings.tolerance or None, "full_scale": settings.full_scale or full_scale}
     return Correlation(**(msgspec.structs.asdict(settings) | own))
+
+
+def tracking(config: Config) -> Correlation:
+    """The way to correlate the camera's images."""
+    return correlation(config.dic, 2 ** bits(config) - 1)
+
+
+def bits(config: Config) -> int:
+    """Bits of a pixel of the camera."""
+    found = re.search(r"\d+", config.camera.pixel_format)
+    assert found is not None
+    return int(found[0])
+
+
+def pixel_type(config: Config) -> np.dtype[Any]:
+    """Array type of the camera's images."""
+    import numpy as np
+
+    return np.dtype(np.uint8 if bits(config) <= 8 else np.uint16)
+
+
+def sensitivities(config: Config) -> tuple[float, float]:
+    """Displacement per volt of the normal and the shear sensor, m/V, with their signs."""
+    f = config.forces
+    return f.sign[0] * f.sensitivity_normal * 1e-6, f.sign[1] * f.sensitivity_shear * 1e-6
 
 
 def averaging_box_px(settings: Dic) -> float:
@@ -198,6 +230,7 @@ def _check_together(config: Config, where: str) -> None:
         raise ConfigError(
             f"{where}: run.normal_force = {config.run.normal_force:g} N is not below limits.normal_force = {config.limits.normal_force:g} N"
         )
+    _check_devices(config, where)
     (a, b), (c, d) = config.forces.coupling
     if abs(a * d - b * c) < 1e-6:
         raise ConfigError(f"{where}: forces.coupling has no inverse; its determinant is {a * d - b * c:g}")
@@ -208,6 +241,38 @@ def _check_together(config: Config, where: str) -> None:
             correlation(config.dic)
         except ValueError as error:
             raise ConfigError(f"{where}: {error}") from None
+
+
+def _check_devices(config: Config, where: str) -> None:
+    """The pairs whose limits a number alone can not have, and devices that need an option."""
+    forces, camera, actuator = config.forces, config.camera, config.actuator
+    checks = {
+        "forces.range": (all(0 < v <= 100 for v in forces.range), "two numbers above 0 V, at most 100 V", forces.range),
+        "forces.sign": (set(forces.sign) <= {1, -1}, "1 or -1, twice", forces.sign),
+        "forces.stiffness_uncertainty": (min(forces.stiffness_uncertainty) >= 0, "two numbers from 0 N/m on", forces.stiffness_uncertainty),
+        "camera.offset": (min(camera.offset) >= 0, "two whole numbers from 0 px on", camera.offset),
+        "actuator.travel": (actuator.travel[0] < actuator.travel[1], "a least and a greatest position in mm", actuator.travel),
+        "camera.folder": (camera.source != "folder" or camera.folder, "the folder of the images that camera.source = 'folder' plays", ""),
+        "camera.producer": (
+            camera.source != "gentl" or camera.producer,
+            "the .cti file of the camera's vendor, for camera.source = 'gentl'",
+            "",
+        ),
+        "actuator.port": (
+            actuator.source not in ("smc100", "conex-cc") or actuator.port,
+            "the port that the actuator's controller is on",
+            "",
+        ),
+    }
+    for key, (is_fine, wanted, found) in checks.items():
+        if not is_fine:
+            raise ConfigError(f"{where}: {key} must be {wanted}; found {_toml_value(found)}")
+    if forces.exposure_counter and forces.exposure_counter == forces.trigger_counter and forces.trigger == "counter":
+        raise ConfigError(f"{where}: forces.exposure_counter and forces.trigger_counter are both {forces.exposure_counter!r}; take two")
+    if config.run.velocity > actuator.max_velocity:
+        raise ConfigError(
+            f"{where}: run.velocity = {config.run.velocity:g} um/s is beyond actuator.max_velocity = {actuator.max_velocity:g} um/s"
+        )
 
 
 def exposure_samples(config: Config) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import platform
 import shutil
 from collections.abc import Callable
@@ -16,78 +15,19 @@ from numpy.typing import NDArray
 
 from analysis import dic
 from analysis.contact.rings import ring_means
-from app.config import correlation, exposure_samples, to_toml
+from app.config import exposure_samples, pixel_type, to_toml, tracking
+from app.devices import is_unreal, make_bench, sources_of
 from app.engine.run import Run
 from app.errors import UserError
 from app.sections import Config
 from app.session.writer import RESERVE_BYTES, SessionWriter
-from drivers.bench import Bench, open_bench
-from drivers.sim.world import World, WorldSettings
+from drivers.bench import Bench
 
 
 def versions() -> dict[str, str]:
     """What this program runs on, for the session's record."""
     packages = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
     return {"python": platform.python_version(), "platform": platform.platform(), **{name: metadata.version(name) for name in packages}}
-
-
-def world_settings(config: Config) -> WorldSettings:
-    """The simulated world that belongs to the settings."""
-    sim, sample, forces, camera = config.sim, config.sample, config.forces, config.camera
-    return WorldSettings(
-        seed=sim.seed,
-        normal_force_n=config.run.normal_force,
-        law=sim.law,
-        friction=sim.friction,
-        friction_decay=sim.friction_decay,
-        slip_length_m=sim.slip_length * 1e-6,
-        table=law_table(sim.law_table) if sim.law == "table" else (),
-        thickness_m=sim.thickness * 1e-3 or math.inf,
-        young_modulus_pa=sample.young_modulus * 1e6,
-        poisson=sample.poisson,
-        lens_radius_m=sample.lens_radius * 1e-3,
-        roughness_m=sample.roughness * 1e-6,
-        lens_compliance_m_per_n=sample.lens_compliance * 1e-6,
-        stiffness_n_per_m=(forces.stiffness_normal, forces.stiffness_shear),
-        sensitivity_m_per_v=(forces.sensitivity_normal * 1e-6, forces.sensitivity_shear * 1e-6),
-        zero_v=forces.zero,
-        coupling=forces.coupling,
-        force_noise_n=sim.force_noise * 1e-3,
-        sample_rate_hz=float(forces.sample_rate),
-        block_samples=forces.block,
-        exposure_samples=exposure_samples(config),
-        pixel_m=camera.pixel * 1e-6,
-        image_shape=(camera.height, camera.width),
-        press_sample=round(sim.press_time * forces.sample_rate),
-        slow_actuator=sim.slow_actuator,
-        drive_angle=math.radians(sim.drive_angle),
-        stage_drift_m_s=sim.stage_drift * 1e-6,
-        image_drift_px_s=sim.image_drift,
-        read_noise=sim.read_noise,
-        full_well=sim.full_well,
-        renderer=sim.renderer,
-    )
-
-
-def law_table(name: str) -> tuple[tuple[float, float], ...]:
-    """Slip (m) and shear traction as a share of mu p, read from a CSV file of slip (um) and share.
-
-    Raises
-    ------
-    UserError
-        The file can not be read or holds something else.
-    """
-    if not name:
-        raise UserError("sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is named")
-    try:
-        rows = np.loadtxt(name, delimiter=",", comments="#", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"sim.law_table: {name} can not be read: {error}; write two columns of numbers, slip (um) and share of mu p"
-        ) from None
-    if rows.shape[1] != 2:
-        raise UserError(f"sim.law_table: {name} has {rows.shape[1]} columns; write two, slip (um) and share of mu p")
-    return tuple((float(slip) * 1e-6, float(share)) for slip, share in rows)
 
 
 def expected_bytes(config: Config) -> int:
@@ -97,7 +37,11 @@ def expected_bytes(config: Config) -> int:
     frames = seconds * config.forces.sample_rate / config.camera.divisor
     points = (config.camera.width // config.dic.step) * (config.camera.height // config.dic.step)
     return (
-        int(frames * (config.camera.width * config.camera.height + 21 * points) + seconds * config.forces.sample_rate * 32) + RESERVE_BYTES
+        int(
+            frames * (config.camera.width * config.camera.height * pixel_type(config).itemsize + 21 * points)
+            + seconds * config.forces.sample_rate * 32
+        )
+        + RESERVE_BYTES
     )
 
 
@@ -126,32 +70,19 @@ def prepare(config: Config, say: Callable[[str], None]) -> None:
 
     `say` is told what is at hand.
     """
-    from drivers.sim.images import Renderer
-
     say("compiling the image correlation")
-    dic.compile_kernels(correlation(config.dic))
+    dic.compile_kernels(tracking(config))
     ring_means(np.ones(8), np.ones(8), 1.0, theta=np.ones(8))
-    say("compiling the simulated camera")
-    world = World(WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None)
-    world.start()
-    world.advance(50)
-    Renderer(world.settings).image(world.state(40), 0)
+    if is_unreal(config.camera.source):
+        from drivers.sim.images import Renderer
+        from drivers.sim.world import World, WorldSettings
+
+        say("compiling the simulated camera")
+        world = World(WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None)
+        world.start()
+        world.advance(50)
+        Renderer(world.settings).image(world.state(40), 0)
     say("opening the bench")
-
-
-def make_bench(config: Config, pace: float | None) -> Bench:
-    """The bench that the settings name, not yet open.
-
-    Raises
-    ------
-    UserError
-        The settings describe a world that can not be.
-    """
-    world = world_settings(config)
-    try:
-        return open_bench(config.forces.source, config.camera.source, config.actuator.source, world=world, pace=pace)
-    except ValueError as error:
-        raise UserError(f"[sim]: {error}") from None
 
 
 def make_run(config: Config, output: Path, *, pace: float | None, overwrite: bool = False, bench: Bench | None = None) -> Run:
@@ -171,9 +102,11 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
     """
     check_output(config, output, overwrite=overwrite)
     bench = bench or make_bench(config, pace)
-    sources = (config.forces.source, config.camera.source, config.actuator.source)
-    if pace != 1.0 and any(source != "sim" for source in sources):
+    sources = sources_of(config)
+    if pace != 1.0 and not all(map(is_unreal, sources)):
         raise UserError(f"--pace: a bench with a real device runs at pace 1, not {'max' if pace is None else pace}")
+    if pace is None and set(sources) != {"sim"}:
+        raise UserError("--pace: only simulated devices wait for the program, as pace max needs; give a number")
 
     def create_sink(
         shape: tuple[int, int], dtype: np.dtype[Any], grid_x_px: NDArray[np.float64], grid_y_px: NDArray[np.float64]

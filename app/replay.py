@@ -14,7 +14,7 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
-from app.config import correlation, from_record
+from app.config import from_record, tracking
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.errors import UserError
@@ -158,7 +158,7 @@ class Replay:
         failed = False
         try:
             self._preparing = "compiling the image correlation"
-            compile_kernels(correlation(self.config.dic))
+            compile_kernels(tracking(self.config))
             self._preparing = ""
             with SessionReader(self.path) as session:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)

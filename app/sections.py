@@ -42,13 +42,35 @@ class Run(Section, frozen=True):
 class Forces(Section, frozen=True):
     """The DAQ board and the two capacitive sensors."""
 
-    source: Annotated[str, _f("Driver of the DAQ board")] = "sim"
+    source: Annotated[str, _f("Driver of the DAQ board; `slipscope doctor` lists them")] = "sim"
+    device: Annotated[str, _f("Name of the board in NI MAX")] = "Dev1"
+    server: Annotated[str, _f("host:port of the NI gRPC device server that the board is behind; empty: this computer")] = ""
+    certificate: Annotated[str, _f("File (PEM) that vouches for the server; empty: a plain connection")] = ""
+    channels: Annotated[tuple[str, str], _f("Analog inputs of the normal and the shear sensor")] = ("ai0", "ai1")
+    wiring: Annotated[str, _f("How they are wired, rse and nrse against ground or AI SENSE", pattern="^(differential|rse|nrse)$")] = (
+        "differential"
+    )
+    range: Annotated[tuple[float, float], _f("Each input is read from minus to plus this (normal, shear)", "V")] = (10.0, 10.0)
+    buffer: Annotated[float, _f("Data the vendor's library holds while nobody reads", "s", ge=1, le=600)] = 10.0
+    on_overflow: Annotated[str, _f("When samples were lost, as a gap: the run ends, or goes on", pattern="^(end|continue)$")] = "end"
+    trigger: Annotated[
+        str, _f("Camera triggers from a counter's pulses or a line clocked by the samples", pattern="^(counter|digital)$")
+    ] = "counter"
+    trigger_counter: Annotated[str, _f("Counter of the trigger pulses")] = "ctr0"
+    trigger_terminal: Annotated[str, _f("Terminal the pulses come out of; empty: the counter's own (PFI12 for ctr0)")] = ""
+    trigger_line: Annotated[str, _f("Line of the trigger, for trigger = 'digital'")] = "port0/line0"
+    exposure_counter: Annotated[
+        str, _f("Counter of the camera's exposures, which proves the number of each frame; empty: none, e.g. 'ctr1'")
+    ] = ""
+    exposure_terminal: Annotated[str, _f("Terminal that the camera's exposure output is wired to")] = "PFI3"
     sample_rate: Annotated[int, _f("Sampling rate: the clock of everything", "Hz", ge=100, le=100000)] = 1000
     block: Annotated[int, _f("Samples read at a time", "samples", ge=1, le=10000)] = 50
     sensitivity_normal: Annotated[float, _f("Displacement per volt of the normal sensor", "um/V", gt=0, le=10000)] = 300.0
     sensitivity_shear: Annotated[float, _f("Displacement per volt of the shear sensor", "um/V", gt=0, le=10000)] = 22.0
     stiffness_normal: Annotated[float, _f("Stiffness k_N of the normal cantilever", "N/m", gt=0, le=1e7)] = 689.0
     stiffness_shear: Annotated[float, _f("Stiffness K_T of the tangential cantilever", "N/m", gt=0, le=1e7)] = 9579.0
+    stiffness_uncertainty: Annotated[tuple[float, float], _f("Standard uncertainties of k_N and K_T", "N/m")] = (5.0, 25.0)
+    sign: Annotated[tuple[int, int], _f("1 or -1 (normal, shear): -1 where a sensor's voltage falls as its force grows")] = (1, 1)
     zero: Annotated[tuple[float, float], _f("Sensor readings at no force (normal, shear)", "V")] = (0.0, 0.0)
     coupling: Annotated[
         tuple[tuple[float, float], tuple[float, float]],
@@ -59,7 +81,18 @@ class Forces(Section, frozen=True):
 class Camera(Section, frozen=True):
     """The triggered camera."""
 
-    source: Annotated[str, _f("Driver of the camera")] = "sim"
+    source: Annotated[str, _f("Driver of the camera; `slipscope doctor` lists them")] = "sim"
+    device: Annotated[str, _f("Serial number or name of the camera (`slipscope cameras`); empty: the only one there is")] = ""
+    producer: Annotated[str, _f("GenTL producer (.cti) of the camera's vendor, for source = 'gentl'")] = ""
+    folder: Annotated[str, _f("Folder of images, for source = 'folder'")] = ""
+    pixel_format: Annotated[
+        str,
+        _f("More than 8 bit gives 16-bit images on the format's own scale", pattern="^(Mono8|Mono10|Mono12|Mono12p|Mono12Packed|Mono16)$"),
+    ] = "Mono8"
+    offset: Annotated[tuple[int, int], _f("Top-left pixel (x, y) of the image on the sensor", "px")] = (0, 0)
+    gain: Annotated[float, _f("Gain; -1: as the camera is set", "dB", ge=-1, le=60)] = -1.0
+    trigger_line: Annotated[str, _f("Input of the camera that the triggers come in on")] = "Line1"
+    exposure_line: Annotated[str, _f("Output that tells when the camera exposes, for forces.exposure_counter; empty: not set")] = ""
     divisor: Annotated[int, _f("Samples per trigger: 125 is 8 frames/s at 1 kHz, 250 is 4", "samples", ge=1, le=1000000)] = 125
     max_rate: Annotated[float, _f("Fastest trigger rate the camera follows", "frames/s", gt=0, le=10000)] = 24.0
     width: Annotated[int, _f("Image width", "px", ge=64, le=16384)] = 1600
@@ -71,7 +104,12 @@ class Camera(Section, frozen=True):
 class Actuator(Section, frozen=True):
     """The DC actuator that drives the block."""
 
-    source: Annotated[str, _f("Driver of the actuator")] = "sim"
+    source: Annotated[str, _f("Driver of the actuator; `slipscope doctor` lists them")] = "sim"
+    port: Annotated[str, _f("Serial port, 'COM3' or '/dev/ttyUSB0', or 'socket://host:port'")] = ""
+    address: Annotated[int, _f("Number of the controller on its line", "", ge=1, le=31)] = 1
+    baud: Annotated[int, _f("Speed of the line; 0: that of the model", "baud", ge=0, le=4000000)] = 0
+    travel: Annotated[tuple[float, float], _f("The stage is never asked to leave these positions", "mm")] = (0.0, 25.0)
+    max_velocity: Annotated[float, _f("Nor to go faster", "um/s", gt=0, le=1e5)] = 1000.0
 
 
 class Limits(Section, frozen=True):
@@ -159,6 +197,9 @@ class Sim(Section, frozen=True):
     slow_actuator: Annotated[bool, _f("The stage really moves 2 to 5 % slower than asked, as in the paper", "")] = True
     stage_drift: Annotated[float, _f("The stage creeps by this besides what it reports", "um/s", ge=-1, le=1)] = 0.0
     drive_angle: Annotated[float, _f("Angle of the drive to the rows of the image", "degrees", ge=-10, le=10)] = 0.0
+    faults: Annotated[
+        tuple[str, ...], _f("What goes wrong, and when: 'lost-trigger 40', 'daq-overflow 5000 300'; the README lists them")
+    ] = ()
     image_drift: Annotated[tuple[float, float], _f("The camera drifts over the interface (x, y), as when it warms up", "px/s")] = (0.0, 0.0)
 
 

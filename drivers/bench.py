@@ -1,4 +1,4 @@
-"""Opens the three devices of a bench, any mix of drivers, and closes them in reverse."""
+"""Opens the three devices of a bench, any mix of real, emulated, simulated and stored ones, and closes them in reverse."""
 
 from __future__ import annotations
 
@@ -7,18 +7,40 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from drivers.errors import DeviceError, DeviceNotFound
+from drivers.mix import connected
 from drivers.protocols import Actuator, Camera, ForceSource
-from drivers.sim.world import World, WorldSettings
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
+
+if TYPE_CHECKING:
+    from drivers.sim.world import World, WorldSettings
 
 DRIVERS: dict[str, dict[str, str]] = {
-    "forces": {"sim": "drivers.sim.devices:SimForces"},
-    "camera": {"sim": "drivers.sim.devices:SimCamera"},
-    "actuator": {"sim": "drivers.sim.devices:SimActuator"},
+    "forces": {
+        "sim": "drivers.sim.devices:sim_forces",
+        "nidaqmx": "drivers.ni_daq:NiForces",
+        "nidaqmx-emulated": "drivers.emulators.ni:EmulatedNiForces",
+    },
+    "camera": {
+        "sim": "drivers.sim.devices:sim_camera",
+        "pylon": "drivers.camera_pylon:PylonCamera",
+        "pylon-emulated": "drivers.emulators.camera:EmulatedPylonCamera",
+        "gentl": "drivers.camera_gentl:GenTLCamera",
+        "folder": "drivers.camera_folder:FolderCamera",
+    },
+    "actuator": {
+        "sim": "drivers.sim.devices:sim_actuator",
+        "smc100": "drivers.actuator_newport:Smc100",
+        "conex-cc": "drivers.actuator_newport:ConexCc",
+        "smc100-emulated": "drivers.emulators.newport:EmulatedSmc100",
+        "conex-cc-emulated": "drivers.emulators.newport:EmulatedConexCc",
+    },
 }
-"""Kind of device -> name in the settings -> what makes it, called with the world. A new driver is one line, imported when it is used."""
+"""Kind of device -> name in the settings -> what makes it, called with its settings and the scene. A new driver is one line; its module is
+imported when it is used, and loads no vendor library before `open`."""
 
 
 class UnknownDevice(DeviceNotFound):
@@ -29,13 +51,18 @@ class UnknownDevice(DeviceNotFound):
 class Bench:
     """Force source, camera and actuator, opened and closed together; a context manager.
 
-    `world` is what the simulated ones among them look at; it knows the truth, and the analysis never sees it.
+    `scene` holds what they share; its world, if some of them are not real, knows the truth, and the analysis never sees it.
     """
 
     forces: ForceSource
     camera: Camera
     actuator: Actuator
-    world: World
+    scene: Scene
+
+    @property
+    def world(self) -> World:
+        """What the simulated and emulated devices look at."""
+        return self.scene.world
 
     def open(self) -> None:
         """Open actuator, camera, forces; where one fails, those that were open are closed again.
@@ -88,7 +115,15 @@ def _close(devices: Any) -> list[Exception]:
 
 
 def open_bench(
-    forces: str = "sim", camera: str = "sim", actuator: str = "sim", *, world: WorldSettings | None = None, pace: float | None = 1.0
+    forces: str = "sim",
+    camera: str = "sim",
+    actuator: str = "sim",
+    *,
+    force_settings: ForceSettings | None = None,
+    camera_settings: CameraSettings | None = None,
+    actuator_settings: ActuatorSettings | None = None,
+    world: WorldSettings | None = None,
+    pace: float | None = 1.0,
 ) -> Bench:
     """A bench of three drivers given by name; its `open`, or a ``with`` block, claims the hardware.
 
@@ -96,8 +131,10 @@ def open_bench(
     ----------
     forces, camera, actuator : str
         Names of drivers; ``DRIVERS`` lists them.
+    force_settings, camera_settings, actuator_settings : optional
+        What the drivers are told about their devices.
     world : WorldSettings, optional
-        What the simulated devices look at.
+        What the simulated and emulated devices look at.
     pace : float or None
         Simulated seconds per second; None: as fast as possible.
 
@@ -106,16 +143,19 @@ def open_bench(
     UnknownDevice
         There is no driver of that name.
     """
-    makers = _maker("forces", forces), _maker("camera", camera), _maker("actuator", actuator)
-    seen = World(world or WorldSettings(), pace)
-    return Bench(makers[0](seen), makers[1](seen), makers[2](seen), seen)
+    scene = Scene(world, pace)
+    names = forces, camera, actuator
+    told = force_settings or ForceSettings(), camera_settings or CameraSettings(), actuator_settings or ActuatorSettings()
+    makers = [_driver(kind, name) for kind, name in zip(DRIVERS, names, strict=True)]
+    made = tuple(make(settings, scene) for make, settings in zip(makers, told, strict=True))
+    return Bench(*connected(made, names, scene), scene)
 
 
-def _maker(kind: str, name: str) -> Callable[[World], Any]:
+def _driver(kind: str, name: str) -> Callable[[Any, Scene], Any]:
     known = DRIVERS[kind]
     if name not in known:
         nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
         raise UnknownDevice(f"{kind}: no driver is called '{name}'; known: {', '.join(sorted(known))} (the nearest is '{nearest}')")
     module, _, attribute = known[name].partition(":")
-    maker: Callable[[World], Any] = getattr(import_module(module), attribute)
+    maker: Callable[[Any, Scene], Any] = getattr(import_module(module), attribute)
     return maker

@@ -34,15 +34,32 @@ class SampleBlock:
         Index of the block's first sample on the DAQ sample clock.
     volts : ndarray, shape (n, 2), float64
         Column 0 the normal sensor, column 1 the shear sensor. The receiver owns the array.
+    exposures : ndarray, shape (n,), int64, or None
+        How many exposures of the camera had begun by each sample, counted by the board on its sample clock; None where it does not count.
     """
 
     first: int
     volts: NDArray[np.float64]
+    exposures: NDArray[np.int64] | None = None
 
     @property
     def end(self) -> int:
         """Index of the first sample after the block."""
         return self.first + len(self.volts)
+
+
+@dataclass(frozen=True, slots=True)
+class LostSamples:
+    """Samples that the board took and nobody will ever read: a gap with its place and length, never a shift of what follows."""
+
+    first: int
+    count: int
+    reason: str
+
+    @property
+    def end(self) -> int:
+        """Index of the first sample after the gap."""
+        return self.first + self.count
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +87,7 @@ class Frame:
     index : int
         Trigger number, counted from 0.
     sample : int
-        Sample on which the exposure started.
+        Sample on which the exposure started: of the trigger, or later where the board counts exposures and saw it late.
     image : ndarray, shape (rows, columns), uint8 or uint16
         Grey levels, read-only; the receiver may keep it.
     """
@@ -89,6 +106,14 @@ class LostFrame:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A device that a driver's `find` has found: what to write in the settings (`device` or `port`), and what it is."""
+
+    device: str
+    description: str
+
+
 @runtime_checkable
 class ForceSource(Protocol):
     """The DAQ board: two voltages on a hardware clock, and the camera's trigger train cut from it."""
@@ -96,14 +121,18 @@ class ForceSource(Protocol):
     name: str
     sample_rate_hz: float
     block_samples: int
+    counts_exposures: bool
 
     def open(self) -> None: ...
+
+    def describe(self) -> str:
+        """What was found, in a line, once open: model, serial number, what it is set to."""
 
     def start(self, train: TriggerTrain) -> None:
         """Start sampling at sample 0 and the trigger train with it, on the same edge."""
 
-    def read(self, timeout_s: float) -> SampleBlock:
-        """The next `block_samples` samples, in order and without gap.
+    def read(self, timeout_s: float) -> SampleBlock | LostSamples:
+        """The next `block_samples` samples, or the gap that takes their place: each sample in order, and once.
 
         Raises
         ------
@@ -130,6 +159,9 @@ class Camera(Protocol):
 
     def open(self) -> None: ...
 
+    def describe(self) -> str:
+        """What was found, in a line, once open; after a start also how frames get their trigger numbers."""
+
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers; call before ``ForceSource.start``."""
 
@@ -152,10 +184,20 @@ class Actuator(Protocol):
     """The drive of the block, along x; metres in the actuator's own coordinate."""
 
     name: str
-    travel_limits_m: tuple[float, float]
-    velocity_limit_m_s: float
 
-    def open(self) -> None: ...
+    @property
+    def travel_limits_m(self) -> tuple[float, float]:
+        """Least and greatest position it can be asked for, known once it is open."""
+
+    @property
+    def velocity_limit_m_s(self) -> float:
+        """Greatest velocity it can be asked for, known once it is open."""
+
+    def open(self) -> None:
+        """Claim the stage; nothing moves."""
+
+    def describe(self) -> str:
+        """What was found, in a line, once open: model, and the state of its controller."""
 
     def home(self) -> None:
         """Find the origin. Returns at once; `is_moving` tells when it is done. Never called unless a user asked for it."""

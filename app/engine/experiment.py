@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ from app.sections import Config
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
 REFERENCE_PATIENCE_S = 5.0
 STALL_PATIENCE_S = 5.0
+STANDSTILL_S = 2.0  # without progress while it says that it moves, or the time for STANDSTILL_M if that is longer
+STANDSTILL_M = 2e-6  # well above what an encoder jitters
+SATURATED = 0.9995  # share of the range above which a reading says nothing
 
 
 class ExperimentFailed(Exception):
@@ -21,13 +25,17 @@ class ExperimentFailed(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What is known at the end of a block: its forces (n, 2) in newtons, the stage, and whether the reference image was taken."""
+    """What is known at the end of a block: its forces (n, 2) in newtons, the stage, and whether the reference image was taken.
+
+    `range_used` is the largest reading of the normal and the shear sensor, as a share of the range of its input.
+    """
 
     end_sample: int
     forces: NDArray[np.float64]
     travel_m: float
     is_moving: bool
     has_reference: bool
+    range_used: tuple[float, float] = (0.0, 0.0)
 
 
 class Experiment:
@@ -44,6 +52,7 @@ class Experiment:
         self.advice = ""
         self._since = 0
         self._settled_since: int | None = None
+        self._advanced = (0, -math.inf)  # sample and travel at which the stage was last seen to have moved on
 
     @property
     def travel_m(self) -> float:
@@ -85,6 +94,12 @@ class Experiment:
         normal, shear = float(now.forces[:, 0].max()), float(np.abs(now.forces[:, 1]).max())
         if not np.isfinite(now.forces).all():
             raise ExperimentFailed("forces: a reading is not a number; check the sensors")
+        for name, used, volts in zip(("normal", "shear"), now.range_used, self.config.forces.range, strict=True):
+            if used >= SATURATED:
+                raise ExperimentFailed(
+                    f"forces: the {name} sensor is at the end of its range of {volts:g} V, so its force is not known;"
+                    " check the sensor and its gap, or raise forces.range"
+                )
         if normal > limits.normal_force:
             raise ExperimentFailed(f"limit: the normal force reached {normal:.3f} N, limits.normal_force is {limits.normal_force:g} N")
         if shear > limits.shear_force:
@@ -137,6 +152,14 @@ class Experiment:
                     " check it for a stall or an end of run"
                 )
             return Phase.END
+        if now.travel_m > self._advanced[1] + STANDSTILL_M / 4:
+            self._advanced = (now.end_sample, now.travel_m)
+        patience = max(STANDSTILL_S, STANDSTILL_M / self.velocity_m_s)
+        if now.end_sample - self._advanced[0] > patience * self.rate:
+            raise ExperimentFailed(
+                f"actuator: it stands at {now.travel_m * 1e6:.1f} um of travel while it should move at"
+                f" {self.config.run.velocity:g} um/s; check it for a stall"
+            )
         expected = self.travel_m / self.velocity_m_s
         if self._seconds(now) > 1.2 * expected + STALL_PATIENCE_S:
             raise ExperimentFailed(

@@ -17,7 +17,7 @@ from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.config import averaging_box_px, correlation
+from app.config import averaging_box_px, sensitivities, tracking
 from app.engine.history import Conditions
 from app.engine.tractions import Tractions, local_law
 from app.results import ContactResult, Phase, Snapshot, Summary
@@ -33,7 +33,7 @@ def sensor_chain(config: Config) -> SensorChain:
     """Volts to newtons with the constants of the settings."""
     f = config.forces
     return SensorChain(
-        sensitivity_m_per_v=(f.sensitivity_normal * 1e-6, f.sensitivity_shear * 1e-6),
+        sensitivity_m_per_v=sensitivities(config),
         stiffness_n_per_m=(f.stiffness_normal, f.stiffness_shear),
         zero_v=f.zero,
         coupling=f.coupling,
@@ -98,7 +98,7 @@ class Pipeline:
         return self._measure(index, sample, image, now)
 
     def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
-        self._tracker = correlation(self.config.dic).open(image)
+        self._tracker = tracking(self.config).open(image)
         at_rest = np.zeros(self.grid.shape)
         self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
         self._reference_shear_n = now.shear_force_n

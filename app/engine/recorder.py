@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.engine.channels import ChannelClosed, ChannelFull, LosslessChannel
 from app.results import ContactResult, Event, Outcome, Snapshot
-from drivers.protocols import Frame, LostFrame
+from drivers.protocols import Frame, LostFrame, LostSamples
 
 POLL_S = 0.1
 
@@ -21,6 +21,7 @@ class SessionSink(Protocol):
     """Where a run is recorded; called from one thread at a time."""
 
     def append_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None: ...
+    def append_gap(self, first: int, count: int, reason: str) -> None: ...
     def append_frame(self, index: int, sample: int, image: NDArray[Any]) -> None: ...
     def append_lost_frame(self, index: int, sample: int, reason: str) -> None: ...
     def append_position(self, sample: int, position_m: float) -> None: ...
@@ -67,6 +68,10 @@ class Recorder:
     def samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
         """Record a block of readings and the forces they mean."""
         self._put(lambda: self._sink.append_samples(first, volts, forces), volts.nbytes + forces.nbytes)
+
+    def gap(self, lost: LostSamples) -> None:
+        """Record that samples are missing."""
+        self._put(lambda: self._sink.append_gap(lost.first, lost.count, lost.reason), 32 * lost.count)
 
     def position(self, sample: int, position_m: float) -> None:
         """Record where the stage was at `sample`."""

@@ -18,45 +18,30 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from app.config import exposure_samples
+from app.config import exposure_samples, pixel_type
 from app.engine.analyst import Analyst
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.experiment import Experiment, ExperimentFailed, Measured
 from app.engine.history import History
-from app.engine.pipeline import Pipeline, sensor_chain, summarise
+from app.engine.intake import BenchDevices, Intake
+from app.engine.pipeline import Pipeline, summarise
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
 from app.results import ContactResult, Counts, Event, Health, Outcome, Phase, Snapshot
 from app.sections import Config
-from drivers.errors import DeviceError, DeviceTimeout
-from drivers.protocols import Actuator, Camera, ForceSource, Frame, SampleBlock, TriggerTrain
+from drivers.errors import DeviceError
+from drivers.protocols import Frame, TriggerTrain
 
-READ_TIMEOUT_S = 2.0
-FREE_RUNNING_READS = 30
 REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
 HURRIED_S = 0.2  # of frames kept for the analysis during the drive: one that takes a little longer than a frame loses none
 UNHURRIED_S = 1.5  # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
-
-
-class BenchDevices(Protocol):
-    """A bench as the engine sees it: three devices, opened and closed together."""
-
-    @property
-    def forces(self) -> ForceSource: ...
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def actuator(self) -> Actuator: ...
-
-    def open(self) -> None: ...
-    def close(self) -> None: ...
 
 
 CreateSink = Callable[[tuple[int, int], np.dtype[Any], NDArray[np.float64], NDArray[np.float64]], SessionSink]
@@ -114,11 +99,11 @@ class Run:
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
         self._exposure = exposure_samples(config)
-        self._chain = sensor_chain(config)
         self._pipeline = Pipeline(config, (config.camera.height, config.camera.width))
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._experiment = Experiment(config)
         self._history = History(self.sample_rate_hz, self._exposure)
+        self._intake = Intake(config, bench, self._history, patient=free_running)
         self._unhurried_depth = math.ceil(UNHURRIED_S * self.sample_rate_hz / config.camera.divisor)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(self._unhurried_depth, sender_waits=free_running)
         self._ending = Ending(self._stop_actuator)
@@ -128,7 +113,6 @@ class Run:
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._outcome: Outcome | None = None
-        self._start_m = 0.0
         self._progress = 0.0
 
     # ------------------------------------------------------------------ what others may call, from any thread
@@ -229,6 +213,12 @@ class Run:
         self._preparing = what
 
     def _check_camera(self) -> None:
+        dtype, wanted = self._bench.camera.dtype, pixel_type(self.config)
+        if dtype != wanted:
+            raise DeviceError(
+                f"{self._bench.camera.name}: {self.config.camera.pixel_format} was asked, it gives images of {dtype.itemsize * 8} bit;"
+                f" set camera.pixel_format to {'Mono16' if dtype.itemsize == 2 else 'Mono8'}"
+            )
         rows, columns = self._bench.camera.shape
         if (rows, columns) != (self.config.camera.height, self.config.camera.width):
             raise DeviceError(
@@ -269,7 +259,7 @@ class Run:
             self._begin_phase(workers, self._experiment.phase, 0)
             self._bench.camera.start(self._train)
             self._bench.forces.start(self._train)
-            self._start_m = self._bench.actuator.position_m()
+            self._intake.begin()
             self._state = "running"
             others = [self._ending.spawn("camera", receiver.work), self._ending.spawn("analysis", analyst.work)]
             self._measure(workers)
@@ -283,8 +273,10 @@ class Run:
     def _measure(self, workers: _Workers) -> None:
         """Read, record, decide, until the experiment or somebody ends it."""
         while not self._ending.is_called.is_set():
-            measured = self._take_block(workers)
+            measured = self._intake.take(workers.recorder, workers.analyst.reference_taken.is_set())
             workers.receiver.check()
+            if measured is None:
+                continue
             before = self._experiment.phase
             if before is Phase.REFERENCE and self._reference_is_due(measured):
                 measured = replace(measured, has_reference=self._wait_for_reference(workers.analyst))
@@ -307,7 +299,7 @@ class Run:
                 self._to_analysis.narrow(max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth)
             self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
             if not self._ending.is_called.is_set():
-                self._bench.actuator.move_to(self._start_m + self._experiment.travel_m)
+                self._bench.actuator.move_to(self._intake.start_m + self._experiment.travel_m)
             if self._ending.is_called.is_set():  # a stop that came between the two lines above wins
                 self._bench.actuator.stop()
         elif phase is Phase.END:
@@ -324,27 +316,6 @@ class Run:
             if self._ending.is_called.is_set() or time.monotonic() > give_up:
                 return False
         return True
-
-    def _take_block(self, workers: _Workers) -> Measured:
-        """The next block, on its way to the disk, and what it says."""
-        block = self._read_block()
-        forces = self._chain.forces(block.volts)
-        position = self._bench.actuator.position_m()
-        moving = self._bench.actuator.is_moving()
-        workers.recorder.samples(block.first, block.volts, forces)
-        workers.recorder.position(block.end, position)
-        self._history.append(block.first, forces, position)
-        return Measured(block.end, forces, position - self._start_m, moving, workers.analyst.reference_taken.is_set())
-
-    def _read_block(self) -> SampleBlock:
-        """The next block. A free-running source waits for our own disk and analysis, so it has a minute where hardware has seconds."""
-        for attempts_left in reversed(range(FREE_RUNNING_READS if self._free_running else 1)):
-            try:
-                return self._bench.forces.read(READ_TIMEOUT_S)
-            except DeviceTimeout:
-                if not attempts_left:
-                    raise
-        raise AssertionError("unreachable")
 
     def _begin_phase(self, workers: _Workers, phase: Phase, sample: int) -> None:
         self._history.begin(phase, sample)
@@ -380,7 +351,7 @@ class Run:
         for _ in range(self._train.divisor):
             if (self._history.end - 1 - self._train.first) % self._train.divisor + 1 >= self._exposure:
                 return
-            self._take_block(workers)
+            self._intake.take(workers.recorder)
 
     def _count(self) -> Counts:
         workers = self._workers
@@ -391,5 +362,6 @@ class Run:
             frames_lost=workers.receiver.lost if workers else 0,
             frames_analysed=len(workers.analyst.snapshots) if workers else 0,
             frames_skipped=self._to_analysis.skipped,
-            samples=self._history.end,
+            samples=self._history.end - self._intake.samples_lost,
+            samples_lost=self._intake.samples_lost,
         )

@@ -117,7 +117,7 @@ ITEMS = (
     Item("/entry/gaps/first", ("gaps",), "int64", "samples", "first missing sample"),
     Item("/entry/gaps/count", ("gaps",), "int64", "samples", "how many are missing"),
     Item("/entry/events/sample", ("events",), "int64", "samples", "when it happened"),
-    Item("/entry/events/kind", ("events",), TEXT, "", "phase, reference, stop or error"),
+    Item("/entry/events/kind", ("events",), TEXT, "", "phase, reference, gap, stop or error"),
     Item("/entry/events/text", ("events",), TEXT, "", "what happened"),
     Item("/entry/results/frame", ("results",), "int64", "1", "trigger number of the frame, in the order of analysis"),
     Item("/entry/results/sample", ("results",), "int64", "samples", "sample on which its exposure started"),

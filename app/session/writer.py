@@ -154,6 +154,13 @@ class SessionWriter:
             volts, forces = np.concatenate([nothing, volts]), np.concatenate([nothing, forces])
         self._samples.extend(normal_force=forces[:, 0], shear_force=forces[:, 1], normal_sensor=volts[:, 0], shear_sensor=volts[:, 1])
 
+    def append_gap(self, first: int, count: int, reason: str) -> None:
+        """Record that `count` samples from `first` on are missing: rows of NaN, and an event that says why."""
+        nothing = np.full((min(count, self._longest_gap), 2), np.nan)
+        self.append_samples(first, nothing, nothing)
+        self._gaps.append(first=first, count=count)
+        self._events.append(sample=first, kind="gap", text=f"{count} samples lost: {reason}")
+
     def append_frame(self, index: int, sample: int, image: NDArray[Any]) -> None:
         """Record the image of trigger `index`, exposed from `sample` on; it is written at once.
 

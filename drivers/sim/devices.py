@@ -8,8 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
-from drivers.protocols import Frame, SampleBlock, TriggerTrain
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sim.truth import State
 from drivers.sim.world import World
 
@@ -29,28 +31,40 @@ class SimForces:
         self._is_open = False
         self.sample_rate_hz = world.settings.sample_rate_hz
         self.block_samples = world.settings.block_samples
+        self.counts_exposures = world.settings.count_exposures
 
     def open(self) -> None:
         """Claim the board."""
         self._is_open = True
 
+    def describe(self) -> str:
+        """What is simulated."""
+        return f"two sensors at {self.sample_rate_hz:g} Hz, {self._world.settings.adc_bits} bit"
+
     def start(self, train: TriggerTrain) -> None:
         """Start sampling at sample 0 and the trigger train with it."""
         _check(self._is_open, self.name, "to start")
-        del train  # the simulated camera was given the same one
-        self._world.start()
+        self._world.start(train)
 
-    def read(self, timeout_s: float) -> SampleBlock:
+    def read(self, timeout_s: float) -> SampleBlock | LostSamples:
         """The next block, once pace and camera allow it; see `drivers.protocols.ForceSource.read`."""
         _check(self._is_open, self.name, "for samples")
-        if not self._world.wait_for_turn(self.block_samples, timeout_s):
+        world, faults = self._world, self._world.faults
+        if faults.since("daq-gone", world.now + self.block_samples):
+            raise DeviceFault(f"{self.name}: the board does not answer any more at sample {world.now}; check its cable and start again")
+        overflow = next((f for f in faults.all if f.kind == "daq-overflow" and world.now <= f.at < world.now + self.block_samples), None)
+        n = self.block_samples if overflow is None else round(overflow.at) - world.now or round(overflow.amount)
+        if not world.wait_for_turn(n, timeout_s):
             if self._world.phase != "running":
                 raise DeviceFault(f"{self.name}: samples were asked, but the board is {self._world.phase}; read between start and stop")
             raise DeviceTimeout(
-                f"{self.name}: {self.block_samples} samples were asked within {timeout_s:g} s, the pace or unread frames hold them back;"
+                f"{self.name}: {n} samples were asked within {timeout_s:g} s, the pace or unread frames hold them back;"
                 " read the camera, or wait longer"
             )
-        return self._world.advance(self.block_samples)
+        block = world.advance(n)
+        if overflow is not None and block.first == overflow.at:
+            return LostSamples(block.first, n, f"{self.name}: samples were overwritten before they were read; the computer is too busy")
+        return block
 
     def stop(self) -> None:
         """End the samples and the triggers."""
@@ -61,6 +75,12 @@ class SimForces:
         """Stop, and let go of the board."""
         self.stop()
         self._is_open = False
+
+
+def corrupt(image: NDArray[np.uint8]) -> None:
+    """Make the lower half of a picture garbage, as a bad cable does."""
+    half = image[image.shape[0] // 2 :]
+    half[:] = np.random.default_rng(0).integers(0, 256, half.shape, np.uint8)
 
 
 class ImageSource(Protocol):
@@ -101,6 +121,11 @@ class SimCamera:
             self._renderer = Renderer(self._world.settings)
         self._is_open = True
 
+    def describe(self) -> str:
+        """What is simulated."""
+        rows, columns = self.shape
+        return f"{columns} x {rows}, 8 bit, pictures of the simulated interface ({self._world.settings.renderer} renderer)"
+
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers; they may not come faster than the exposure lasts."""
         _check(self._is_open, self.name, "to wait for triggers")
@@ -112,25 +137,40 @@ class SimCamera:
         self._train, self._next = train, 0
         self._world.watch(train)
 
-    def read(self, timeout_s: float) -> Frame:
-        """The frame of the next trigger, once it is exposed; see `drivers.protocols.Camera.read`."""
+    def read(self, timeout_s: float) -> Frame | LostFrame:
+        """The fate of the next trigger, once its exposure is over; see `drivers.protocols.Camera.read`."""
         world, train, index = self._world, self._train, self._next
         _check(train is not None, self.name, "for a frame", remedy="start it first")
         assert train is not None
-        assert self._renderer is not None
-        sample = train.sample(index)
-        end = sample + self.exposure_samples
+        exposed = world.exposure_of(index)
+        begun = train.sample(index) if exposed is None else exposed
+        end = begun + self.exposure_samples
         world.wait_for(lambda: world.now >= end or world.phase == "stopped" or self._train is None, timeout_s)
         if world.now < end or self._train is None:
             why = f"{timeout_s:g} s" if world.phase != "stopped" else "the end of the samples"
             raise DeviceTimeout(
                 f"{self.name}: frame {index} was not exposed by {why} (sample {world.now} of {end}); wait longer, or end here"
             )
-        image = self._renderer.image(world.state(sample + self.exposure_samples // 2), index)
-        image.setflags(write=False)
+        if world.faults.since("camera-gone", index):
+            raise DeviceFault(f"{self.name}: it was unplugged at trigger {index}; check its cable and start again")
+        answer = self._answer(index, train.sample(index), exposed)
         self._next = index + 1
         world.frame_was_read()
-        return Frame(index, sample, image)
+        return answer
+
+    def _answer(self, index: int, sample: int, exposed: int | None) -> Frame | LostFrame:
+        """The picture of a trigger whose exposure is over, or what became of it."""
+        world = self._world
+        if exposed is None:
+            return LostFrame(index, sample, f"{self.name}: missed trigger, the camera did not expose")
+        if world.faults.hits("lost-frame", index):
+            return LostFrame(index, exposed, f"{self.name}: the image was exposed and lost on its way")
+        assert self._renderer is not None
+        image = self._renderer.image(world.state(exposed + self.exposure_samples // 2), index)
+        if world.faults.hits("corrupt-frame", index):
+            corrupt(image)
+        image.setflags(write=False)
+        return Frame(index, exposed if world.settings.count_exposures else sample, image)
 
     def stop(self) -> None:
         """Wait for triggers no longer; a `read` that waits ends with DeviceTimeout."""
@@ -157,16 +197,22 @@ class SimActuator:
 
     def open(self) -> None:
         """Claim the stage, which stands in the middle of its travel."""
+        if any(fault.kind == "noisy-line" for fault in self._world.faults.all):
+            raise DeviceError(f"{self.name}: it has no line that could be noisy; take an emulated one for the fault 'noisy-line'")
         self._is_open = True
+
+    def describe(self) -> str:
+        """What is simulated."""
+        return f"travel {self.travel_limits_m[1] * 1e3:g} mm, encoder {ENCODER_M * 1e9:g} nm, at {self.position_m() * 1e3:.4f} mm"
 
     def home(self) -> None:
         """Go to the origin at 0.5 mm/s; refused in contact."""
-        _check(self._is_open, self.name, "to find its origin")
+        self._check_line("to find its origin")
         self._world.move(-_FIRST_COUNT * ENCODER_M, HOME_VELOCITY_M_S)
 
     def set_velocity(self, velocity_m_s: float) -> None:
         """Speed of the moves to come; `OutOfLimits` above 1 mm/s."""
-        _check(self._is_open, self.name, "for a velocity")
+        self._check_line("for a velocity")
         if not 0 < velocity_m_s <= self.velocity_limit_m_s:
             raise OutOfLimits(
                 f"{self.name}: {velocity_m_s * 1e6:.6g} um/s was asked; use a velocity above 0 and"
@@ -176,7 +222,7 @@ class SimActuator:
 
     def move_to(self, position_m: float) -> None:
         """Start a bounded move; `OutOfLimits` beyond 0 to 25 mm, or where the world does not model it (back, in contact)."""
-        _check(self._is_open, self.name, "to move")
+        self._check_line("to move")
         low, high = self.travel_limits_m
         if not low <= position_m <= high:  # refuses NaN too
             raise OutOfLimits(
@@ -189,25 +235,58 @@ class SimActuator:
 
     def position_m(self) -> float:
         """Position that the encoder reads now."""
-        _check(self._is_open, self.name, "for its position")
+        self._check_line("for its position")
         return (_FIRST_COUNT + round(self._world.stage_m() / ENCODER_M)) * ENCODER_M
 
     def is_moving(self) -> bool:
         """Whether a move is under way."""
-        _check(self._is_open, self.name, "whether it moves")
+        self._check_line("whether it moves")
+        obstacle = self._world.obstacle()
+        if obstacle is not None and obstacle.kind == "end-of-run":
+            raise DeviceFault(
+                f"{self.name}: the stage met its end switch after {obstacle.at:g} um; drive it back, and start where it has room"
+            )
         return self._world.is_moving()
 
     def stop(self) -> None:
         """End any motion at this sample."""
+        if self._is_open:
+            self._check_line("to stop")
         self._world.halt()
 
     def close(self) -> None:
         """Stop any motion, then let go of the stage."""
-        if self._is_open:
+        if self._is_open and not self._is_cut():
             self._world.halt()
         self._is_open = False
+
+    def _is_cut(self) -> bool:
+        return self._world.faults.since("unplugged", self._world.now) is not None
+
+    def _check_line(self, asked: str) -> None:
+        _check(self._is_open, self.name, asked)
+        if self._is_cut():
+            raise DeviceFault(f"{self.name}: asked {asked}, the line is dead; the stage ends its move by itself: check the cable")
 
 
 def _check(is_ready: bool, name: str, asked: str, remedy: str = "open it first") -> None:
     if not is_ready:
         raise DeviceFault(f"{name}: it was asked {asked} before it was ready; {remedy}")
+
+
+def sim_forces(settings: ForceSettings, scene: Scene) -> SimForces:
+    """The simulated board of the scene's world, which knows the settings."""
+    del settings
+    return SimForces(scene.world)
+
+
+def sim_camera(settings: CameraSettings, scene: Scene) -> SimCamera:
+    """The simulated camera of the scene's world, which knows the settings."""
+    del settings
+    return SimCamera(scene.world)
+
+
+def sim_actuator(settings: ActuatorSettings, scene: Scene) -> SimActuator:
+    """The simulated stage of the scene's world."""
+    del settings
+    return SimActuator(scene.world)

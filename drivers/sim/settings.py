@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.sim.faults import Fault
+
 Pair = tuple[float, float]
 
 
@@ -16,7 +18,7 @@ class WorldSettings:
 
     `press_duration` is in samples, None for one second. `press_shift_px` is how far the block moves as a whole while it is pressed on,
     `contact_offset_px` where it touches, from the middle of the image. `full_well` is in electrons, 0 for no shot noise, and `read_noise`
-    in grey levels.
+    in grey levels. `count_exposures`: the board counts the camera's exposures beside the samples. `faults`: what goes wrong.
     """
 
     seed: int = 1
@@ -55,6 +57,8 @@ class WorldSettings:
     read_noise: float = 1.0
     full_well: float = 20000.0
     renderer: str = "fast"
+    count_exposures: bool = False
+    faults: tuple[Fault, ...] = ()
 
     @property
     def mu(self) -> float:

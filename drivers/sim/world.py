@@ -21,6 +21,7 @@ from analysis.mechanics import hertz
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.contact import sheared_contact
+from drivers.sim.faults import Fault, Faults
 from drivers.sim.settings import WorldSettings
 from drivers.sim.truth import State, Truth
 
@@ -63,8 +64,12 @@ class World:
         self.pace = pace
         self.now = 0
         self.phase = "idle"  # then "running", then "stopped"
+        self.faults = Faults(settings.faults)
+        self.pulses: TriggerTrain | None = None  # what the board sends to the camera
         self._changed = threading.Condition(threading.RLock())
         self._moves = [_Move(0, 0.0, 0.0, 0.0)]
+        self._asked_m = 0.0
+        self._wall = min((f for f in settings.faults if f.kind in ("stall", "end-of-run")), key=lambda f: f.at, default=None)
         self._began = 0.0
         self._train: TriggerTrain | None = None
         self._frames_read = 0
@@ -72,12 +77,12 @@ class World:
 
     # ------------------------------------------------------------------ time
 
-    def start(self) -> None:
-        """Let sample 0 be now. A world runs once."""
+    def start(self, pulses: TriggerTrain | None = None) -> None:
+        """Let sample 0 be now, and the board send these pulses to the camera. A world runs once."""
         with self._changed:
             if self.phase != "idle":
                 raise DeviceFault("simulated world: a second start was asked, it has run already; make a new bench for another run")
-            self.phase, self._began = "running", time.monotonic()
+            self.phase, self.pulses, self._began = "running", pulses, time.monotonic()
             self._changed.notify_all()
 
     def stop(self) -> None:
@@ -127,10 +132,26 @@ class World:
     def advance(self, n: int) -> SampleBlock:
         """Let `n` samples pass, and what the two sensors read on them."""
         with self._changed:
-            block = SampleBlock(self.now, self._volts(np.arange(self.now, self.now + n)))
+            counts = self.exposure_counts(self.now, n) if self.settings.count_exposures else None
+            block = SampleBlock(self.now, self._volts(np.arange(self.now, self.now + n)), counts)
             self.now += n
             self._changed.notify_all()
         return block
+
+    # ------------------------------------------------------------------ triggers
+
+    def exposure_of(self, pulse: int) -> int | None:
+        """Sample on which the camera begins to expose on a pulse of the board; None where it does not."""
+        if self.pulses is None or self.faults.hits("lost-trigger", pulse) or self.faults.since("camera-gone", pulse):
+            return None
+        late = self.faults.hits("late-trigger", pulse)
+        return self.pulses.sample(pulse) + (round(late.amount) if late else 0)
+
+    def exposure_counts(self, first: int, n: int) -> NDArray[np.int64]:
+        """How many exposures had begun by each of `n` samples from `first` on, as a counter beside the samples reads them, (n,)."""
+        pulses = range(self.pulses.count_before(first + n)) if self.pulses else range(0)
+        begun = sorted(sample for pulse in pulses if (sample := self.exposure_of(pulse)) is not None)
+        return np.searchsorted(np.asarray(begun, np.int64), np.arange(first, first + n), side="right")
 
     # ------------------------------------------------------------------ stage
 
@@ -140,9 +161,16 @@ class World:
             return self._stage(self.now)
 
     def is_moving(self) -> bool:
-        """Whether the stage has not yet reached the target of its last move."""
+        """Whether the stage has not yet reached the target of its last move; one that stalls never does."""
         with self._changed:
-            return self._stage(self.now) != self._moves[-1].target_m
+            obstacle = self.obstacle()
+            return self._stage(self.now) != self._moves[-1].target_m or (obstacle is not None and obstacle.kind == "stall")
+
+    def obstacle(self) -> Fault | None:
+        """The fault that holds the stage at this moment, while a move would take it further."""
+        with self._changed:
+            here, wall = self._stage(self.now), self._wall
+            return wall if wall is not None and here < self._asked_m and here >= wall.at * 1e-6 else None
 
     def move(self, target_m: float, velocity_m_s: float) -> None:
         """From this sample on the stage goes to `target_m` (travel since sample 0), nominally at that speed.
@@ -168,12 +196,21 @@ class World:
                     f"simulated stage: a move of {way * 1e6:.4g} um was asked that lasts into the pressing of the contact (samples"
                     f" {s.press_sample} to {s.settled_sample}), which is not modelled; move earlier, faster, or once the contact is settled"
                 )
-            self._moves.append(_Move(self.now, here, target_m, math.copysign(per_sample, way)))
+            self._asked_m = target_m
+            goal = target_m if self._wall is None else min(target_m, max(here, self._wall.at * 1e-6))
+            self._moves.append(_Move(self.now, here, goal, math.copysign(per_sample, way)))
+
+    def follow(self, stage_m: float) -> None:
+        """The stage is a real one that is now at `stage_m` (travel since sample 0); in contact it is not followed back."""
+        with self._changed:
+            here = self._stage(self.now)
+            stage_m = max(stage_m, here) if self.now >= self.settings.settled_sample else stage_m
+            self._moves.append(_Move(self.now, stage_m, stage_m, 0.0))
 
     def halt(self) -> None:
         """From this sample on the stage stands."""
         with self._changed:
-            here = self._stage(self.now)
+            self._asked_m = here = self._stage(self.now)
             self._moves.append(_Move(self.now, here, here, 0.0))
 
     def _stage(self, sample: int) -> float:
@@ -205,6 +242,9 @@ class World:
         for i, (from_normal, from_shear) in enumerate(s.coupling):
             reading = from_normal * P + from_shear * Q + noise[:, i]
             codes[:, i] = np.rint((reading / (s.stiffness_n_per_m[i] * s.sensitivity_m_per_v[i]) + s.zero_v[i]) / step)
+        for fault in s.faults:
+            if fault.kind == "saturated":
+                codes[samples >= fault.at, 1] = 2.0**s.adc_bits
         return np.asarray(np.clip(codes, -(2 ** (s.adc_bits - 1)), 2 ** (s.adc_bits - 1) - 1) * step)
 
     def _noise(self, samples: NDArray[np.int64]) -> F64:

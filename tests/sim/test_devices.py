@@ -10,6 +10,7 @@ from drivers import bench as bench_module
 from drivers.bench import Bench, UnknownDevice, open_bench
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import TriggerTrain
+from drivers.scene import Scene
 from drivers.sim.devices import SimActuator, SimCamera, SimForces
 from drivers.sim.world import World, WorldSettings
 
@@ -48,7 +49,7 @@ class TestSimCamera(CameraContract):
     def run_until(self, world):
         def run(sample):
             if world.phase == "idle":
-                world.start()
+                world.start(TRAIN)
             world.advance(sample - world.now)
 
         return run
@@ -69,8 +70,8 @@ class TestSimActuator(ActuatorContract):
 
 
 def fake_bench(settings, pace):
-    world = World(settings, pace)
-    return Bench(SimForces(world), SimCamera(world, Numbered()), SimActuator(world), world)
+    scene = Scene(settings, pace)
+    return Bench(SimForces(scene.world), SimCamera(scene.world, Numbered()), SimActuator(scene.world), scene)
 
 
 def drive(settings, pace, blocks=60, divisor=100):
@@ -272,7 +273,7 @@ class Recorded:
 
 
 def recorded(log, **fails):
-    return Bench(*(Recorded(name, log, fails.get(name, "")) for name in ("forces", "camera", "actuator")), world=World(FREE))
+    return Bench(*(Recorded(name, log, fails.get(name, "")) for name in ("forces", "camera", "actuator")), scene=Scene(FREE))
 
 
 def test_a_bench_opens_in_order_and_closes_in_reverse():
@@ -300,7 +301,7 @@ def test_every_device_is_closed_even_if_others_fail():
 
 
 def test_an_unknown_device_names_the_known_ones_and_the_nearest(monkeypatch):
-    monkeypatch.setitem(bench_module.DRIVERS["camera"], "pylon", "drivers.sim.devices:SimCamera")
+    monkeypatch.setitem(bench_module.DRIVERS, "camera", {"sim": "drivers.sim.devices:sim_camera", "pylon": "nowhere"})
     with pytest.raises(UnknownDevice, match=r"camera: no driver is called 'pilon'; known: pylon, sim \(the nearest is 'pylon'\)"):
         open_bench("sim", "pilon", "sim")
     assert issubclass(UnknownDevice, DeviceNotFound)
@@ -309,7 +310,7 @@ def test_an_unknown_device_names_the_known_ones_and_the_nearest(monkeypatch):
 def test_simulated_devices_of_one_bench_share_one_world():
     settings = WorldSettings(press_sample=0, press_duration=10, image_shape=(6, 8), slow_actuator=False, force_noise_n=0)
     bench = open_bench(world=settings, pace=None)
-    with Bench(bench.forces, SimCamera(bench.world, Numbered()), bench.actuator, bench.world):
+    with Bench(bench.forces, SimCamera(bench.world, Numbered()), bench.actuator, bench.scene):
         bench.forces.start(TRAIN)
         at_rest = bench.forces.read(1.0).volts[-1, 1]
         bench.actuator.set_velocity(1e-3)

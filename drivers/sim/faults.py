@@ -1,0 +1,66 @@
+"""What goes wrong in a simulated or emulated bench, and when, written ``KIND AT [AMOUNT]``: "lost-trigger 40", "daq-overflow 5000 300"."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+FAULTS = {
+    "lost-trigger": "the camera does not see trigger AT (and the AMOUNT - 1 after it)",
+    "late-trigger": "trigger AT reaches the camera AMOUNT samples late (5)",
+    "lost-frame": "image AT (and the AMOUNT - 1 after it) is exposed, but lost on its way",
+    "corrupt-frame": "the lower half of image AT is garbage",
+    "camera-gone": "the camera is unplugged at trigger AT",
+    "daq-overflow": "the board loses AMOUNT samples (300) from sample AT on",
+    "daq-gone": "the board, or its server, is gone from sample AT on",
+    "saturated": "the shear sensor is at the end of its range from sample AT on",
+    "stall": "the stage stands still after AT um of travel while its controller says that it moves",
+    "end-of-run": "the stage meets its end switch after AT um of travel",
+    "unplugged": "the line to the actuator is cut at sample AT",
+    "noisy-line": "from sample AT on, AMOUNT answers of the actuator (5), every third one, come garbled",
+}
+"""Kind -> what happens; AT counts triggers, samples or micrometres."""
+
+_AMOUNTS = {"late-trigger": 5.0, "daq-overflow": 300.0, "noisy-line": 5.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault: its kind, where it happens, and how much of it."""
+
+    kind: str
+    at: float
+    amount: float = 1.0
+
+
+def parse(text: str) -> Fault:
+    """The fault that a text describes; ValueError with a sentence where it describes none."""
+    kind, *numbers = text.split()[:4] or [""]
+    if kind not in FAULTS:
+        raise ValueError(f"no fault is called '{kind}'; known: {', '.join(FAULTS)}")
+    try:
+        values = [float(number) for number in numbers]
+    except ValueError:
+        values = []
+    if not 1 <= len(values) <= 2 or not all(math.isfinite(v) and v >= 0 for v in values):
+        raise ValueError(f"'{text}' was asked; write 'KIND AT' or 'KIND AT AMOUNT' with numbers from 0 on: {kind}, {FAULTS[kind]}")
+    return Fault(kind, values[0], values[1] if len(values) == 2 else _AMOUNTS.get(kind, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """All faults of a bench, asked for by those who have them."""
+
+    all: tuple[Fault, ...] = ()
+
+    def hits(self, kind: str, n: float) -> Fault | None:
+        """The fault of this kind that covers number `n`: from `at` for `amount` numbers, or one number for kinds whose amount is a size."""
+        for fault in self.all:
+            width = 1 if kind in _AMOUNTS else fault.amount
+            if fault.kind == kind and fault.at <= n < fault.at + width:
+                return fault
+        return None
+
+    def since(self, kind: str, n: float) -> Fault | None:
+        """The fault of this kind that has begun by `n`, for those that stay."""
+        return next((fault for fault in self.all if fault.kind == kind and n >= fault.at), None)
