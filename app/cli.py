@@ -79,7 +79,7 @@ def slipscope(
 @app.command()
 def run(
     bench: Annotated[
-        Path | None, typer.Argument(metavar="[BENCH.toml]", help="Settings; see `slipscope config`.", show_default=False)
+        Path | None, typer.Argument(metavar="[BENCH.toml]", help="Settings, see `slipscope config`; or hil-emulated.", show_default=False)
     ] = None,
     session: Annotated[
         Path | None,
@@ -282,11 +282,67 @@ def invert(
 
 
 @app.command()
-def config() -> None:
-    """Print the default settings, each with its meaning, unit and limits: `slipscope config > bench.toml`."""
-    from app.config import default_toml
+def config(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="A bench that comes with the program: hil-emulated, pci-6251.", show_default=False),
+    ] = None,
+) -> None:
+    """Print the default settings, each with its meaning, unit and limits: `slipscope config > bench.toml`.
 
-    typer.echo(default_toml(), nl=False)
+    With a name, the few settings of a bench that comes with the program.
+    """
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(False, _debug):
+        from app.config import bench_text, default_toml
+
+        typer.echo(default_toml() if name is None else bench_text(name), nl=False)
+
+
+@app.command()
+def check(
+    bench: Annotated[
+        Path | None, typer.Argument(metavar="[BENCH.toml]", help="Settings, or hil-emulated; else the simulated bench.", show_default=False)
+    ] = None,
+    home: Annotated[bool, typer.Option("--home", help="Let the stage look for its origin. It moves.")] = False,
+    move: Annotated[
+        float, typer.Option("--move", metavar="UM", help="Let the stage move by so many um at run.velocity, and back.", show_default=False)
+    ] = 0.0,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="One setting, over the file's; may be repeated.", show_default=False),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Go through a bench and say what works: devices, samples, triggers, frames, sensors, picture. Nothing moves unless it is allowed.
+
+    Takes two seconds of data and records nothing. Exit code 1 if something does not work.
+
+    Example: `slipscope check bench.toml --move 10`
+    """
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.commands import bench as on_bench
+
+        raise typer.Exit(on_bench.check(bench, overrides or (), home=home, move_um=move, as_json=as_json))
+
+
+@app.command()
+def cameras(
+    producer: Annotated[
+        str, typer.Option(metavar="FILE.cti", help="GenTL producer of a camera's vendor: its cameras too.", show_default=False)
+    ] = "",
+    as_json: JsonFlag = False,
+) -> None:
+    """List the cameras on this computer, with what to write in the settings as camera.device."""
+    from app.commands.terminal import plain_errors
+
+    with plain_errors(as_json, _debug):
+        from app.commands import bench as on_bench
+
+        raise typer.Exit(on_bench.cameras(producer, as_json))
 
 
 @app.command()
@@ -298,9 +354,9 @@ def doctor(as_json: JsonFlag = False) -> None:
     from app.commands.terminal import plain_errors
 
     with plain_errors(as_json, _debug):
-        from app.doctor import report
+        from app.commands import bench as on_bench
 
-        raise typer.Exit(report(as_json))
+        raise typer.Exit(on_bench.doctor(as_json))
 
 
 def main() -> None:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from analysis.dic import Correlation
 
 
+BENCHES = Path(__file__).parent / "benches"
+
+
 class ConfigError(ValueError):
     """The settings can not be used; the message names the key, what was found and what is allowed."""
 
@@ -298,8 +301,26 @@ def _decode(content: bytes) -> str:
     return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
 
 
+def bench_names() -> list[str]:
+    """Names of the benches that come with the program."""
+    return sorted(file.stem for file in BENCHES.glob("*.toml"))
+
+
+def bench_file(asked: Path) -> Path:
+    """The settings file that was asked for, or the one of that name that comes with the program."""
+    own = BENCHES / f"{asked}.toml"
+    return own if not asked.exists() and asked.name == str(asked) and own.exists() else asked
+
+
+def bench_text(name: str) -> str:
+    """The settings file of a bench that comes with the program; ConfigError where there is none of that name."""
+    if name not in bench_names():
+        raise ConfigError(f"config: no bench is called '{name}'; known: {', '.join(bench_names())}")
+    return (BENCHES / f"{name}.toml").read_text(encoding="utf-8")
+
+
 def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
-    """Settings from a TOML file (or the defaults), with ``table.key=value`` overrides on top.
+    """Settings from a TOML file, a bench that comes with the program, or the defaults, with ``table.key=value`` overrides on top.
 
     Raises
     ------
@@ -311,9 +332,13 @@ def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) 
     if path is not None:
         where = f"{path} and --set" if overrides else str(path)
         try:
-            data = tomllib.loads(_decode(path.read_bytes()))
+            data = tomllib.loads(_decode(bench_file(path).read_bytes()))
         except OSError as error:
-            raise ConfigError(f"{path}: the settings file can not be read: {error.strerror}; check the name") from None
+            known = ", ".join(bench_names())
+            sentence = (
+                f"{path}: the settings file can not be read: {error.strerror}; check the name, or take one of the program's own: {known}"
+            )
+            raise ConfigError(sentence) from None
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path}: not a TOML file: {error}") from None
     for text in overrides:

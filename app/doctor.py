@@ -7,15 +7,20 @@ import platform
 import re
 import shutil
 from dataclasses import dataclass
-from importlib import metadata
+from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from app.commands.terminal import DONE, FAILED, print_json, print_rows
-
 DISTRIBUTION = "slipscope"
-VENDORS = {"nidaqmx": ("National Instruments boards", "ni")}  # distribution -> what it drives, and our extra that installs it
+VENDORS = {  # distribution -> what it drives, and our extra that installs it
+    "nidaqmx": ("National Instruments boards", "ni"),
+    "pypylon": ("Basler cameras", "basler"),
+    "harvesters": ("cameras of other vendors, through their GenTL producers", "gentl"),
+    "pyserial": ("Newport actuators", "serial"),
+}
+MODULES = {"pyserial": "serial"}  # where the module has another name
+FINDERS = {"boards": "drivers.ni_daq", "cameras": "drivers.camera_pylon", "serial ports": "drivers.actuator_newport"}
 ROOM_FOR_A_RUN = 2 * 1000**3  # bytes; the default experiment takes 0.7 GB
 
 
@@ -59,7 +64,7 @@ def vendor_packages() -> list[Finding]:
     """The vendors' own packages; none is needed for the simulated bench."""
     findings = []
     for name, (what, extra) in VENDORS.items():
-        if find_spec(name) is not None:
+        if find_spec(MODULES.get(name, name)) is not None:
             findings.append(Finding(name, f"{metadata.version(name)}, for {what}"))
         else:
             advice = f"in the folder of SlipScope: pip install '.[{extra}]', and the vendor's driver"
@@ -80,6 +85,22 @@ def devices() -> list[Finding]:
     from drivers.bench import DRIVERS
 
     return [Finding(kind, ", ".join(names)) for kind, names in DRIVERS.items()]
+
+
+def found_by(module: str, *arguments: Any) -> list[Finding]:
+    """The devices that a driver finds on this computer, each with the name to write in the settings; or why it can not look."""
+    from drivers.errors import DeviceError
+
+    try:
+        found = import_module(module).find(*arguments)
+    except DeviceError as error:
+        return [Finding("none", str(error), False)]
+    return [Finding(device.device, device.description) for device in found] or [Finding("none", "no device was found")]
+
+
+def connected() -> list[Finding]:
+    """What is connected to this computer; nothing is opened for longer than it takes to read a name, nothing moves."""
+    return [Finding(kind, f"{f.label}: {f.value}", f.is_fine) for kind, module in FINDERS.items() for f in found_by(module)]
 
 
 def computer() -> list[Finding]:
@@ -119,20 +140,9 @@ def examine() -> dict[str, list[Finding]]:
         "program": [python, Finding("platform", platform.platform()), *packages()],
         "sources of devices": devices(),
         "vendors' packages": vendor_packages(),
+        "connected devices": connected(),
         "computer": [*computer(), display(), kernel_cache()],
     }
-
-
-def report(as_json: bool) -> int:
-    """Print the findings; the exit code, 1 where something is missing that every run needs."""
-    findings = examine()
-    is_able = all(finding.is_fine or not finding.needed for group in findings.values() for finding in group)
-    if as_json:
-        print_json({"is_able_to_run": is_able, **{heading: [as_data(f) for f in group] for heading, group in findings.items()}})
-    else:
-        for heading, group in findings.items():
-            print_rows(heading, group)
-    return DONE if is_able else FAILED
 
 
 def as_data(finding: Finding) -> dict[str, Any]:

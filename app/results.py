@@ -138,7 +138,8 @@ class Summary:
     """What a loading experiment comes down to; NaN where the run did not go far enough, with the reason in `notes`.
 
     Radii and times in metres and seconds, forces in newtons; `*_sd` is a standard uncertainty, `mu_d_range` the least and
-    greatest Q/P during sliding (the paper's error bar). `law_*` is the local friction law mu p (1 - exp(-s/(mu L))).
+    greatest Q/P during sliding (the paper's error bar). `calibration_sd` is the relative uncertainty that the stiffness of the cantilevers
+    adds to every friction coefficient, and is in no other. `law_*` is the local friction law mu p (1 - exp(-s/(mu L))).
     """
 
     normal_force_n: float
@@ -160,6 +161,7 @@ class Summary:
     law_length_sd_m: float = math.nan
     young_modulus_pa: float = math.nan
     young_modulus_sd_pa: float = math.nan
+    calibration_sd: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

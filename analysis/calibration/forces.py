@@ -17,9 +17,11 @@ class SensorChain:
     Attributes
     ----------
     sensitivity_m_per_v : (2,)
-        Displacement of the cantilever per volt.
+        Displacement of the cantilever per volt; negative where the voltage falls as the force grows.
     stiffness_n_per_m : (2,)
         Stiffness of the cantilever, k_N and K_T.
+    stiffness_std_n_per_m : (2,)
+        Their standard uncertainties.
     zero_v : (2,)
         Reading at no force.
     coupling : (2, 2)
@@ -35,10 +37,11 @@ class SensorChain:
     stiffness_n_per_m: Pair
     zero_v: Pair = (0.0, 0.0)
     coupling: tuple[Pair, Pair] = ((1.0, 0.0), (0.0, 1.0))
+    stiffness_std_n_per_m: Pair = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Refuse constants that give no forces."""
-        for name in ("sensitivity_m_per_v", "stiffness_n_per_m", "zero_v", "coupling"):
+        for name in ("sensitivity_m_per_v", "stiffness_n_per_m", "stiffness_std_n_per_m", "zero_v", "coupling"):
             value = np.asarray(getattr(self, name), dtype=np.float64)
             shape = (2, 2) if name == "coupling" else (2,)
             if value.shape != shape or not np.isfinite(value).all():
@@ -54,6 +57,15 @@ class SensorChain:
     @property
     def _newtons_per_volt(self) -> NDArray[np.float64]:
         return np.multiply(self.sensitivity_m_per_v, self.stiffness_n_per_m)
+
+    def relative_uncertainty(self) -> tuple[float, float]:
+        """Relative standard uncertainty of P and of Q by the stiffness of the cantilevers: the same for all readings of a bench.
+
+        The cross-coupling, a per cent of a force, passes on a per cent of it and is left out. The one of a ratio Q/P is the root of the
+        sum of their squares.
+        """
+        normal, shear = (std / abs(k) for std, k in zip(self.stiffness_std_n_per_m, self.stiffness_n_per_m, strict=True))
+        return normal, shear
 
     def forces(self, volts: ArrayLike) -> NDArray[np.float64]:
         """Normal and shear force in newtons, columns P and Q, of readings in volts; both of shape (n, 2), NaN where the reading is NaN."""

@@ -37,6 +37,7 @@ def sensor_chain(config: Config) -> SensorChain:
         stiffness_n_per_m=(f.stiffness_normal, f.stiffness_shear),
         zero_v=f.zero,
         coupling=f.coupling,
+        stiffness_std_n_per_m=f.stiffness_uncertainty,
     )
 
 
@@ -234,6 +235,7 @@ def summarise(config: Config, snapshots: list[Snapshot], contact: ContactResult 
         mu_d=onset.mu_d,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
+        calibration_sd=math.hypot(*sensor_chain(config).relative_uncertainty()),
         notes=(*notes, *onset.notes, *law_notes),
         **law,
     )

@@ -67,6 +67,11 @@ def summary_rows(summary: Summary) -> list[Row]:
         Row("friction of the local law", "mu", measured_text(s.law_mu, s.law_mu_sd)),
         Row("length of the local law", "L", measured_text(s.law_length_m * 1e6, s.law_length_sd_m * 1e6, "um")),
         Row("Young's modulus, from the stress", "E", measured_text(s.young_modulus_pa * 1e-6, s.young_modulus_sd_pa * 1e-6, "MPa")),
+        Row(
+            "besides, all mu together",
+            "u(mu)",
+            f"± {100 * s.calibration_sd:.1f} % by the calibration" if s.calibration_sd > 0 else "not given",
+        ),
         Row("sliding velocity", "v", measured_text(s.sliding_velocity_m_s * 1e6, math.nan, "um/s")),
     ]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from app.results import Phase
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 FORMAT_ATTRIBUTE = "slipscope_format"
 UNFINISHED = "unfinished"
 
@@ -179,6 +179,9 @@ ITEMS = (
     Item("/entry/summary/law_length_errors", (), "float64", "m", "its standard uncertainty", since=3),
     Item("/entry/summary/young_modulus", (), "float64", "Pa", "E from the balance of the shear traction with Q", since=3),
     Item("/entry/summary/young_modulus_errors", (), "float64", "Pa", "its standard uncertainty", since=3),
+    Item(
+        "/entry/summary/calibration_uncertainty", (), "float64", "1", "relative, by the cantilevers, of every friction coefficient", since=4
+    ),
     Item("/entry/summary/notes", ("notes",), TEXT, "", "why a quantity above is NaN"),
     Item("/entry/counts/triggers", (), "int64", "1", "triggers sent"),
     Item("/entry/counts/frames_received", (), "int64", "1", "frames that came"),
@@ -242,6 +245,7 @@ SUMMARY = {
     "law_length_errors": "law_length_sd_m",
     "young_modulus": "young_modulus_pa",
     "young_modulus_errors": "young_modulus_sd_pa",
+    "calibration_uncertainty": "calibration_sd",
 }
 
 

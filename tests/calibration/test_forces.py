@@ -1,5 +1,7 @@
 """Volts to newtons: hand-computed numbers, the inverse, and constants that give no forces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -51,3 +53,15 @@ def test_constants_that_give_no_forces_are_refused_by_name(constants, word):
     good = {"sensitivity_m_per_v": (1.0, 1.0), "stiffness_n_per_m": (1.0, 1.0)}
     with pytest.raises(ValueError, match=word):
         SensorChain(**{**good, **constants})
+
+
+def test_the_uncertainty_of_the_stiffness_is_that_of_many_calibrations():
+    """Draws k_N = 689 +- 5 and K_T = 9579 +- 25 N/m (paper, Fig. 1) many times and looks at the forces that one reading means."""
+    chain = SensorChain((3e-4, -2.2e-5), (689.0, 9579.0), coupling=((1, 0.004), (0.008, 1)), stiffness_std_n_per_m=(5.0, 25.0))
+    volts = chain.volts([[0.5, 0.45]])
+    drawn = np.random.default_rng(1).normal(chain.stiffness_n_per_m, chain.stiffness_std_n_per_m, (4000, 2))
+    forces = np.array([replace(chain, stiffness_n_per_m=tuple(k)).forces(volts)[0] for k in drawn])
+    normal, shear = chain.relative_uncertainty()
+    np.testing.assert_allclose(forces.std(axis=0) / [0.5, 0.45], [normal, shear], rtol=0.05)
+    ratio = forces[:, 1] / forces[:, 0]
+    assert np.hypot(normal, shear) == pytest.approx(ratio.std() / ratio.mean(), rel=0.05)

@@ -34,6 +34,7 @@ MEASURED = Summary(
     0.045e-6,
     3.421e6,
     0.0321e6,
+    0.0077,
 )
 
 
@@ -78,6 +79,7 @@ def test_the_summary_is_told_in_the_units_of_the_paper() -> None:
         "mu": "0.931 ± 0.011",
         "L": "0.803 ± 0.045 um",
         "E": "3.421 ± 0.032 MPa",
+        "u(mu)": "± 0.8 % by the calibration",
     }
 
 

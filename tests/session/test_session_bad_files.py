@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from session_material import CONTACT, OUTCOME, Session, make_writer, record
 
 from app.errors import UserError
-from app.session.layout import FORMAT_ATTRIBUTE
+from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION
 from app.session.reader import SessionReader
 
 
@@ -84,7 +84,7 @@ def _foreign_version(path: Path) -> None:
 
 def _newer(path: Path) -> None:
     with h5py.File(path, "r+") as file:
-        file.attrs[FORMAT_ATTRIBUTE] = 4
+        file.attrs[FORMAT_ATTRIBUTE] = FORMAT_VERSION + 1
 
 
 def _missing_dataset(path: Path) -> None:
@@ -173,7 +173,7 @@ def _broken_resources(path: Path) -> None:
         (_cut, "cut short"),
         (_foreign, "not a SlipScope session"),
         (_foreign_version, "not a SlipScope session"),
-        (_newer, "newer SlipScope \\(format 4, this one reads 3\\)"),
+        (_newer, "newer SlipScope \\(format 5, this one reads 4\\)"),
         (_missing_dataset, "damaged at /entry/clock/divisor: it is missing"),
         (_other_type, "damaged at /entry/clock/divisor: it is 0-dimensional object"),
         (_other_rank, "damaged at /entry/clock/divisor: it is 1-dimensional"),

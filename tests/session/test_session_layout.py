@@ -25,7 +25,7 @@ def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
 
     with h5py.File(session.path, "r") as file:
         file.visititems(look)
-        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 3
+        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 4
     kinds = {layout.TEXT: "O", layout.IMAGE: "u"}
     expected = {i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning) for i in layout.ITEMS}
     assert found == expected

@@ -1,0 +1,199 @@
+"""`slipscope check`: goes through a bench device by device, then takes a few seconds of data, and moves only what it was allowed to."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import bits
+from app.doctor import Finding
+from app.engine.pipeline import sensor_chain
+from app.sections import Config
+from drivers.bench import Bench
+from drivers.errors import DeviceError, DeviceTimeout
+from drivers.protocols import Actuator, Frame, LostFrame, SampleBlock, TriggerTrain
+
+SECONDS = 2.0  # of data
+HOME_TIMEOUT_S = 120.0
+READ_TIMEOUT_S = 3.0
+
+
+def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterator[Finding]:
+    """Findings one by one, as they come; a device that fails does not keep the others from being looked at.
+
+    Parameters
+    ----------
+    home : bool
+        Whether the stage may look for its origin.
+    move_um : float
+        How far the stage may move, and back; 0: it may not.
+    """
+    opened = []
+    for label, device in (("actuator", bench.actuator), ("camera", bench.camera), ("forces", bench.forces)):
+        finding = _attempt(label, lambda device=device: _opened(device))  # type: ignore[misc]
+        yield finding
+        if finding.is_fine:
+            opened.append(label)
+    try:
+        if "actuator" in opened and home:
+            yield _attempt("home", lambda: _home(bench.actuator))
+        if "actuator" in opened and move_um:
+            yield _attempt("move", lambda: _move(config, bench.actuator, move_um * 1e-6))
+        if {"camera", "forces"} <= set(opened):
+            yield from _take_data(config, bench)
+    finally:
+        for label, device in (("forces", bench.forces), ("camera", bench.camera), ("actuator", bench.actuator)):
+            closing = _attempt(label, lambda device=device: device.close() or "closed")  # type: ignore[misc]
+            if not closing.is_fine:
+                yield closing
+
+
+def _attempt(label: str, step: Callable[[], str]) -> Finding:
+    try:
+        return Finding(label, step())
+    except DeviceError as error:
+        return Finding(label, str(error), False, True)
+
+
+def _opened(device: object) -> str:
+    device.open()  # type: ignore[attr-defined]
+    return f"{device.name}: {device.describe()}"  # type: ignore[attr-defined]
+
+
+def _home(actuator: Actuator) -> str:
+    actuator.home()
+    _wait_until_still(actuator, HOME_TIMEOUT_S)
+    return f"the origin was found, the stage is at {actuator.position_m() * 1e3:.4f} mm"
+
+
+def _move(config: Config, actuator: Actuator, way_m: float) -> str:
+    """There and back, at the velocity of the run, or slower than that only if the actuator is."""
+    velocity = config.run.velocity * 1e-6
+    start = actuator.position_m()
+    actuator.set_velocity(velocity)
+    began = time.monotonic()
+    actuator.move_to(start + way_m)
+    _wait_until_still(actuator, 3 * abs(way_m) / velocity + 5)
+    took, reached = time.monotonic() - began, actuator.position_m() - start
+    actuator.move_to(start)
+    _wait_until_still(actuator, 3 * abs(way_m) / velocity + 5)
+    left = actuator.position_m() - start
+    return f"{way_m * 1e6:g} um asked, {reached * 1e6:.2f} um reached in {took:.1f} s, {left * 1e6:+.2f} um left after the way back"
+
+
+def _wait_until_still(actuator: Actuator, timeout_s: float) -> None:
+    give_up = time.monotonic() + timeout_s
+    try:
+        while actuator.is_moving():
+            if time.monotonic() > give_up:
+                raise DeviceTimeout(f"{actuator.name}: it still moves after {timeout_s:.0f} s; it was stopped, check the stage")
+            time.sleep(0.05)
+    except BaseException:
+        actuator.stop()
+        raise
+
+
+@dataclass
+class _Data:
+    """What came in the seconds of data."""
+
+    volts: list[NDArray[np.float64]] = field(default_factory=list)
+    lost_samples: int = 0
+    frames: int = 0
+    lost: list[str] = field(default_factory=list)
+    image: NDArray[np.generic] | None = None
+    seconds: float = math.nan
+
+
+def _take_data(config: Config, bench: Bench) -> Iterator[Finding]:
+    """A few seconds of samples and frames, and what they say of the wiring."""
+    train = TriggerTrain(0, config.camera.divisor)
+    samples = max(round(SECONDS * config.forces.sample_rate), 3 * config.camera.divisor)
+    data = _Data()
+    taken = _attempt("data", lambda: _acquire(bench, train, samples, data))
+    yield taken
+    if data.volts:
+        yield from _forces(config, np.concatenate(data.volts))
+    if data.image is not None:
+        yield _picture(config, data.image)
+
+
+def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> str:
+    bench.camera.start(train)
+    bench.forces.start(train)
+    began, end = time.monotonic(), 0
+    try:
+        while end < samples:
+            block = bench.forces.read(READ_TIMEOUT_S)
+            end = block.end
+            if isinstance(block, SampleBlock):
+                data.volts.append(block.volts)
+            else:
+                data.lost_samples += block.count
+            _collect(bench, data, 0.0)
+        data.seconds = time.monotonic() - began
+        due = train.count_before(end - bench.camera.exposure_samples)
+        while data.frames + len(data.lost) < due and _collect(bench, data, READ_TIMEOUT_S):
+            pass
+    finally:
+        bench.forces.stop()
+        bench.camera.stop()
+    account = f"{end - data.lost_samples} samples and {data.frames} frames of {due} triggers in {data.seconds:.1f} s"
+    problems = [f"{data.lost_samples} samples were lost"] if data.lost_samples else []
+    if data.frames < due:
+        problems.append(data.lost[0] if data.lost else "the camera did not answer to triggers; check its line")
+    if problems:
+        raise DeviceError(f"{account}: {'; '.join(problems)}")
+    return account
+
+
+def _collect(bench: Bench, data: _Data, timeout_s: float) -> bool:
+    """Take what the camera has; whether there was anything."""
+    found = False
+    while True:
+        try:
+            answer = bench.camera.read(timeout_s)
+        except DeviceTimeout:
+            return found
+        found = True
+        if isinstance(answer, LostFrame):
+            data.lost.append(answer.reason)
+        elif isinstance(answer, Frame):
+            data.frames, data.image = data.frames + 1, answer.image
+        if timeout_s:
+            return True
+
+
+def _forces(config: Config, volts: NDArray[np.float64]) -> Iterator[Finding]:
+    newtons = sensor_chain(config).forces(volts)
+    for i, (label, symbol) in enumerate((("normal sensor", "P"), ("shear sensor", "Q"))):
+        reading, limit = volts[:, i], config.forces.range[i]
+        used = float(np.abs(reading).max()) / limit
+        force, unsteady = newtons[:, i].mean(), newtons[:, i].std() * 1e3
+        text = f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force:+.4f} N, std {unsteady:.2f} mN"
+        if used >= 0.98:
+            yield Finding(
+                label, text, False, True, f"it is at the end of its range of {limit:g} V: check the sensor, or raise forces.range", symbol
+            )
+        elif np.ptp(reading) == 0:
+            yield Finding(label, text, False, True, "it does not change by one step of the converter: is anything connected?", symbol)
+        else:
+            yield Finding(label, text, symbol=symbol)
+
+
+def _picture(config: Config, image: NDArray[np.generic]) -> Finding:
+    grey = image.astype(np.float64)
+    full = 2 ** bits(config) - 1
+    bright, dark = float((image >= full).mean()), float((image == 0).mean())
+    text = f"grey levels {grey.mean():.0f} on average, contrast {grey.std():.1f}, {bright:.2%} at full scale, {dark:.2%} at zero"
+    advice = ""
+    if bright > 0.02:
+        advice = "too bright: shorten camera.exposure, or dim the light"
+    elif grey.std() < config.dic.min_contrast * full / 255:
+        advice = "no contrast to correlate: check light, focus and lens cap"
+    return Finding("picture", text, not advice, False, advice)

@@ -1,0 +1,56 @@
+"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: what is there, and whether it works."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from app.commands.terminal import DONE, FAILED, output, print_json, print_rows
+from app.config import load
+from app.doctor import Finding, as_data, examine, found_by
+
+
+def check(bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: float, as_json: bool) -> int:
+    """Go through a bench and tell what works; the exit code."""
+    from app.bench_check import check as findings_of
+    from app.devices import make_bench
+
+    config = load(bench, tuple(overrides))
+    findings: list[Finding] = []
+    for finding in findings_of(config, make_bench(config, 1.0), home=home, move_um=move_um):
+        findings.append(finding)
+        if not as_json:
+            output().print(f"{'ok    ' if finding.is_fine else 'FAILS ' if finding.needed else 'look  '} {finding.label}: {finding.value}")
+    works = all(finding.is_fine or not finding.needed for finding in findings)
+    if as_json:
+        print_json({"works": works, "findings": [as_data(finding) for finding in findings]})
+    else:
+        moved = "" if home or move_um else "; nothing was moved (--home and --move allow it)"
+        output().print(f"the bench {'works' if works else 'does not work'}{moved}")
+    return DONE if works else FAILED
+
+
+def cameras(producer: str, as_json: bool) -> int:
+    """List the cameras that the drivers find; the exit code, 0 also where there is none."""
+    findings = {"pylon": found_by("drivers.camera_pylon"), "gentl": found_by("drivers.camera_gentl", producer) if producer else []}
+    if as_json:
+        print_json({driver: [as_data(f) for f in found] for driver, found in findings.items()})
+        return DONE
+    for driver, found in findings.items():
+        if found:
+            print_rows(f'camera.source = "{driver}"', found)
+    if not producer:
+        output().print("cameras of other vendors: slipscope cameras --producer PRODUCER.cti")
+    return DONE
+
+
+def doctor(as_json: bool) -> int:
+    """Print the findings; the exit code, 1 where something is missing that every run needs."""
+    findings = examine()
+    is_able = all(finding.is_fine or not finding.needed for group in findings.values() for finding in group)
+    if as_json:
+        print_json({"is_able_to_run": is_able, **{heading: [as_data(f) for f in group] for heading, group in findings.items()}})
+    else:
+        for heading, group in findings.items():
+            print_rows(heading, group)
+    return DONE if is_able else FAILED

@@ -1,0 +1,203 @@
+"""What goes wrong on a bench, one fault at a time: what the operator is told, what the actuator does, and what the file holds."""
+
+import h5py
+import numpy as np
+import pytest
+
+from app import config, live
+from app.session.reader import SessionReader
+from drivers.sim.faults import FAULTS, parse
+
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=60",
+    "dic.threads=1",
+)
+DRIVE = 4500  # a sample by which the drive has begun; it ends beyond 16,000
+TIMEOUT = 100
+
+
+class Ended:
+    """A run with one fault, ended: its outcome, its world, and its file."""
+
+    def __init__(self, path, fault, *overrides):
+        settings = config.load(None, [*SMALL, f"sim.faults=['{fault}']", *overrides])
+        self.run = live.make_run(settings, path, pace=None)
+        self.run.start()
+        self.outcome = self.run.wait(TIMEOUT)
+        assert self.outcome is not None, "the run did not end"
+        self.world = self.run._bench.world
+        self.counts = self.outcome.counts
+        with SessionReader(path) as s:
+            self.first, self.volts, self.newtons = s.forces()
+            self.frames = {index: image.copy() for index, _, image in s.frames()}
+            self.events = s.events()
+            self.state, self.reason = s.state, s.reason
+        with h5py.File(path) as f:
+            group = f["/entry/triggers"]
+            rows = zip(group["index"][:].tolist(), group["sample"][:].tolist(), group["reason"].asstr()[:], strict=True)
+            self.triggers = {index: (sample, reason) for index, sample, reason in rows}
+            self.gaps = list(zip(f["/entry/gaps/first"][:].tolist(), f["/entry/gaps/count"][:].tolist(), strict=True))
+
+    @property
+    def lost(self):
+        return {index: reason for index, (_, reason) in self.triggers.items() if reason}
+
+    def stands(self):
+        """Whether nothing moves in the world any more, or will."""
+        return not self.world.is_moving() or self.world._moves[-1].speed == 0
+
+
+@pytest.fixture
+def ended(tmp_path):
+    return lambda fault, *overrides: Ended(tmp_path / "faulty.h5", fault, *overrides)
+
+
+def whole(e):
+    """Whether the file agrees with the account: every trigger once and in order, every sample or its gap."""
+    assert list(e.triggers) == list(range(e.counts.triggers))
+    assert len(e.frames) == e.counts.frames_recorded == e.counts.frames_received
+    assert len(e.lost) == e.counts.frames_lost
+    assert len(e.volts) == e.counts.samples + e.counts.samples_lost
+    assert (e.state, e.reason) == (e.outcome.state, e.outcome.reason)
+    return True
+
+
+@pytest.mark.parametrize(
+    ("fault", "where", "words"),
+    [("lost-trigger 60 3", (60, 61, 62), "missed trigger"), ("lost-frame 70", (70,), "lost on its way")],
+)
+def test_a_lost_image_is_a_named_loss_at_its_index_and_the_run_goes_on(ended, fault, where, words):
+    e = ended(fault)
+    assert whole(e)
+    assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert tuple(e.lost) == where
+    assert all(words in reason for reason in e.lost.values())
+    assert all(sample == 125 * index for index, (sample, _) in e.triggers.items())
+    assert e.stands()
+
+
+@pytest.mark.parametrize("counted", [False, True])
+def test_a_late_trigger_is_seen_where_the_board_counts_the_exposures(ended, counted):
+    e = ended("late-trigger 60 7", *(["forces.exposure_counter=ctr1"] if counted else []))
+    assert whole(e)
+    assert e.outcome.state == "done"
+    assert e.counts.frames_lost == 0
+    assert e.triggers[60][0] == 125 * 60 + (7 if counted else 0)
+    assert e.triggers[61][0] == 125 * 61
+
+
+def test_a_corrupt_picture_is_kept_and_only_its_own_points_are_lost(ended, tmp_path):
+    e = ended("corrupt-frame 60")
+    assert whole(e)
+    assert e.outcome.state == "done"
+    with SessionReader(tmp_path / "faulty.h5") as s:
+        lost = {snapshot.frame: float((snapshot.status != 0).mean()) for snapshot in s.snapshots() if snapshot.status.size}
+    assert 0.3 < lost[60] < 0.7
+    assert max(lost[59], lost[61], lost[62]) < 0.05
+    assert e.frames[60][200:].std() > 2 * e.frames[59][200:].std()
+
+
+def test_a_camera_that_goes_away_ends_the_run_and_stops_the_drive(ended):
+    e = ended("camera-gone 60")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert "simulated camera: it was unplugged at trigger 60" in e.outcome.reason
+    assert e.stands()
+    assert set(e.frames) == set(range(60))
+    assert all("no image came before the run ended" in reason for reason in e.lost.values())
+    assert 0 < e.world.stage_m() < 60e-6
+
+
+def test_an_overflow_is_a_gap_with_its_length_and_ends_the_run(ended):
+    e = ended(f"daq-overflow {DRIVE + 7} 300")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert f"300 samples from {DRIVE + 7} on are lost" in e.outcome.reason
+    assert e.gaps == [(DRIVE + 7, 300)]
+    assert e.counts.samples_lost == 300
+    assert np.isnan(e.volts[DRIVE + 7 : DRIVE + 307]).all()
+    assert np.isfinite(e.volts[: DRIVE + 7]).all()
+    assert next(event.text for event in e.events if event.kind == "gap").startswith("300 samples lost")
+    assert e.stands()
+
+
+def test_a_run_may_go_on_after_an_overflow_and_nothing_is_shifted(ended, tmp_path):
+    e = ended(f"daq-overflow {DRIVE} 300", "forces.on_overflow=continue")
+    assert whole(e)
+    assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert e.gaps == [(DRIVE, 300)]
+    calm = Ended(tmp_path / "calm.h5", "late-trigger 999999")
+    np.testing.assert_array_equal(e.volts[:DRIVE], calm.volts[:DRIVE])
+    n = min(len(e.volts), len(calm.volts))
+    np.testing.assert_allclose(e.volts[DRIVE + 300 : n], calm.volts[DRIVE + 300 : n], atol=0.03)  # the drive began at another block
+    assert e.outcome.summary.mu_s == pytest.approx(calm.outcome.summary.mu_s, rel=0.01)
+
+
+def test_a_board_that_goes_away_ends_the_run_with_all_that_was_read(ended):
+    e = ended(f"daq-gone {DRIVE + 500}")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert "the board does not answer any more" in e.outcome.reason
+    assert DRIVE + 400 <= len(e.volts) <= DRIVE + 500
+    assert e.stands()
+
+
+def test_a_saturated_sensor_ends_the_run_by_its_name(ended):
+    e = ended(f"saturated {DRIVE}")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert "the shear sensor is at the end of its range of 10 V" in e.outcome.reason
+    assert e.stands()
+    assert e.volts[DRIVE:, 1].max() == pytest.approx(10, abs=0.001)
+    assert len(e.volts) < DRIVE + 300
+
+
+def test_a_stage_that_stands_ends_the_run_within_seconds(ended):
+    e = ended("stall 20")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert "actuator: it stands at 20.0 um of travel while it should move" in e.outcome.reason
+    assert e.stands()
+    reached = np.flatnonzero(e.newtons[:, 1] > 0.99 * np.nanmax(e.newtons[:, 1]))[0]
+    assert len(e.volts) - reached < 4000
+
+
+def test_an_end_of_run_is_told(ended):
+    e = ended("end-of-run 20")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert "the stage met its end switch after 20 um" in e.outcome.reason
+    assert e.stands()
+
+
+def test_a_cut_line_ends_the_run_and_says_that_the_stop_was_not_confirmed(ended):
+    e = ended(f"unplugged {DRIVE}")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert "the line is dead" in e.outcome.reason
+    assert len(e.volts) >= DRIVE
+    e.world.advance(30_000)
+    assert not e.world.is_moving()  # a bounded move ends by itself
+    assert e.world.stage_m() <= 60.001e-6
+
+
+def test_a_line_that_is_not_there_can_not_be_noisy(ended, tmp_path):
+    run = live.make_run(config.load(None, [*SMALL, "sim.faults=['noisy-line 5']"]), tmp_path / "x.h5", pace=None)
+    run.start()
+    assert "it has no line that could be noisy" in run.wait(TIMEOUT).reason
+
+
+@pytest.mark.parametrize(
+    "text", ["", "lost-tirgger 4", "lost-trigger", "lost-trigger x", "lost-trigger -1", "lost-trigger 1 2 3", "stall nan"]
+)
+def test_what_is_no_fault_is_refused(text, tmp_path):
+    with pytest.raises(ValueError, match=r"no fault is called|write 'KIND AT'"):
+        parse(text)
+
+
+def test_every_fault_is_explained():
+    assert all(parse(f"{kind} 7").kind == kind and "AT" in FAULTS[kind] for kind in FAULTS)
