@@ -261,6 +261,11 @@ def _check_devices(config: Config, where: str) -> None:
             "the .cti file of the camera's vendor, for camera.source = 'gentl'",
             "",
         ),
+        "replay.session": (
+            config.replay.session or "replay" not in (forces.source, camera.source, actuator.source),
+            "the session that a source = 'replay' plays",
+            "",
+        ),
         "actuator.port": (
             actuator.source not in ("smc100", "conex-cc") or actuator.port,
             "the port that the actuator's controller is on",

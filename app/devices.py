@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 
 from app.config import exposure_samples, sensitivities
 from app.errors import UserError
 from app.sections import Config
+from app.session.recording import SessionRecording
 from drivers.bench import Bench, open_bench
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sim.faults import Fault, parse
@@ -164,13 +166,15 @@ def make_bench(config: Config, pace: float | None) -> Bench:
     UserError
         The settings describe a world that can not be.
     """
-    world = world_settings(config) if any(map(is_unreal, sources_of(config))) else None
+    sources = sources_of(config)
+    world = world_settings(config) if any(map(is_unreal, sources)) else None
+    recording = SessionRecording(Path(config.replay.session)) if "replay" in sources else None
     told = {
         "force_settings": force_settings(config),
         "camera_settings": camera_settings(config),
         "actuator_settings": actuator_settings(config),
     }
     try:
-        return open_bench(*sources_of(config), **told, world=world, pace=pace)  # type: ignore[arg-type]
+        return open_bench(*sources, **told, world=world, recording=recording, pace=pace)  # type: ignore[arg-type]
     except ValueError as error:
         raise UserError(f"[sim]: {error}") from None

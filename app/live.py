@@ -103,7 +103,7 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
     check_output(config, output, overwrite=overwrite)
     bench = bench or make_bench(config, pace)
     sources = sources_of(config)
-    if pace != 1.0 and not all(map(is_unreal, sources)):
+    if pace != 1.0 and not all(is_unreal(source) or source == "replay" for source in sources):
         raise UserError(f"--pace: a bench with a real device runs at pace 1, not {'max' if pace is None else pace}")
     if pace is None and set(sources) != {"sim"}:
         raise UserError("--pace: only simulated devices wait for the program, as pace max needs; give a number")

@@ -173,6 +173,12 @@ class Recording(Section, frozen=True):
     queue: Annotated[float, _f("Data the recorder's queue holds before the run ends by name", "s", gt=0, le=60)] = 4.0
 
 
+class Replay(Section, frozen=True):
+    """The recorded experiment whose forces, images or stage a bench plays where a source is "replay"."""
+
+    session: Annotated[str, _f("Session file")] = ""
+
+
 class Sim(Section, frozen=True):
     """The simulated bench: one world, seen by all simulated devices."""
 
@@ -215,4 +221,5 @@ class Config(Section, frozen=True):
     dic: Dic = Dic()
     stress: Stress = Stress()
     recording: Recording = Recording()
+    replay: Replay = Replay()
     sim: Sim = Sim()

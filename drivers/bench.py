@@ -17,12 +17,14 @@ from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 
 if TYPE_CHECKING:
     from drivers.sim.world import World, WorldSettings
+    from drivers.stored import Recording
 
 DRIVERS: dict[str, dict[str, str]] = {
     "forces": {
         "sim": "drivers.sim.devices:sim_forces",
         "nidaqmx": "drivers.ni_daq:NiForces",
         "nidaqmx-emulated": "drivers.emulators.ni:EmulatedNiForces",
+        "replay": "drivers.stored:StoredForces",
     },
     "camera": {
         "sim": "drivers.sim.devices:sim_camera",
@@ -30,6 +32,7 @@ DRIVERS: dict[str, dict[str, str]] = {
         "pylon-emulated": "drivers.emulators.camera:EmulatedPylonCamera",
         "gentl": "drivers.camera_gentl:GenTLCamera",
         "folder": "drivers.camera_folder:FolderCamera",
+        "replay": "drivers.stored:StoredCamera",
     },
     "actuator": {
         "sim": "drivers.sim.devices:sim_actuator",
@@ -37,6 +40,7 @@ DRIVERS: dict[str, dict[str, str]] = {
         "conex-cc": "drivers.actuator_newport:ConexCc",
         "smc100-emulated": "drivers.emulators.newport:EmulatedSmc100",
         "conex-cc-emulated": "drivers.emulators.newport:EmulatedConexCc",
+        "replay": "drivers.stored:StoredActuator",
     },
 }
 """Kind of device -> name in the settings -> what makes it, called with its settings and the scene. A new driver is one line; its module is
@@ -123,6 +127,7 @@ def open_bench(
     camera_settings: CameraSettings | None = None,
     actuator_settings: ActuatorSettings | None = None,
     world: WorldSettings | None = None,
+    recording: Recording | None = None,
     pace: float | None = 1.0,
 ) -> Bench:
     """A bench of three drivers given by name; its `open`, or a ``with`` block, claims the hardware.
@@ -135,6 +140,8 @@ def open_bench(
         What the drivers are told about their devices.
     world : WorldSettings, optional
         What the simulated and emulated devices look at.
+    recording : Recording, optional
+        What the stored devices play.
     pace : float or None
         Simulated seconds per second; None: as fast as possible.
 
@@ -143,7 +150,7 @@ def open_bench(
     UnknownDevice
         There is no driver of that name.
     """
-    scene = Scene(world, pace)
+    scene = Scene(world, pace, recording)
     names = forces, camera, actuator
     told = force_settings or ForceSettings(), camera_settings or CameraSettings(), actuator_settings or ActuatorSettings()
     makers = [_driver(kind, name) for kind, name in zip(DRIVERS, names, strict=True)]

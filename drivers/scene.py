@@ -6,8 +6,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from drivers.clock import SampleClock
+from drivers.errors import DeviceNotFound
 
 if TYPE_CHECKING:
+    from drivers.stored import Recording
     from drivers.sim.settings import WorldSettings
     from drivers.sim.world import World
 
@@ -21,6 +23,8 @@ class Scene:
         What the simulated world is made of.
     pace : float or None
         Simulated seconds per second of the wall clock; None: as fast as it is read.
+    recording : Recording, optional
+        What the stored devices play.
 
     Attributes
     ----------
@@ -28,10 +32,24 @@ class Scene:
         Fed by the bench with every block of forces that is read.
     """
 
-    def __init__(self, settings: WorldSettings | None = None, pace: float | None = 1.0) -> None:
+    def __init__(self, settings: WorldSettings | None = None, pace: float | None = 1.0, recording: Recording | None = None) -> None:
         self.clock = SampleClock()
         self.pace = pace
         self._settings = settings
+        self._recording = recording
+
+    @property
+    def recording(self) -> Recording:
+        """The recorded experiment that the stored devices play.
+
+        Raises
+        ------
+        DeviceNotFound
+            None was given.
+        """
+        if self._recording is None:
+            raise DeviceNotFound("stored devices: a recorded experiment was asked, none is named; set replay.session to its file")
+        return self._recording
 
     @cached_property
     def world(self) -> World:

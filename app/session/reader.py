@@ -109,6 +109,12 @@ class SessionReader:
         return int(rows), int(columns)
 
     @cached_property
+    def frame_dtype(self) -> np.dtype[Any]:
+        """Type of a pixel."""
+        dtype: np.dtype[Any] = self._dataset("/entry/instrument/camera/data").dtype
+        return dtype
+
+    @cached_property
     def grid_x_px(self) -> NDArray[np.float64]:
         """Centres of the correlation boxes along x, shape (nx,)."""
         x: NDArray[np.float64] = self._read("/entry/fields/x")

@@ -1,0 +1,39 @@
+"""A session as the stored devices of a bench need it: samples, images and positions by their numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.session.reader import SessionReader
+
+
+class SessionRecording:
+    """The readings of a session, see `drivers.stored.Recording`; its file stays open until the program ends or `close`."""
+
+    def __init__(self, path: Path) -> None:
+        self._session = session = SessionReader(path)
+        self.name = path.name
+        _, self.volts, _ = session.forces()
+        self.sample_rate_hz = session.sample_rate_hz
+        self.divisor = session.divisor
+        self.shape = session.frame_shape
+        self.dtype: np.dtype[Any] = session.frame_dtype
+        samples, metres = session.positions()
+        known = np.isfinite(metres)
+        self.position_samples, self.positions_m = samples[known], metres[known]
+        self._lost = {index: reason for index, _, reason in session.lost_frames()}
+        self._count = len(session.triggers())
+
+    def image(self, index: int) -> NDArray[Any] | str | None:
+        """The image of a trigger, why it has none, or None beyond the last one."""
+        if index >= self._count:
+            return None
+        return self._lost[index] if index in self._lost else self._session.frame(index)[2]
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._session.close()

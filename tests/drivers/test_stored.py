@@ -1,0 +1,182 @@
+"""A recorded experiment behind the device protocols, alone and mixed with simulated devices."""
+
+import numpy as np
+import pytest
+from contracts import CameraContract, ForceSourceContract
+
+from app import config, live
+from app.session.reader import SessionReader
+from drivers.bench import open_bench
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
+from drivers.protocols import Frame, LostFrame, LostSamples, TriggerTrain
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
+from drivers.stored import StoredActuator, StoredCamera, StoredForces
+
+SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=60", "dic.threads=1")
+TRAIN = TriggerTrain(0, 100)
+
+
+class Tape:
+    """A recording made up: 900 samples with a gap, nine frames of which one was lost, a stage that goes 1 mm and stands."""
+
+    name = "tape"
+    sample_rate_hz = 1000.0
+    divisor = 100
+    shape = (6, 8)
+    dtype = np.dtype(np.uint8)
+    position_samples = np.array([0, 200, 400, 900])
+    positions_m = np.array([1e-3, 1e-3, 2e-3, 2e-3])
+
+    def __init__(self, gap=(500, 530)):
+        self.volts = np.arange(1800.0).reshape(900, 2)
+        self.volts[gap[0] : gap[1]] = np.nan
+
+    def image(self, index):
+        return None if index >= 9 else "it was lost" if index == 5 else np.full(self.shape, index, np.uint8)
+
+
+def scene(**changes):
+    return Scene(pace=None, recording=Tape(**changes))
+
+
+class TestStoredForces(ForceSourceContract):
+    @pytest.fixture
+    def forces(self):
+        return StoredForces(ForceSettings(), scene(gap=(0, 0)))
+
+
+class TestStoredCamera(CameraContract):
+    @pytest.fixture
+    def here(self):
+        return scene()
+
+    @pytest.fixture
+    def camera(self, here):
+        return StoredCamera(CameraSettings(), here)
+
+    @pytest.fixture
+    def run_until(self, here):
+        def run(sample):
+            if here.clock.phase == "idle":
+                here.clock.start()
+            here.clock.advance(sample)
+
+        return run
+
+    @pytest.fixture
+    def end_clock(self, here):
+        return here.clock.stop
+
+
+def test_a_stored_stage_goes_where_it_went_once_it_is_told():
+    here = scene()
+    stage = StoredActuator(ActuatorSettings(), here)
+    with pytest.raises(DeviceFault, match="closed"):
+        stage.position_m()
+    stage.open()
+    here.clock.start()
+    assert (stage.position_m(), stage.is_moving()) == (1e-3, False)
+    stage.move_to(2e-3)
+    here.clock.advance(300)
+    assert stage.is_moving()
+    assert stage.position_m() == pytest.approx(1.5e-3)
+    here.clock.advance(400)
+    assert (stage.position_m(), stage.is_moving()) == (2e-3, False)
+    with pytest.raises(DeviceFault, match="recording"):
+        stage.home()
+    with pytest.raises(OutOfLimits):
+        stage.set_velocity(float("nan"))
+
+
+def test_a_gap_stays_a_gap_and_the_end_is_told():
+    forces = StoredForces(ForceSettings(), scene(gap=(510, 530)))
+    forces.open()
+    forces.start(TRAIN)
+    blocks = []
+    while not blocks or blocks[-1].end < 900:
+        blocks.append(forces.read(1.0))
+    with pytest.raises(DeviceFault, match="ends there"):
+        forces.read(1.0)
+    ends = [block.end for block in blocks]
+    assert [block.first for block in blocks[1:]] == ends[:-1]
+    assert [(b.first, b.count) for b in blocks if isinstance(b, LostSamples)] == [(510, 20)]
+    assert ends[-1] == 900
+
+
+def test_a_lost_image_stays_lost_and_beyond_the_last_there_is_none():
+    here = scene()
+    camera = StoredCamera(CameraSettings(), here)
+    camera.open()
+    camera.start(TRAIN)
+    here.clock.start()
+    here.clock.advance(2000)
+    answers = [camera.read(1.0) for _ in range(11)]
+    assert [isinstance(a, Frame) for a in answers] == [True] * 5 + [False] + [True] * 3 + [False] * 2
+    assert isinstance(answers[5], LostFrame)
+    assert "it was lost" in answers[5].reason
+    with pytest.raises(OutOfLimits, match=r"set camera\.divisor"):
+        camera.start(TriggerTrain(0, 99))
+
+
+def test_without_a_recording_they_say_what_is_missing():
+    with pytest.raises(DeviceNotFound, match=r"set replay\.session"):
+        open_bench("replay", "sim", "sim")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("stored") / "first.h5"
+    run = live.make_run(config.load(None, SMALL), path, pace=None)
+    run.start()
+    return path, run.wait(100)
+
+
+def again(path, recorded, *sources):
+    """The run of a bench that plays the recorded session in the sources named, at ten times its pace."""
+    overrides = [*SMALL, f"replay.session={recorded[0]}", *(f"{source}.source=replay" for source in sources)]
+    run = live.make_run(config.load(None, overrides), path, pace=10.0)
+    run.start()
+    return run.wait(100)
+
+
+def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
+    outcome = again(tmp_path / "all.h5", recorded, "forces", "camera", "actuator")
+    assert outcome.state == "done", outcome.reason
+    with SessionReader(recorded[0]) as first, SessionReader(tmp_path / "all.h5") as second:
+        a, b = first.forces()[1], second.forces()[1]
+        n = min(len(a), len(b))
+        assert n > 0.98 * len(a)
+        np.testing.assert_array_equal(a[:n], b[:n])
+        assert {i: image.tobytes() for i, _, image in second.frames()}.items() <= {
+            i: image.tobytes() for i, _, image in first.frames()
+        }.items()
+    assert outcome.summary.mu_s == pytest.approx(recorded[1].summary.mu_s, rel=0.01)
+
+
+def test_recorded_pictures_and_forces_with_a_simulated_stage(recorded, tmp_path):
+    outcome = again(tmp_path / "mixed.h5", recorded, "forces", "camera")
+    assert outcome.state == "done", outcome.reason
+    assert outcome.counts.frames_lost == outcome.counts.samples_lost == 0
+    assert outcome.summary.mu_s == pytest.approx(recorded[1].summary.mu_s, rel=0.01)
+
+
+def test_recorded_forces_lead_the_simulated_world(recorded, tmp_path):
+    """The stage and the camera are simulated, the clock is the recording's: the world shows its contact at the samples that are played."""
+    outcome = again(tmp_path / "led.h5", recorded, "forces")
+    assert outcome.state == "done", outcome.reason
+    assert outcome.counts.frames_lost == 0
+    assert outcome.summary.onset_time_s == pytest.approx(recorded[1].summary.onset_time_s, abs=0.3)
+
+
+def test_a_recorded_stage_moves_the_simulated_contact(recorded, tmp_path):
+    outcome = again(tmp_path / "followed.h5", recorded, "actuator")
+    assert outcome.state == "done", outcome.reason
+    assert outcome.summary.mu_s == pytest.approx(recorded[1].summary.mu_s, rel=0.02)
+
+
+def test_a_session_that_is_not_there_is_one_sentence(tmp_path):
+    from app.errors import UserError
+
+    with pytest.raises((UserError, DeviceError), match="nothing"):
+        live.make_run(config.load(None, [f"replay.session={tmp_path / 'nothing.h5'}", "camera.source=replay"]), tmp_path / "x.h5", pace=1.0)
