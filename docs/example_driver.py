@@ -1,0 +1,99 @@
+"""A whole driver, as an example: a stepper on a microcontroller that understands lines of text (run by tests/drivers/test_example_driver.py).
+
+Its protocol: ``M <um> <um/s>`` moves to a position, ``P`` answers the position in um, ``B`` answers 1 while it moves, ``S`` stops.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings
+
+
+class TextStage:
+    """The stage on the serial port of the settings."""
+
+    name = "text stage"
+
+    def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
+        del scene  # a real device looks at nothing simulated
+        self.travel_limits_m = settings.travel_limits_m
+        self.velocity_limit_m_s = settings.velocity_limit_m_s
+        self._port, self._baud = settings.port, settings.baud or 115200
+        self._line: Any = None
+        self._lock = threading.RLock()  # `stop` comes from any thread
+        self._velocity = 10e-6
+
+    def open(self) -> None:
+        """Claim the port; nothing moves."""
+        import serial  # here, and nowhere else: the program runs where it is not installed
+
+        try:
+            self._line = serial.serial_for_url(self._port, baudrate=self._baud, timeout=0.5, write_timeout=0.5)
+        except (OSError, ValueError) as error:
+            raise DeviceNotFound(
+                f"{self.name}: port '{self._port}' was asked, it can not be opened ({error}); check actuator.port"
+            ) from error
+
+    def describe(self) -> str:
+        """Where it is."""
+        return f"at {self.position_m() * 1e6:.1f} um"
+
+    def home(self) -> None:
+        """This stage has no origin to find."""
+        raise DeviceFault(f"{self.name}: it was asked to find its origin, it has no switch for it; move it by hand")
+
+    def set_velocity(self, velocity_m_s: float) -> None:
+        """Speed of the moves to come."""
+        if not 0 < velocity_m_s <= self.velocity_limit_m_s:  # refuses NaN too
+            raise OutOfLimits(
+                f"{self.name}: {velocity_m_s * 1e6:g} um/s was asked; stay at or below {self.velocity_limit_m_s * 1e6:g} um/s"
+            )
+        self._send("")
+        self._velocity = velocity_m_s
+
+    def move_to(self, position_m: float) -> None:
+        """Start a bounded move."""
+        low, high = self.travel_limits_m
+        if not low <= position_m <= high:
+            raise OutOfLimits(f"{self.name}: {position_m * 1e3:g} mm was asked; stay between {low * 1e3:g} and {high * 1e3:g} mm")
+        self._send(f"M {position_m * 1e6:.3f} {self._velocity * 1e6:.3f}")
+
+    def position_m(self) -> float:
+        """Where it is now."""
+        return float(self._ask("P")) * 1e-6
+
+    def is_moving(self) -> bool:
+        """Whether it moves."""
+        return self._ask("B") == "1"
+
+    def stop(self) -> None:
+        """End any motion now."""
+        self._send("S")
+
+    def close(self) -> None:
+        """Stop, and let go of the port."""
+        if self._line is not None:
+            self.stop()
+            self._line.close()
+            self._line = None
+
+    def _ask(self, command: str) -> str:
+        with self._lock:
+            self._send(command)
+            answer = self._line.readline().decode("ascii", "replace").strip()
+        if not answer:
+            raise DeviceTimeout(f"{self.name}: '{command}' was asked, no answer came within 0.5 s; check its cable and power")
+        return str(answer)
+
+    def _send(self, command: str) -> None:
+        with self._lock:
+            if self._line is None:
+                raise DeviceFault(f"{self.name}: '{command}' was asked, it is not open; open it first")
+            try:
+                self._line.write(f"{command}\n".encode() if command else b"")
+            except OSError as error:
+                raise DeviceFault(f"{self.name}: '{command}' was asked, the line is dead ({error}); check its cable") from error

@@ -1,0 +1,36 @@
+"""What the documentation of a bench says is what there is: faults, sources, settings."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from app import config
+from app.sections import Config
+from drivers.bench import DRIVERS
+from drivers.sim.faults import FAULTS
+
+TEXT = (Path(__file__).parents[2] / "docs" / "bench.md").read_text(encoding="utf-8")
+
+
+def test_every_fault_is_explained_and_no_other():
+    section = TEXT.split("## What goes wrong")[1].split("\n## ")[0]
+    assert set(re.findall(r"^\| `([\w-]+) ", section, re.MULTILINE)) == set(FAULTS)
+
+
+@pytest.mark.parametrize("kind", DRIVERS)
+def test_every_source_is_named(kind):
+    assert all(f"`{name}`" in TEXT for name in DRIVERS[kind])
+
+
+def test_every_setting_that_is_named_exists():
+    tables = config.options(Config)
+    for table, key in re.findall(r"`(forces|camera|actuator|replay|sim|run)\.(\w+)", TEXT):
+        assert key in config.options(tables[table][0]), f"{table}.{key}"
+
+
+@pytest.mark.parametrize("name", config.bench_names())
+def test_a_bench_that_comes_with_the_program_is_well_formed(name):
+    settings = config.load(Path(name))
+    assert settings != Config()
+    assert config.from_data(__import__("tomllib").loads(config.bench_text(name)), name) == settings

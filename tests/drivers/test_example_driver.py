@@ -1,0 +1,92 @@
+"""The example of the documentation is a driver: it passes the contract, on a real serial port of the operating system."""
+
+import importlib.util
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from contracts import ActuatorContract
+
+from drivers.emulators.serial_line import SerialLine
+from drivers.emulators.stages import FreeStage
+from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "example_driver.py"
+
+
+@pytest.fixture
+def text_stage():
+    spec = importlib.util.spec_from_file_location("example_driver", EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.TextStage
+
+
+class Microcontroller:
+    """The far end of the line; millimetres inside, as the stage counts."""
+
+    def __init__(self, clock):
+        self.stage = FreeStage(clock)
+
+    def answer(self, command):
+        match command.decode().split():
+            case ["M", target, speed]:
+                self.stage.move(float(target) * 1e-3, float(speed) * 1e-3, 1e3)
+            case ["S"]:
+                self.stage.halt(1e3)
+            case ["P"]:
+                return f"{self.stage.position() * 1e3:.3f}".encode()
+            case ["B"]:
+                return b"1" if self.stage.is_moving() else b"0"
+        return b""
+
+
+@pytest.fixture
+def time():
+    return [0.0]
+
+
+@pytest.fixture
+def line(time):
+    line = SerialLine(Microcontroller(lambda: time[0]))
+    line.start()
+    yield line
+    line.cut()
+
+
+@pytest.fixture
+def actuator(text_stage, line):
+    return text_stage(ActuatorSettings(port=line.url, travel_limits_m=(0.0, 25e-3)), Scene())
+
+
+class TestTextStage(ActuatorContract):
+    @pytest.fixture
+    def actuator(self, actuator):
+        return actuator
+
+    @pytest.fixture
+    def pass_time(self, time, actuator):
+        def wait(seconds):
+            with suppress(DeviceFault):  # not open: nothing is under way
+                actuator.is_moving()  # its answer comes when all commands before it have arrived
+            time[0] += seconds
+
+        return wait
+
+
+def test_it_is_as_short_as_the_documentation_says():
+    assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) < 100
+
+
+def test_what_is_not_there_is_told(text_stage, actuator, line):
+    with pytest.raises(DeviceNotFound, match=r"check actuator\.port"):
+        text_stage(ActuatorSettings(port="/dev/nothing"), Scene()).open()
+    actuator.open()
+    line.is_mute = True
+    with pytest.raises(DeviceTimeout, match="no answer"):
+        actuator.position_m()
+    line.cut()
+    with pytest.raises((DeviceFault, DeviceTimeout)):
+        actuator.position_m()
