@@ -231,7 +231,7 @@ class _Feed:
                 history.begin(phase, began)
             end, metres = self._positions.pop(0)
             begin = history.end
-            history.append(begin, self._chain.forces(self._volts[begin - self._first : end - self._first]), metres)
+            history.append(begin, self._chain.forces(self._volts[begin - self._first : end - self._first]), metres, end)
 
 
 def make_replay(path: Path, *, pace: float | None) -> Replay:

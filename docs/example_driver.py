@@ -1,4 +1,4 @@
-"""A whole driver, as an example: a stepper on a microcontroller that understands lines of text (run by tests/drivers/test_example_driver.py).
+"""A whole driver, as an example: a stepper on a microcontroller that understands lines of text (tests/drivers/test_example_driver.py).
 
 Its protocol: ``M <um> <um/s>`` moves to a position, ``P`` answers the position in um, ``B`` answers 1 while it moves, ``S`` stops.
 """

@@ -21,13 +21,18 @@ def connected(
     has_world = any(name == "sim" or name.endswith("-emulated") for name in names)
     leads = has_world and names[0] not in OWN_THE_TIME
     follows = has_world and names[2] not in OWN_THE_STAGE
-    return ClockedForces(forces, scene, leads=leads), camera, FollowedActuator(actuator, scene) if follows else actuator
+    in_read_time = names[2] == "replay" or (leads and names[2] in OWN_THE_STAGE)  # where the stage is, it is at the last sample read
+    return (
+        ClockedForces(forces, scene, leads=leads, stage_in_read_time=in_read_time),
+        camera,
+        FollowedActuator(actuator, scene) if follows else actuator,
+    )
 
 
 class ClockedForces:
     """A force source that tells the scene's clock of every block that is read; `leads`: the world's time passes with it too."""
 
-    def __init__(self, forces: ForceSource, scene: Scene, *, leads: bool) -> None:
+    def __init__(self, forces: ForceSource, scene: Scene, *, leads: bool, stage_in_read_time: bool = False) -> None:
         self.device = forces
         self.name = forces.name
         self.sample_rate_hz = forces.sample_rate_hz
@@ -35,6 +40,7 @@ class ClockedForces:
         self.counts_exposures = forces.counts_exposures
         self._scene = scene
         self._leads = leads
+        self._stage_in_read_time = stage_in_read_time
 
     def open(self) -> None:
         """See `drivers.protocols.ForceSource`, as for all methods here."""
@@ -58,6 +64,10 @@ class ClockedForces:
             self._scene.world.advance(block.end - self._scene.world.now)
         self._scene.clock.advance(block.end, block.exposures if isinstance(block, SampleBlock) else None)
         return block
+
+    def backlog(self) -> int:
+        """Samples of the device that wait to be read; none where the stage knows no later time than that of the last one read."""
+        return 0 if self._stage_in_read_time else self.device.backlog()
 
     def stop(self) -> None:
         """Stop the device, and with it the clock."""

@@ -142,6 +142,9 @@ class ForceSource(Protocol):
             The board lost samples or went away; the blocks delivered so far stay valid.
         """
 
+    def backlog(self) -> int:
+        """Samples that the board has taken and nobody has read yet: the newest one is that far ahead of the last block."""
+
     def stop(self) -> None:
         """Stop sampling and the trigger train. May be called twice."""
 

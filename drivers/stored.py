@@ -108,6 +108,12 @@ class StoredForces:
             return LostSamples(first, n, f"{self.name}: they were lost when it was recorded")
         return SampleBlock(first, volts[first : first + n].copy())
 
+    def backlog(self) -> int:
+        """Samples whose time has come and that were not read."""
+        if self._state != "running" or math.isinf(self._pace):
+            return 0
+        return max(0, int((time.monotonic() - self._began) * self._pace * self.sample_rate_hz) - self._next)
+
     def stop(self) -> None:
         """Play no further."""
         self._state = "open" if self._state == "running" else self._state

@@ -57,13 +57,14 @@ class History:
         """Whether no more samples will come."""
         return self._ended
 
-    def append(self, first: int, forces: NDArray[np.float64], position_m: float) -> None:
-        """Add one block of forces, shape (n, 2) in newtons (P, Q), and the stage position read at its end."""
+    def append(self, first: int, forces: NDArray[np.float64], position_m: float, position_sample: int) -> None:
+        """Add one block of forces, shape (n, 2) in newtons (P, Q), and a position of the stage, read at its end or later."""
         with self._changed:
             end = first + len(forces)
             self._ring[np.arange(first, end) % len(self._ring)] = forces
-            self._means.append((first + len(forces) // 2, float(forces[:, 0].mean()), float(forces[:, 1].mean())))
-            self._position_samples.append(end)
+            if len(forces):
+                self._means.append((first + len(forces) // 2, float(forces[:, 0].mean()), float(forces[:, 1].mean())))
+            self._position_samples.append(position_sample)
             self._positions.append(position_m)
             self._end = end
             self._changed.notify_all()

@@ -61,6 +61,10 @@ class Intake:
         """The run starts where the stage is now."""
         self.start_m = self._bench.actuator.position_m()
 
+    def now(self) -> int:
+        """The board's newest sample, read or not."""
+        return self._history.end + self._bench.forces.backlog()
+
     def take(self, recorder: Recorder, has_reference: bool = False) -> Measured | None:
         """The next block, on its way to the disk, and what it says; None for a gap that the settings put up with.
 
@@ -81,8 +85,9 @@ class Intake:
         try:
             position, moving = self._bench.actuator.position_m(), self._bench.actuator.is_moving()
         finally:  # an actuator that fails costs no sample
-            recorder.position(block.end, position)
-            self._history.append(block.first, forces, position)
+            now = max(block.end, self.now())  # the stage was read now, which is later than the block where more of them wait
+            recorder.position(now, position)
+            self._history.append(block.first, forces, position, now)
         if isinstance(block, LostSamples):
             if self._config.forces.on_overflow == "end":
                 raise DeviceFault(f"{block.reason}; {block.count} samples from {block.first} on are lost")

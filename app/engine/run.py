@@ -288,22 +288,24 @@ class Run:
                 raise
             self._progress = self._experiment.progress(measured)
             if phase is not before:
-                self._begin_phase(workers, phase, measured.end_sample)
-                self._act_on(phase)
+                if phase is Phase.DRIVE:
+                    self._drive(workers)
+                else:
+                    self._begin_phase(workers, phase, measured.end_sample)
+                if phase is Phase.END:
+                    self._ending.call(f"the drive of {self.config.run.travel:g} um is complete", failed=False)
 
-    def _act_on(self, phase: Phase) -> None:
-        """What entering a phase means for the actuator."""
-        if phase is Phase.DRIVE:
-            if not self._free_running:
-                rate = self.sample_rate_hz / self.config.camera.divisor
-                self._to_analysis.narrow(max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth)
-            self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
-            if not self._ending.is_called.is_set():
-                self._bench.actuator.move_to(self._intake.start_m + self._experiment.travel_m)
-            if self._ending.is_called.is_set():  # a stop that came between the two lines above wins
-                self._bench.actuator.stop()
-        elif phase is Phase.END:
-            self._ending.call(f"the drive of {self.config.run.travel:g} um is complete", failed=False)
+    def _drive(self, workers: _Workers) -> None:
+        """Set the stage in motion. The phase begins on the board's newest sample, which may be ahead of those that were read."""
+        if not self._free_running:
+            rate = self.sample_rate_hz / self.config.camera.divisor
+            self._to_analysis.narrow(max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth)
+        self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
+        self._begin_phase(workers, Phase.DRIVE, self._intake.now())
+        if not self._ending.is_called.is_set():
+            self._bench.actuator.move_to(self._intake.start_m + self._experiment.travel_m)
+        if self._ending.is_called.is_set():  # a stop that came between the two lines above wins
+            self._bench.actuator.stop()
 
     def _reference_is_due(self, measured: Measured) -> bool:
         began = self._history.phase_start(Phase.REFERENCE)

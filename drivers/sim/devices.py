@@ -66,6 +66,10 @@ class SimForces:
             return LostSamples(block.first, n, f"{self.name}: samples were overwritten before they were read; the computer is too busy")
         return block
 
+    def backlog(self) -> int:
+        """None: time passes here only where it is read."""
+        return 0
+
     def stop(self) -> None:
         """End the samples and the triggers."""
         if self._world.phase == "running":

@@ -16,7 +16,7 @@ def filled(seconds, rate=100, block=10, exposure=4):
     history.begin(Phase.BACKGROUND, 0)
     for first in range(0, int(seconds * rate), block):
         n = np.arange(first, first + block, dtype=float)
-        history.append(first, np.column_stack([n, -2 * n]), 1e-6 * (first + block))
+        history.append(first, np.column_stack([n, -2 * n]), 1e-6 * (first + block), first + block)
     return history
 
 
