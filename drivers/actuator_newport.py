@@ -1,0 +1,358 @@
+"""A stage on a Newport SMC100CC or CONEX-CC controller. Metres outside, millimetres on the line.
+
+What happened to the stage a controller keeps until ``TS`` asks for its state; ``TE`` asks what was wrong with the last command.
+
+References
+----------
+Newport, SMC100CC & SMC100PP User's Manual (EDH0206En), chapter 5; CONEX-CC Controller Documentation, chapter 2: commands, states, errors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from typing import ClassVar
+
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
+from drivers.newport_line import NewportLine, find
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings
+
+__all__ = ["ConexCc", "Smc100", "find"]
+
+STOPS_WITHIN_S = 2.0  # the fastest moves need half of that to slow down
+_NUMBER = r"([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)"
+
+HOME_FIRST = "home it with the block free to travel: `slipscope check BENCH.toml --home`"
+_STATES = {
+    "0A": "NOT REFERENCED from reset",
+    "0B": "NOT REFERENCED from HOMING",
+    "0C": "NOT REFERENCED from CONFIGURATION",
+    "0D": "NOT REFERENCED from DISABLE",
+    "0E": "NOT REFERENCED from READY",
+    "0F": "NOT REFERENCED from MOVING",
+    "14": "CONFIGURATION",
+    "1E": "HOMING",
+    "28": "MOVING",
+    "32": "READY from HOMING",
+    "33": "READY from MOVING",
+    "34": "READY from DISABLE",
+    "3C": "DISABLE from READY",
+    "3D": "DISABLE from MOVING",
+}
+_SMC100_STATES = _STATES | {
+    "10": "NOT REFERENCED, error of the ESP stage",
+    "11": "NOT REFERENCED from JOGGING",
+    "1F": "HOMING, commanded by the keypad",
+    "35": "READY from JOGGING",
+    "3E": "DISABLE from JOGGING",
+    "46": "JOGGING from READY",
+    "47": "JOGGING from DISABLE",
+}
+_CONEX_STATES = _STATES | {
+    "10": "NOT REFERENCED, no parameters in memory",
+    "36": "READY T from READY",
+    "37": "READY T from TRACKING",
+    "38": "READY T from DISABLE T",
+    "3E": "DISABLE from TRACKING",
+    "3F": "DISABLE from READY T",
+    "46": "TRACKING from READY T",
+    "47": "TRACKING from TRACKING",
+}
+_REMEDIES = {
+    "NOT REFERENCED": HOME_FIRST,
+    "CONFIGURATION": "leave it with Newport's program",
+    "DISABLE": "its motor is off: find out why, then `slipscope check BENCH.toml --home` switches it on and goes to the origin",
+    "JOGGING": "let go of its keypad",
+    "TRACKING": "end the tracking with Newport's program",
+    "READY T": "end the tracking with Newport's program",
+}
+_IN_MOTION = ("HOMING", "MOVING", "JOGGING", "TRACKING")
+_END_SWITCHES = 0x0003
+_ERROR_BITS = (
+    "the stage met the end switch of its negative end of run",
+    "the stage met the end switch of its positive end of run",
+    "the motor reached its peak current limit",
+    "the motor reached its RMS current limit",
+    "a short circuit was detected in the motor or its cable",
+    "following error: the stage did not follow, it is stalled or overloaded",
+    "homing took longer than its time-out",
+    "the stage is not the one that the controller is configured for (wrong ESP stage)",
+    "the supply voltage of the motor is too low",
+    "the output power exceeded 80 W",
+)
+_REFUSALS = {
+    "A": "the command is unknown to it, or came damaged",
+    "B": "the controller's address is not correct",
+    "C": "a parameter is missing or out of its range",
+    "D": "the command is not allowed",
+    "E": "the search for the origin has already begun",
+    "F": "the name of the ESP stage is unknown",
+    "G": "the target is outside its soft limits",
+    "H": f"not allowed in the state NOT REFERENCED; {HOME_FIRST}",
+    "I": f"not allowed in the state CONFIGURATION; {_REMEDIES['CONFIGURATION']}",
+    "J": f"not allowed in the state DISABLE; {_REMEDIES['DISABLE']}",
+    "K": "not allowed in the state READY",
+    "L": "not allowed while it searches the origin (HOMING); wait for its end",
+    "M": "not allowed while it moves (MOVING); stop it first, or wait for its end",
+    "N": "the stage stands outside its soft limits",
+    "S": "the command came in too slowly (communication time-out)",
+    "U": "its memory (EEPROM) can not be accessed",
+    "V": "the command failed while it was executed",
+    "W": "not allowed for a stepper controller (PP)",
+    "X": "not allowed for a DC controller (CC)",
+}
+
+
+class NewportStage:
+    """What both controllers have in common; see `drivers.protocols.Actuator`."""
+
+    name: ClassVar[str]
+    _baud: ClassVar[int]
+    _signature: ClassVar[str]  # in what it says of itself
+    _states: ClassVar[dict[str, str]]
+
+    def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
+        del scene
+        self.travel_limits_m = settings.travel_limits_m
+        self.velocity_limit_m_s = settings.velocity_limit_m_s
+        self._settings = settings
+        self._line: NewportLine | None = None
+        self._commanding = threading.RLock()
+        self._fault = ""
+        self._is_under_way = False
+        self._is_prepared = False
+        self._stop_sent_at: float | None = None
+
+    # ------------------------------------------------------------------ open and closed
+
+    def open(self) -> None:
+        """Claim the port and read what is there: model, stage, state, limits. Nothing moves.
+
+        Raises
+        ------
+        DeviceNotFound
+            There is no such port, or something else is behind it.
+        DeviceFault, DeviceTimeout
+            Another program has the port, or nothing answers.
+        """
+        if self._line is not None:
+            return
+        s = self._settings
+        self._fault, self._is_under_way, self._is_prepared, self._stop_sent_at = "", False, False, None
+        self._line = line = NewportLine(self.name, s.port, s.address, s.baud or self._baud)
+        try:
+            self._version = self._identified(line)
+            self._stage = line.ask("ID?", "(.*)")
+            self._is_under_way = self._look()[1].startswith(_IN_MOTION)  # a move of an earlier program
+            self._prepare(line)
+        except BaseException:
+            self._line = None
+            line.close()
+            raise
+
+    def _identified(self, line: NewportLine) -> str:
+        try:
+            version = line.ask("VE", "(.*)")
+        except DeviceFault:
+            if not line.heard:
+                raise
+            version = line.heard
+        if self._signature not in version:
+            other = next((kind.name for kind in (Smc100, ConexCc) if kind._signature in version), "")
+            remedy = (
+                f"take the driver of the {other}"
+                if other
+                else "only SMC100CC and CONEX-CC are known (an ESP30x is not): check port and baud"
+            )
+            raise DeviceNotFound(f"{self.name}: {self._settings.port} was asked who it is, the answer was {version.strip()!r}; {remedy}")
+        return version.strip()
+
+    def _prepare(self, line: NewportLine) -> None:
+        """Give the controller the limits of the settings as soon as it takes them, and learn its own."""
+        s = self._settings
+        low, high = s.travel_limits_m
+        if self._look()[1].startswith("READY from"):
+            for command, limit in (("SL", min(low, 0.0)), ("SR", max(high, 0.0))):  # of these signs only; `move_to` keeps to the rest
+                letter = line.tell(command + _mm(limit)) if math.isfinite(limit) else "@"
+                self._check("@" if letter in "CGN" else letter, f"the soft limit {command}")  # C, G, N: its own limit is narrower
+            if float(line.ask("VA?", _NUMBER)) > s.velocity_limit_m_s * 1e3:
+                self._check(line.tell("VA" + _mm(s.velocity_limit_m_s)), "its velocity limit")
+            self._is_prepared = True
+        low, high = max(low, float(line.ask("SL?", _NUMBER)) * 1e-3), min(high, float(line.ask("SR?", _NUMBER)) * 1e-3)
+        if not low < high:
+            raise OutOfLimits(f"{self.name}: its soft limits leave nothing of the travel in the settings; change one of them")
+        self.travel_limits_m = low, high
+
+    def describe(self) -> str:
+        """Firmware, stage, state in words, position and travel."""
+        line, (bits, state) = self._ready("what it is"), self._look()
+        low, high = self.travel_limits_m
+        return (
+            f"{self._version}, stage {self._stage}, {'; '.join([state, *_in_words(bits)])},"
+            f" at {float(line.ask('TP', _NUMBER)):.6g} mm, travel {low * 1e3:g} to {high * 1e3:g} mm"
+        )
+
+    def close(self) -> None:
+        """Stop a motion that is under way, then let go of the port."""
+        if self._line is None:
+            return
+        try:
+            if self._is_under_way:
+                self.stop()
+        finally:
+            line, self._line = self._line, None
+            if line is not None:  # nobody else has closed it meanwhile
+                line.close()
+
+    # ------------------------------------------------------------------ motion
+
+    def home(self) -> None:
+        """Let the controller search its origin; where it knows it, go there. A motor that is off is switched on first."""
+        line = self._ready("to find its origin")
+        with self._commanding:
+            stops, state = line.stops, self._look()[1]
+            if state.startswith("DISABLE"):
+                self._check(line.tell("MM1"), "to switch its motor on")
+                state = self._look()[1]
+            if state.startswith("READY"):
+                self.move_to(0.0)
+            else:
+                self._begin("OR", "EL", "to find its origin", stops)
+
+    def set_velocity(self, velocity_m_s: float) -> None:
+        """Speed of the moves to come."""
+        line = self._ready("for a velocity")
+        asked = f"a velocity of {velocity_m_s * 1e6:.6g} um/s"
+        if not 0 < velocity_m_s <= self.velocity_limit_m_s:
+            raise OutOfLimits(
+                f"{self.name}: {asked} was asked; use one above 0 and up to {self.velocity_limit_m_s * 1e6:g} um/s, as in the settings"
+            )
+        with self._commanding:
+            self._check(line.tell("VA" + _mm(velocity_m_s)), asked)
+
+    def move_to(self, position_m: float) -> None:
+        """Start a move that ends by itself. One that a stop overtakes on its way to the controller is not sent."""
+        line = self._ready("to move")
+        stops = line.stops
+        asked = f"a move to {position_m * 1e3:.6g} mm"
+        with self._commanding:
+            if not self._is_prepared:
+                self._prepare(line)
+            low, high = self.travel_limits_m
+            if not low <= position_m <= high:  # refuses NaN too
+                raise OutOfLimits(f"{self.name}: {asked} was asked; its travel is {low * 1e3:g} to {high * 1e3:g} mm")
+            self._begin("PA" + _mm(position_m), "M", asked, stops)
+
+    def _begin(self, command: str, done: str, asked: str, stops: int) -> None:
+        line = self._ready(asked)
+        before = self._fault, self._stop_sent_at, self._is_under_way
+        self._fault, self._stop_sent_at, self._is_under_way = "", None, True
+        try:
+            letter = line.tell(command, done=done, unless_stopped_since=stops)
+        except DeviceError:
+            with contextlib.suppress(DeviceError):
+                line.stop()  # nobody knows whether it moves
+            raise
+        if letter != "@":
+            self._fault, self._stop_sent_at, self._is_under_way = before
+        self._check(letter, asked)
+
+    def position_m(self) -> float:
+        """Where the encoder says that the stage is. Raises `DeviceFault` after a move that failed, until the next."""
+        position = float(self._ready("for its position").ask("TP", _NUMBER)) * 1e-3
+        self._raise_fault()
+        return position
+
+    def is_moving(self) -> bool:
+        """Whether it moves or searches its origin. Raises `DeviceFault` after a move that failed, until the next."""
+        _, state = self._look()
+        self._raise_fault()
+        return state.startswith(_IN_MOTION)
+
+    def stop(self) -> None:
+        """Send the command to stop at once, past whatever else waits for the line, and ask once what became of it.
+
+        A stage that still moves two seconds later is a fault that `is_moving` and `position_m` raise.
+
+        Raises
+        ------
+        DeviceFault, DeviceTimeout
+            The line is dead or the controller mute: it may still be moving, to the end of its move.
+        """
+        line = self._line
+        if line is None:
+            return
+        self._stop_sent_at = time.monotonic()
+        try:
+            line.stop()
+            self._look(urgent=True)
+        except DeviceError:
+            self._is_under_way = False  # told once; `close` need not tell it again
+            raise
+
+    # ------------------------------------------------------------------ what the controller says
+
+    def _look(self, *, urgent: bool = False) -> tuple[int, str]:
+        """Error bits, which this clears in the controller, and state in words; what they mean for a move under way is kept."""
+        line = self._ready("for its state")
+        word = line.ask("TS", "([0-9A-Fa-f]{6})", urgent=urgent)
+        bits, state = int(word[:4], 16), self._states.get(word[4:].upper(), f"in a state that its manual does not name ({word[4:]})")
+        if state.startswith("HOMING"):
+            bits &= ~_END_SWITCHES  # it may search its origin at one of them
+        moves, stopped_at = state.startswith(_IN_MOTION), self._stop_sent_at
+        if self._is_under_way and (bits or not (moves or stopped_at or state.startswith("READY"))):
+            remedy = next((text for group, text in _REMEDIES.items() if state.startswith(group)), "find out why before the next move")
+            self._fault = f"{self.name}: the motion failed: {'; '.join([*_in_words(bits), f'it is now {state}'])}; {remedy}"
+        self._is_under_way = self._is_under_way and moves
+        if not moves:
+            self._stop_sent_at = None
+        elif stopped_at is not None:
+            if time.monotonic() - stopped_at > STOPS_WITHIN_S:
+                self._fault = f"{self.name}: it was told to stop {STOPS_WITHIN_S:g} s ago and is still {state}; switch its motor off"
+            line.stop()  # again: it slows down, or has missed it
+        return bits, state
+
+    def _ready(self, asked: str) -> NewportLine:
+        if self._line is None:
+            raise DeviceFault(f"{self.name}: asked {asked} before it was ready; open it first")
+        return self._line
+
+    def _raise_fault(self) -> None:
+        if self._fault:
+            raise DeviceFault(self._fault)
+
+    def _check(self, letter: str, asked: str) -> None:
+        if letter == "@":
+            return
+        reason = _REFUSALS.get(letter, f"its manual does not name the error {letter}")
+        if letter == "V" or letter not in _REFUSALS:
+            reason += f" ({self._ready(asked).ask('TB' + letter, '(.*)').strip()})"
+        kind = OutOfLimits if letter in "CG" else DeviceFault
+        raise kind(f"{self.name}: {asked} was asked, the controller refused: {reason}")
+
+
+class Smc100(NewportStage):
+    """A stage on an SMC100CC."""
+
+    name = "SMC100"
+    _baud, _signature, _states = 57600, "SMC", _SMC100_STATES
+
+
+class ConexCc(NewportStage):
+    """A stage on a CONEX-CC."""
+
+    name = "CONEX-CC"
+    _baud, _signature, _states = 921600, "CONEX-CC", _CONEX_STATES
+
+
+def _mm(metres: float) -> str:
+    return f"{metres * 1e3:.9f}".rstrip("0").rstrip(".")
+
+
+def _in_words(bits: int) -> list[str]:
+    return [
+        _ERROR_BITS[i] if i < len(_ERROR_BITS) else f"error bit {i}, which its manual does not name" for i in range(16) if bits >> i & 1
+    ]

@@ -1,0 +1,1 @@
+"""Emulated devices: what the real drivers talk to on a bench without hardware, looking at the simulated world."""

@@ -1,0 +1,234 @@
+"""An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver speaking to it.
+
+States, errors and commands are those of the manuals that `drivers.actuator_newport` names. Where they leave it open, the emulation takes
+what is harder for a driver: an error stays in the memory until TE reads it, ST is an error where nothing moves, PA is refused in motion.
+
+    python -m drivers.emulators.newport [smc100 | conex-cc] [PORT]
+
+serves one by hand, on a pseudo-terminal or on a network port of this computer.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import sys
+import threading
+
+from drivers.actuator_newport import ConexCc, NewportStage, Smc100
+from drivers.emulators.serial_line import SerialLine, garbled
+from drivers.emulators.stages import ENCODER_MM, FOLLOWING_ERROR, FreeStage, Stage, WorldStage
+from drivers.errors import OutOfLimits
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings
+from drivers.sim.world import World
+
+HOMING_TIMEOUT = 0x40
+VERSIONS = {"smc100": "SMC_CC - Controller-driver version  3. 1. 2", "conex-cc": "CONEX-CC 2.0.1"}
+
+_LETTERS = {**dict.fromkeys(range(0x0A, 0x12), "H"), 0x14: "I", 0x1E: "L", 0x28: "M", **dict.fromkeys(range(0x32, 0x39), "K")}
+_LETTERS |= dict.fromkeys(range(0x3C, 0x40), "J")  # state -> the refusal of commands that it does not allow
+_ALLOWED = {
+    "AC": "IJK", "FE": "IJK", "MM": "JK", "OH": "I", "OR": "H", "OT": "I", "PA": "K", "PR": "K", "PW": "HI",
+    "SL": "IJK", "SR": "IJK", "ST": "LM", "SU": "I", "VA": "IJKM", "ZX": "I",
+}  # fmt: skip
+_RANGES = {"SL": (-1e12, 0.0), "SR": (0.0, 1e12), "MM": (0, 1), "PW": (0, 1)}
+
+
+class Controller:
+    """The state machine: what each command is answered with, and what it does to the stage."""
+
+    def __init__(self, stage: Stage, model: str = "smc100", address: int = 1, *, is_referenced: bool = True) -> None:
+        self.stage = stage
+        self.state, self.errors = (0x32 if is_referenced else 0x0A), 0
+        self.can_home = True
+        self.parameters = {"AC": 20.0, "FE": 0.01, "OH": 0.5, "OT": 60.0, "SL": 0.0, "SR": 25.0, "SU": ENCODER_MM, "VA": 1.0, "ZX": 3.0}
+        self._fastest = self.parameters["VA"]
+        self._address, self._version = address, VERSIONS[model]
+        self._origin = 0.0 if is_referenced else stage.position()
+        self._memory, self._reason, self._homing_since = "@", "", 0.0
+
+    def answer(self, command: bytes) -> bytes:
+        """The answer to a line; empty where the protocol has none."""
+        match = re.fullmatch(r"(\d*)([A-Za-z]{2})(.*)", command.decode("ascii", "replace"))
+        if match is None:
+            self._memory = "A"
+            return b""
+        address, name, value = match[1], match[2].upper(), match[3].strip()
+        if address not in (str(self._address), "") or (not address and name != "ST"):
+            return b""
+        self._settle()
+        told = self._told(name, value)
+        if told is not None:
+            return f"{address}{name}{told}".encode()
+        self._memory = self._act(name, value) or self._memory
+        return b""
+
+    def _told(self, name: str, value: str) -> str | None:
+        """What a query tells; None where it is not one."""
+        if name == "TE":
+            letter, self._memory = self._memory, "@"
+            return letter
+        if name == "TS":
+            errors, self.errors = self.errors, 0
+            return f"{errors:04X}{self.state:02X}"
+        if name in ("TP", "TH"):
+            return f"{self.stage.position() - self._origin:.10g}"
+        if name == "TB":
+            return f"{value} {self._reason}".rstrip()
+        if name == "VE":
+            return " " + self._version
+        if name == "ID":
+            return "EMULATED_25MM"
+        return f"{self.parameters[name]:.10g}" if value == "?" and name in self.parameters else None
+
+    def _act(self, name: str, value: str) -> str:
+        """Do a command; the letter of what is wrong with it, or nothing."""
+        if name == "RS":
+            self.stage.halt(self.parameters["AC"])
+            self.state, self._origin = 0x0A, self.stage.position()
+            return ""
+        if name not in _ALLOWED:
+            return "A"
+        letter = _LETTERS[self.state]
+        if letter not in _ALLOWED[name]:
+            return "E" if name == "OR" and letter == "L" else letter
+        if name == "ST":
+            self.stage.halt(self.parameters["AC"])
+            self.state = 0x0B if letter == "L" else self.state
+            return ""
+        if name == "OR":
+            return self._drive(0.0, "OH", 0x1E)
+        try:
+            number = float(value)
+        except ValueError:
+            return "C"
+        low, high = _RANGES.get(name, (-1e12, 1e12) if name in ("PA", "PR") else (1e-6, self._fastest if name == "VA" else 1e12))
+        if not low <= number <= high:
+            return "C"
+        if name in ("PA", "PR"):
+            return self._move(number + (self.stage.position() if name == "PR" else 0.0))
+        if name == "MM":
+            self.state = (0x34 if letter == "J" else self.state) if number else 0x3C
+        elif name == "PW":
+            self.state = 0x14 if number else 0x0C
+        else:
+            self.parameters[name] = number
+        return ""
+
+    def _move(self, target: float) -> str:
+        low, high = self.parameters["SL"], self.parameters["SR"]
+        if not low <= self.stage.position() <= high:
+            return "N"
+        return self._drive(target, "VA", 0x28) if low <= target <= high else "G"
+
+    def _drive(self, target: float, speed: str, state: int) -> str:
+        try:
+            self.stage.move(target, self.parameters[speed], self.parameters["AC"])
+        except OutOfLimits as error:  # the stage of the world
+            self._reason = str(error)
+            return "V"
+        self.state, self._homing_since = state, self.stage.time()
+        return ""
+
+    def _settle(self) -> None:
+        """Bring the state up to what has become of the motion."""
+        letter = _LETTERS[self.state]
+        if letter == "M":
+            errors = self.stage.errors(self.parameters["FE"])
+            if errors or not self.stage.is_moving():
+                self.errors |= errors
+                self.state = {0: 0x33, FOLLOWING_ERROR: 0x3D}.get(errors, 0x0F)
+            if errors:
+                self.stage.halt(1e12)
+        elif letter == "L" and not self.can_home:
+            if self.stage.time() - self._homing_since > self.parameters["OT"]:
+                self.errors |= HOMING_TIMEOUT
+                self.state = 0x0B
+        elif letter == "L" and not self.stage.is_moving():
+            self.state, self._origin = 0x32, 0.0
+
+
+class _Faulty:
+    """A controller on a line that is cut, or garbles answers, when the faults of the world say so."""
+
+    def __init__(self, controller: Controller, world: World) -> None:
+        self._controller, self._world = controller, world
+        self._answers = self._garbled = 0
+
+    def answer(self, command: bytes) -> bytes:
+        faults, now = self._world.faults, self._world.now
+        if faults.since("unplugged", now):
+            raise ConnectionError
+        answer, noise = self._controller.answer(command), faults.since("noisy-line", now)
+        if not answer or noise is None:
+            return answer
+        self._answers += 1
+        if self._answers % 3 or self._garbled >= noise.amount:
+            return answer
+        self._garbled += 1
+        return garbled(answer)
+
+
+class _Emulated(NewportStage):
+    """Opens the far end of the line with the near one."""
+
+    _model: str
+
+    def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
+        super().__init__(settings, scene)
+        self._scene = scene
+        self._device: _Faulty | None = None
+        self._far_end: SerialLine | None = None
+
+    def open(self) -> None:
+        """Switch the emulated controller on, the first time, and open the line to it."""
+        if self._far_end is not None:
+            return
+        if self._device is None:
+            world = self._scene.world
+            self._device = _Faulty(Controller(WorldStage(world), self._model, self._settings.address), world)
+        self._far_end = SerialLine(self._device)
+        self._settings = dataclasses.replace(self._settings, port=self._far_end.start())
+        try:
+            super().open()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Stop, and let go of both ends of the line."""
+        try:
+            super().close()
+        finally:
+            line, self._far_end = self._far_end, None
+            if line is not None:
+                line.cut()
+
+
+class EmulatedSmc100(_Emulated, Smc100):
+    """The driver of the SMC100CC on an emulated one, which drives the stage of the scene's world."""
+
+    name = "emulated SMC100"
+    _model = "smc100"
+
+
+class EmulatedConexCc(_Emulated, ConexCc):
+    """The driver of the CONEX-CC on an emulated one, which drives the stage of the scene's world."""
+
+    name = "emulated CONEX-CC"
+    _model = "conex-cc"
+
+
+def serve(model: str = "smc100", port: str = "") -> None:
+    """Serve a controller with a free stage, until interrupted; on a port of the network where one is given, "0" for any."""
+    line = SerialLine(Controller(FreeStage(), model), "tcp" if port else "", byte_s=10 / 57600, port=int(port or 0))
+    print(f"{model} on {line.start()}; Ctrl-C ends it", flush=True)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        line.cut()
+
+
+if __name__ == "__main__":
+    serve(*sys.argv[1:3])

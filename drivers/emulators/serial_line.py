@@ -1,0 +1,183 @@
+"""A serial port with an emulated device behind it: a pseudo-terminal, or a port on the network, that can be slow, noisy, mute or cut."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import os
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+
+class Device(Protocol):
+    """What is behind the line. Raises `ConnectionError` where the line is pulled out."""
+
+    def answer(self, command: bytes) -> bytes:
+        """The answer to a command, both without the end of the line; empty where there is none."""
+
+
+def garbled(answer: bytes) -> bytes:
+    """An answer as a disturbed line delivers it: every third byte is another one."""
+    return bytes(byte | 0x80 if i % 3 == 1 else byte for i, byte in enumerate(answer))
+
+
+class SerialLine:
+    """The line and its far end.
+
+    Parameters
+    ----------
+    device : Device
+    over : str
+        "pty" (not on Windows) or "tcp"; "" takes the first where there is one.
+    byte_s : float
+        Time that a byte takes, each way: 10 / 57600 for 57600 baud. 0: none.
+    think_s : float
+        Time between a command and the answer.
+    port : int
+        Of the network; 0: any that is free.
+
+    Attributes
+    ----------
+    url : str
+        What a driver opens, once started.
+    arrivals : list of (float, bytes)
+        Commands with the time (``time.monotonic``) at which their last byte was in.
+    is_mute : bool
+        Commands arrive, answers do not.
+    noise : function
+        What becomes of each answer on its way.
+    """
+
+    def __init__(self, device: Device, over: str = "", *, byte_s: float = 0.0, think_s: float = 0.0, port: int = 0) -> None:
+        self.url = ""
+        self.arrivals: list[tuple[float, bytes]] = []
+        self.is_mute = False
+        self.noise: Callable[[bytes], bytes] = lambda answer: answer
+        self._device = device
+        self._over = over or ("pty" if os.name == "posix" else "tcp")
+        self.byte_s, self.think_s, self._port = byte_s, think_s, port
+        self._wire: _Pty | _Tcp | None = None
+        self._thread: threading.Thread | None = None
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._numbers = itertools.count()
+        self._free_at = [0.0, 0.0]  # when the wire to the device, and from it, has carried all that was put on it
+
+    def start(self) -> str:
+        """Begin to listen; the url."""
+        self._wire = _Pty() if self._over == "pty" else _Tcp(self._port)
+        self.url = self._wire.url
+        self._alarm, self._bell = socket.socketpair()
+        self._thread = threading.Thread(target=self._serve, args=(self._wire,), name="serial line", daemon=True)
+        self._thread.start()
+        return self.url
+
+    def cut(self) -> None:
+        """Pull the plug: from now on the other side has a port that is gone. Also the end of a line that is no longer needed."""
+        if self._thread is None:
+            return
+        self._bell.close()
+        self._thread.join()
+        self._thread = None
+
+    def _serve(self, wire: _Pty | _Tcp) -> None:
+        pending = b""
+        try:
+            while True:
+                wait = max(0.0, self._due[0][0] - time.monotonic()) if self._due else None
+                ready, _, _ = select.select([self._alarm, *wire.ears()], [], [], wait)
+                if self._alarm in ready:
+                    return
+                *commands, pending = (pending + wire.receive(ready)).split(b"\n")
+                for command in commands:
+                    self._after(0, len(command) + 1, 0.0, lambda command=command: self._arrive(wire, command.strip()))  # type: ignore[misc]
+                while self._due and self._due[0][0] <= time.monotonic():
+                    heapq.heappop(self._due)[2]()
+        except ConnectionError:
+            return
+        finally:
+            self._due.clear()
+            wire.close()
+            self._alarm.close()
+
+    def _after(self, way: int, n_bytes: int, delay_s: float, action: Callable[[], None]) -> None:
+        self._free_at[way] = max(self._free_at[way], time.monotonic() + delay_s) + n_bytes * self.byte_s
+        heapq.heappush(self._due, (self._free_at[way], next(self._numbers), action))
+
+    def _arrive(self, wire: _Pty | _Tcp, command: bytes) -> None:
+        self.arrivals.append((time.monotonic(), command))
+        answer = self._device.answer(command)
+        if answer and not self.is_mute:
+            sent = self.noise(answer) + b"\r\n"
+            self._after(1, len(sent), self.think_s, lambda: wire.send(sent))
+
+
+class _Pty:
+    """A pseudo-terminal; its own end of the port stays open, so that drivers may come and go."""
+
+    def __init__(self) -> None:
+        import pty
+        import tty
+
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        self.url = os.ttyname(self._slave)
+
+    def ears(self) -> list[int | socket.socket]:
+        return [self._master]
+
+    def receive(self, ready: list[int | socket.socket]) -> bytes:
+        return os.read(self._master, 4096) if self._master in ready else b""
+
+    def send(self, answer: bytes) -> None:
+        os.write(self._master, answer)
+
+    def close(self) -> None:
+        os.close(self._master)
+        os.close(self._slave)
+
+
+class _Tcp:
+    """A port of this computer for one driver at a time; another one is turned away."""
+
+    def __init__(self, port: int) -> None:
+        self._listener = socket.create_server(("127.0.0.1", port))
+        self._driver: socket.socket | None = None
+        self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
+
+    def ears(self) -> list[int | socket.socket]:
+        return [self._listener, self._driver] if self._driver else [self._listener]
+
+    def receive(self, ready: list[int | socket.socket]) -> bytes:
+        if self._listener in ready:
+            caller, _ = self._listener.accept()
+            if self._driver is None:
+                self._driver = caller
+                caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            else:
+                caller.close()
+        if self._driver is None or self._driver not in ready:
+            return b""
+        try:
+            received = self._driver.recv(4096)
+        except OSError:
+            received = b""
+        if not received:
+            self._driver.close()
+            self._driver = None
+        return received
+
+    def send(self, answer: bytes) -> None:
+        if self._driver is not None:
+            try:
+                self._driver.sendall(answer)
+            except OSError:  # it has hung up
+                return
+
+    def close(self) -> None:
+        self._listener.close()
+        if self._driver is not None:
+            self._driver.close()

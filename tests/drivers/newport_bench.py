@@ -1,0 +1,115 @@
+"""A Newport driver on an emulated controller whose clock the test turns, and what tests do to the two."""
+
+import contextlib
+import threading
+import time
+
+from drivers.actuator_newport import ConexCc, Smc100
+from drivers.emulators.newport import Controller
+from drivers.emulators.serial_line import SerialLine
+from drivers.emulators.stages import FreeStage
+from drivers.errors import DeviceError
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings
+
+PATIENT_S = 30.0
+
+
+class Told:
+    """A controller that gives the answers it is told to, to some queries; `hold` keeps one back until it is let go."""
+
+    def __init__(self, controller):
+        self.controller = controller
+        self.answers = {}
+        self.held = None
+        self.let_go = threading.Event()
+
+    def hold(self, query):
+        self.held = query
+
+    def answer(self, command):
+        query = command.decode()[1:]
+        if query == self.held:
+            self.held = None
+            assert self.let_go.wait(PATIENT_S)
+        if query in self.answers:
+            answer = self.answers[query]
+            if isinstance(answer, list):
+                answer = answer.pop(0) if len(answer) > 1 else answer[0]
+            return answer.encode("latin-1")
+        return self.controller.answer(command)
+
+
+class NewportBench:
+    """Clock, stage, controller, line and driver; nothing is open."""
+
+    def __init__(self, driver=Smc100, over="", *, stage=None, is_referenced=True, line=None, **settings):
+        self.now = 0.0
+        self.stage = FreeStage(lambda: self.now, **(stage or {}))
+        model = "conex-cc" if driver is ConexCc else "smc100"
+        self.controller = Controller(self.stage, model, is_referenced=is_referenced)
+        self.device = Told(self.controller)
+        self.line = SerialLine(self.device, over, **(line or {}))
+        self.settings = ActuatorSettings(port=self.line.start(), **settings)
+        self.driver = driver(self.settings, Scene())
+
+    def opened(self):
+        """The same, its driver open."""
+        self.driver.open()
+        return self
+
+    def pass_time(self, seconds):
+        """Let the stage move on."""
+        self.now += seconds
+
+    def sent(self, name):
+        """Commands of one name that have arrived."""
+        return [command.decode() for _, command in list(self.line.arrivals) if command.decode()[1:].startswith(name)]
+
+    def end(self):
+        """Close both ends."""
+        self.device.let_go.set()
+        self.line.cut()
+        with contextlib.suppress(DeviceError):  # the line is dead by now
+            self.driver.close()
+
+
+def wait_until(condition):
+    """Return as soon as a condition holds."""
+    deadline = time.monotonic() + PATIENT_S
+    while not condition():
+        assert time.monotonic() < deadline, "it never came"
+        time.sleep(0.001)
+
+
+class Aside:
+    """Work in a thread of its own, its result or error and how long it took."""
+
+    def __init__(self, work):
+        self.error = None
+        self.result = None
+        self._work = work
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        try:
+            self.result = self._work()
+        except Exception as error:
+            self.error = error
+
+    def join(self):
+        """Its result, or its error raised."""
+        self._thread.join(PATIENT_S)
+        assert not self._thread.is_alive()
+        if self.error is not None:
+            raise self.error
+        return self.result
+
+
+def benches():
+    """Make benches; all are ended. For a fixture."""
+    made = []
+    yield lambda *args, **kwargs: made.append(NewportBench(*args, **kwargs)) or made[-1]
+    for each in made:
+        each.end()

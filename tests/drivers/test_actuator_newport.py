@@ -1,0 +1,269 @@
+"""The drivers of SMC100CC and CONEX-CC on emulated controllers: the contract, what they say, and their limits."""
+
+import subprocess
+import sys
+
+import pytest
+from contracts import ActuatorContract
+from newport_bench import benches
+
+from drivers.actuator_newport import ConexCc, Smc100, find
+from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
+from drivers.errors import DeviceFault, OutOfLimits
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings
+from drivers.sim.world import WorldSettings
+
+
+@pytest.fixture
+def newport():
+    yield from benches()
+
+
+@pytest.fixture
+def newport_open(newport):
+    return lambda *args, **kwargs: newport(*args, **kwargs).opened()
+
+
+# ------------------------------------------------------------------ the contract
+
+
+class OnAController(ActuatorContract):
+    """The contract on a controller with a free stage."""
+
+    driver, over = Smc100, "pty"
+
+    @pytest.fixture(autouse=True)
+    def _far_end(self, newport):
+        self.bench = newport(self.driver, self.over)
+
+    @pytest.fixture
+    def actuator(self):
+        return self.bench.driver
+
+    @pytest.fixture
+    def pass_time(self):
+        return self.bench.pass_time
+
+
+class TestSmc100(OnAController):
+    pass
+
+
+class TestSmc100OnTheNetwork(OnAController):
+    over = "tcp"
+
+
+class TestConexCc(OnAController):
+    driver = ConexCc
+
+
+class TestConexCcOnTheNetwork(OnAController):
+    driver, over = ConexCc, "tcp"
+
+
+class InAWorld(ActuatorContract):
+    """The contract on the emulated driver of a simulated world."""
+
+    kind = EmulatedSmc100
+
+    @pytest.fixture
+    def scene(self):
+        return Scene(WorldSettings(press_sample=10**9), pace=None)
+
+    @pytest.fixture
+    def actuator(self, scene):
+        stage = self.kind(ActuatorSettings(), scene)
+        yield stage
+        stage.close()
+
+    @pytest.fixture
+    def pass_time(self, scene):
+        return lambda seconds: scene.world.advance(round(seconds * 1000))
+
+
+class TestEmulatedSmc100(InAWorld):
+    pass
+
+
+class TestEmulatedConexCc(InAWorld):
+    kind = EmulatedConexCc
+
+
+# ------------------------------------------------------------------ what it says
+
+STATES = {  # of the manuals' TS command; "|" where the two models differ, SMC100CC first
+    "0A": "NOT REFERENCED from reset",
+    "0B": "NOT REFERENCED from HOMING",
+    "0C": "NOT REFERENCED from CONFIGURATION",
+    "0D": "NOT REFERENCED from DISABLE",
+    "0E": "NOT REFERENCED from READY",
+    "0F": "NOT REFERENCED from MOVING",
+    "10": "NOT REFERENCED, error of the ESP stage|NOT REFERENCED, no parameters in memory",
+    "11": "NOT REFERENCED from JOGGING|does not name",
+    "14": "CONFIGURATION",
+    "1E": "HOMING",
+    "1F": "HOMING, commanded by the keypad|does not name",
+    "28": "MOVING",
+    "32": "READY from HOMING",
+    "33": "READY from MOVING",
+    "34": "READY from DISABLE",
+    "35": "READY from JOGGING|does not name",
+    "36": "does not name|READY T from READY",
+    "37": "does not name|READY T from TRACKING",
+    "38": "does not name|READY T from DISABLE T",
+    "3C": "DISABLE from READY",
+    "3D": "DISABLE from MOVING",
+    "3E": "DISABLE from JOGGING|DISABLE from TRACKING",
+    "3F": "does not name|DISABLE from READY T",
+    "46": "JOGGING from READY|TRACKING from READY T",
+    "47": "JOGGING from DISABLE|TRACKING from TRACKING",
+    "99": "does not name",
+}
+
+
+@pytest.mark.parametrize("model", [0, 1])
+def test_every_state_is_told_in_words(newport_open, model):
+    stage = newport_open((Smc100, ConexCc)[model])
+    for code, words in STATES.items():
+        stage.device.answers["TS"] = f"1TS0000{code}"
+        assert words.split("|")[-model if "|" in words else 0] in stage.driver.describe()
+        assert stage.driver.is_moving() is (code in ("1E", "28", "46", "47") or (code == "1F" and model == 0))
+
+
+BITS = {
+    0: "negative end of run",
+    1: "positive end of run",
+    2: "peak current limit",
+    3: "RMS current limit",
+    4: "short circuit",
+    5: "following error",
+    6: "homing took longer than its time-out",
+    7: "wrong ESP stage",
+    8: "supply voltage of the motor is too low",
+    9: "80 W",
+    10: "error bit 10",
+    15: "error bit 15",
+}
+
+
+@pytest.mark.parametrize("bit", BITS)
+def test_every_error_of_the_stage_ends_the_move_with_its_sentence(newport_open, bit):
+    stage = newport_open()
+    stage.driver.move_to(13e-3)
+    stage.device.answers["TS"] = [f"1TS{1 << bit:04X}0E", "1TS00000E"]
+    for ask in (stage.driver.is_moving, stage.driver.position_m, stage.driver.is_moving):
+        with pytest.raises(DeviceFault, match=f"SMC100: the motion failed: .*{BITS[bit]}.*NOT REFERENCED from READY; home it"):
+            ask()
+    stage.driver.stop()  # nothing moves: no error
+
+
+def test_an_error_of_an_earlier_day_is_no_fault_of_this_one(newport_open):
+    stage = newport_open()
+    stage.device.answers["TS"] = ["1TS000232", "1TS000032"]
+    assert not stage.driver.is_moving()
+
+
+def test_a_move_that_ends_in_another_state_has_failed_even_if_no_bit_says_so(newport_open):
+    stage = newport_open()
+    stage.driver.move_to(13e-3)
+    stage.device.answers["TS"] = "1TS00003D"
+    with pytest.raises(DeviceFault, match="it is now DISABLE from MOVING; its motor is off"):
+        stage.driver.is_moving()
+
+
+LETTERS = {
+    "A": "unknown to it, or came damaged",
+    "B": "address is not correct",
+    "C": "missing or out of its range",
+    "D": "not allowed",
+    "E": "has already begun",
+    "F": "name of the ESP stage",
+    "G": "outside its soft limits",
+    "H": "NOT REFERENCED; home it",
+    "I": "CONFIGURATION; leave it",
+    "J": "DISABLE; its motor is off",
+    "K": "in the state READY",
+    "L": "HOMING",
+    "M": "while it moves",
+    "N": "stands outside its soft limits",
+    "S": "communication time-out",
+    "U": "EEPROM",
+    "V": r"while it was executed \(what the controller says\)",
+    "W": "stepper",
+    "X": "DC controller",
+    "Q": r"does not name the error Q \(what the controller says\)",
+}
+
+
+@pytest.mark.parametrize("letter", LETTERS)
+def test_every_refusal_is_told_in_words_and_nothing_moves(newport_open, letter):
+    stage = newport_open()
+    stage.device.answers |= {"TE": 3 * ["1TE@", f"1TE{letter}"], f"TB{letter}": f"1TB{letter} what the controller says", "PA13": ""}
+    kind = OutOfLimits if letter in "CG" else DeviceFault
+    with pytest.raises(kind, match=f"a move to 13 mm was asked, the controller refused: .*{LETTERS[letter]}"):
+        stage.driver.move_to(13e-3)
+    assert not stage.driver.is_moving()
+    assert len(stage.sent("PA13")) == (3 if letter in "AS" else 1)
+
+
+def test_description(newport_open):
+    text = newport_open().driver.describe()
+    assert text == "SMC_CC - Controller-driver version  3. 1. 2, stage EMULATED_25MM, READY from HOMING, at 12.5 mm, travel 0 to 25 mm"
+
+
+def test_ports_are_found_without_opening_them():
+    assert all(port.device and port.description for port in find())
+
+
+def test_the_module_loads_no_vendor_library():
+    code = "import sys, drivers.actuator_newport, drivers.emulators.newport; assert 'serial' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+# ------------------------------------------------------------------ limits
+
+
+def test_the_narrower_limits_hold_and_the_controller_is_told(newport_open):
+    stage = newport_open(travel_limits_m=(-1e-3, 20e-3))
+    assert stage.driver.travel_limits_m == pytest.approx((-1e-3, 20e-3))
+    assert (stage.controller.parameters["SL"], stage.controller.parameters["SR"]) == (-1.0, 20.0)
+    with pytest.raises(OutOfLimits, match=r"a move to 20\.001 mm was asked; its travel is -1 to 20 mm"):
+        stage.driver.move_to(20.001e-3)
+    assert not stage.sent("PA")
+
+
+def test_what_the_controller_can_not_be_told_the_driver_keeps(newport_open):
+    stage = newport_open(travel_limits_m=(5e-3, 20e-3))  # SL may not be above 0
+    assert stage.controller.parameters["SL"] == 0.0
+    assert stage.driver.travel_limits_m == pytest.approx((5e-3, 20e-3))
+    with pytest.raises(OutOfLimits):
+        stage.driver.move_to(4e-3)
+
+
+def test_limits_that_leave_nothing_are_refused(newport):
+    stage = newport(travel_limits_m=(-2e-3, -1e-3))
+    stage.device.answers["SL?"] = "1SL0"
+    with pytest.raises(OutOfLimits, match="leave nothing"):
+        stage.driver.open()
+
+
+def test_a_velocity_left_by_another_program_is_limited(newport_open):
+    stage = newport_open(velocity_limit_m_s=50e-6)
+    assert stage.controller.parameters["VA"] == pytest.approx(0.05)
+    with pytest.raises(OutOfLimits, match=r"60 um/s was asked; use one above 0 and up to 50 um/s"):
+        stage.driver.set_velocity(60e-6)
+
+
+def test_a_velocity_above_that_of_the_controller_is_out_of_limits(newport_open):
+    stage = newport_open(velocity_limit_m_s=2e-3)
+    with pytest.raises(OutOfLimits, match="1500 um/s was asked, the controller refused"):
+        stage.driver.set_velocity(1.5e-3)
+    assert stage.controller.parameters["VA"] == 1.0
+
+
+@pytest.mark.parametrize("velocity_m_s", [5e-6, 1e-8, 1e-3])
+def test_slow_velocities_are_told_exactly(newport_open, velocity_m_s):
+    stage = newport_open()
+    stage.driver.set_velocity(velocity_m_s)
+    assert stage.controller.parameters["VA"] == pytest.approx(velocity_m_s * 1e3, rel=1e-9)

@@ -1,0 +1,218 @@
+"""The drivers of SMC100CC and CONEX-CC: homing, motion that fails, and the faults of the simulated world."""
+
+import re
+
+import pytest
+from newport_bench import benches, wait_until
+
+from drivers import actuator_newport
+from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
+from drivers.errors import DeviceFault
+from drivers.scene import Scene
+from drivers.settings import ActuatorSettings
+from drivers.sim.faults import parse
+from drivers.sim.world import WorldSettings
+
+
+@pytest.fixture
+def newport():
+    yield from benches()
+
+
+@pytest.fixture
+def newport_open(newport):
+    return lambda *args, **kwargs: newport(*args, **kwargs).opened()
+
+
+# ------------------------------------------------------------------ homing
+
+
+def test_nothing_homes_by_itself_and_without_it_nothing_moves(newport_open):
+    stage = newport_open(is_referenced=False)
+    for ask in (lambda: stage.driver.move_to(1e-3), lambda: stage.driver.set_velocity(1e-5)):
+        with pytest.raises(DeviceFault, match=r"home it with the block free to travel: `slipscope check BENCH.toml --home`"):
+            ask()
+    assert not stage.driver.is_moving()
+    assert not stage.sent("OR")
+    stage.driver.home()
+    assert stage.driver.is_moving()
+    stage.pass_time(100.0)
+    assert not stage.driver.is_moving()
+    assert stage.driver.position_m() == pytest.approx(0.0, abs=1e-9)
+    stage.driver.set_velocity(1e-3)
+    stage.driver.move_to(2e-3)
+    stage.pass_time(10.0)
+    assert not stage.driver.is_moving()
+    assert stage.driver.position_m() == pytest.approx(2e-3)
+
+
+def test_limits_are_told_as_soon_as_it_is_homed(newport_open):
+    stage = newport_open(is_referenced=False, travel_limits_m=(0.0, 20e-3), velocity_limit_m_s=1e-4)
+    assert stage.controller.parameters["SR"] == 25.0
+    stage.driver.home()
+    stage.pass_time(100.0)
+    stage.driver.move_to(1e-3)
+    assert stage.controller.parameters["SR"] == 20.0
+    assert stage.controller.parameters["VA"] == pytest.approx(0.1)
+
+
+def test_homing_that_fails_is_a_fault(newport_open):
+    stage = newport_open(is_referenced=False)
+    stage.controller.can_home = False
+    stage.driver.home()
+    stage.pass_time(100.0)
+    with pytest.raises(DeviceFault, match=r"homing took longer than its time-out; it is now NOT REFERENCED from HOMING; home it"):
+        stage.driver.is_moving()
+    stage.controller.can_home = True
+    stage.driver.home()
+    stage.pass_time(100.0)
+    assert not stage.driver.is_moving()
+
+
+def test_the_end_switch_that_homing_uses_is_no_fault(newport_open):
+    stage = newport_open(is_referenced=False)
+    stage.driver.home()
+    stage.device.answers["TS"] = ["1TS00011E", "1TS000032"]
+    assert stage.driver.is_moving()
+    assert not stage.driver.is_moving()
+
+
+def test_homing_can_be_stopped_and_that_is_no_fault(newport_open):
+    stage = newport_open(is_referenced=False)
+    stage.driver.home()
+    stage.driver.stop()
+    assert not stage.driver.is_moving()
+    assert stage.controller.state == 0x0B
+
+
+def test_a_stage_that_is_homed_goes_to_its_origin(newport_open):
+    stage = newport_open()
+    stage.driver.home()
+    assert not stage.sent("OR")
+    stage.pass_time(100.0)
+    assert not stage.driver.is_moving()
+    assert stage.driver.position_m() == 0.0
+
+
+def test_home_switches_a_motor_on_that_is_off(newport_open):
+    stage = newport_open()
+    stage.controller.state = 0x3D
+    with pytest.raises(DeviceFault, match="its motor is off"):
+        stage.driver.move_to(13e-3)
+    stage.driver.home()
+    stage.pass_time(100.0)
+    assert not stage.driver.is_moving()
+    assert stage.driver.position_m() == 0.0
+
+
+# ------------------------------------------------------------------ motion that fails
+
+
+def test_the_end_of_the_run_is_a_fault(newport_open):
+    stage = newport_open(stage={"ends": (12.0, 13.0)})
+    stage.driver.move_to(20e-3)
+    stage.pass_time(100.0)
+    with pytest.raises(DeviceFault, match="positive end of run; it is now NOT REFERENCED from MOVING; home it"):
+        stage.driver.is_moving()
+    with pytest.raises(DeviceFault, match="positive end of run"):
+        stage.driver.position_m()
+
+
+def test_a_stalled_stage_is_a_fault_and_the_next_start_says_that_its_motor_is_off(newport_open):
+    stage = newport_open(stage={"sticks_at": 12.6})
+    stage.driver.set_velocity(5e-6)
+    stage.driver.move_to(13e-3)
+    stage.pass_time(21.0)
+    assert stage.driver.is_moving()
+    assert stage.driver.position_m() == pytest.approx(12.6e-3)
+    stage.pass_time(10.0)
+    with pytest.raises(DeviceFault, match=r"following error: .*it is now DISABLE from MOVING; its motor is off"):
+        stage.driver.is_moving()
+    stage.driver.close()
+    stage.driver.open()
+    assert not stage.driver.is_moving()
+    with pytest.raises(DeviceFault, match="DISABLE"):
+        stage.driver.move_to(13e-3)
+
+
+def test_a_move_of_an_earlier_program_is_seen_and_ended_by_close(newport):
+    stage = newport()
+    stage.controller.answer(b"1PA20")
+    stage.driver.open()
+    assert stage.driver.is_moving()
+    stage.driver.close()
+    wait_until(lambda: stage.sent("ST"))
+
+
+def test_a_stage_that_does_not_stop_is_told_again_and_then_a_fault(newport_open, monkeypatch):
+    stage = newport_open()
+    stage.driver.move_to(13e-3)
+    stage.device.answers["ST"] = ""
+    stage.driver.stop()
+    assert stage.driver.is_moving()
+    assert len(stage.sent("ST")) >= 2
+    monkeypatch.setattr(actuator_newport, "STOPS_WITHIN_S", 0.0)
+    with pytest.raises(DeviceFault, match=r"was told to stop .* and is still MOVING; switch its motor off"):
+        stage.driver.is_moving()
+
+
+def emulated(fault):
+    """A driver in a world with one fault, and that world; open."""
+    scene = Scene(WorldSettings(press_sample=10**9, faults=(parse(fault),)), pace=None)
+    driver = EmulatedSmc100(ActuatorSettings(), scene)
+    driver.open()
+    return driver, scene.world
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        ("end-of-run 100", "positive end of run"),
+        ("stall 100", "following error"),
+        ("unplugged 800", "the line .* is dead"),
+    ],
+)
+def test_faults_of_the_world_are_told_by_the_real_driver(fault, sentence):
+    driver, world = emulated(fault)
+    driver.set_velocity(100e-6)
+    driver.move_to(12.7e-3)
+    world.advance(500)
+    assert driver.is_moving()
+
+    def poll():
+        for _ in range(20):
+            world.advance(100)
+            driver.is_moving()
+
+    with pytest.raises(DeviceFault, match=sentence):
+        poll()
+    world.advance(3000)
+    assert world.stage_m() == pytest.approx(200e-6 if "unplugged" in fault else 100e-6, abs=0.02e-6)
+    if "unplugged" in fault:
+        with pytest.raises(DeviceFault, match="ends by itself at its target"):
+            driver.stop()
+    driver.close()
+
+
+def test_a_noisy_line_changes_nothing_but_takes_longer():
+    driver, world = emulated("noisy-line 0 10")
+    seen = []
+    for target in (12.6e-3, 12.5e-3, 12.7e-3):
+        driver.set_velocity(1e-3)
+        driver.move_to(target)
+        while driver.is_moving():
+            world.advance(10)
+        seen.append(driver.position_m())
+    assert seen == pytest.approx([12.6e-3, 12.5e-3, 12.7e-3], abs=0.04e-6)
+    assert driver._far_end._device._garbled == 10
+    driver.close()
+
+
+def test_what_the_world_does_not_model_is_told_in_its_words():
+    scene = Scene(WorldSettings(press_sample=0, press_duration=10), pace=None)
+    driver = EmulatedConexCc(ActuatorSettings(), scene)
+    driver.open()
+    scene.world.advance(20)
+    with pytest.raises(DeviceFault, match=re.escape("emulated CONEX-CC: a move to 12 mm was asked") + ".*only a drive one way is modelled"):
+        driver.move_to(12e-3)
+    driver.close()
