@@ -1,9 +1,9 @@
 """The emulated bench at full size for a minute: is every trigger, every sample and every injected loss where it was?
 
-``python benchmarks/hil_bench.py [SECONDS] [DIVISOR...]``: by default 60 s at 8 and at 23.8 frames/s. Real nidaqmx over gRPC, real pypylon fired
-by the emulated board's pulses, real serial driver; 1600 x 1200, recorded and analysed, without a window. Each rate is run as it is and with losses
-injected at random triggers. Afterwards each recorded picture is compared, to the bit, with the simulated world at the sample that the
-file gives it: a frame that was given another trigger's number can not agree.
+``python benchmarks/hil_bench.py [SECONDS] [DIVISOR...]``: by default 60 s at 8 and at 23.8 frames/s. Real nidaqmx over gRPC, real
+pypylon fired by the emulated board's pulses, real serial driver; 1600 x 1200, recorded and analysed, without a window. Each rate is run as
+it is and with losses injected at random triggers. Afterwards each recorded picture is compared, to the bit, with the simulated world at
+the sample that the file gives it: a frame that was given another trigger's number can not agree.
 """
 
 from __future__ import annotations

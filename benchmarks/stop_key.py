@@ -1,9 +1,9 @@
 """From a key on the keyboard to the stop command on the actuator's wire, in the real window, during a run at the camera's full rate.
 
-``xvfb-run -a python benchmarks/stop_key.py [PRESSES]`` needs an X display and xdotool. The bench: simulated forces and camera at 23.8 frames/s,
-1600 x 1200, recorded and analysed with the traction of every frame, and the real driver of the SMC100 on an emulated controller, whose
-line carries 57600 baud. Escape is pressed at random moments through the X server; the time is taken when the last byte of ``ST`` arrives.
-So that one run is stopped again and again, its end is not called: the actuator is stopped as ever, then sent on.
+``xvfb-run -a python benchmarks/stop_key.py [PRESSES]`` needs an X display and xdotool. The bench: simulated forces and camera at
+23.8 frames/s, 1600 x 1200, recorded and analysed with the traction of every frame, and the real driver of the SMC100 on an emulated
+controller, whose line carries 57600 baud. Escape is pressed at random moments through the X server; the time is taken when the last byte of
+``ST`` arrives. So that one run is stopped again and again, its end is not called: the actuator is stopped as ever, then sent on.
 """
 
 from __future__ import annotations

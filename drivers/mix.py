@@ -62,7 +62,10 @@ class ClockedForces:
         block = self.device.read(timeout_s)
         if self._leads:
             self._scene.world.advance(block.end - self._scene.world.now)
-        self._scene.clock.advance(block.end, block.exposures if isinstance(block, SampleBlock) else None)
+        if isinstance(block, SampleBlock):
+            self._scene.clock.advance(block.end, block.exposures)
+        elif not self.counts_exposures:  # else what was exposed in the gap is known with the next block
+            self._scene.clock.advance(block.end)
         return block
 
     def backlog(self) -> int:

@@ -1,0 +1,65 @@
+"""A whole run of the emulated bench: the real drivers of NI, Basler and Newport against emulators that see one simulated world."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from app import config, live
+from app.session.reader import SessionReader
+from drivers.sim.images import Renderer
+
+SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=40", "dic.threads=1")
+TIMEOUT = 100
+
+
+class HilRun:
+    """One run, ended: outcome, world, and what the file holds."""
+
+    def __init__(self, path, *overrides, pace=2.0, while_running=None):
+        self.settings = config.load(Path("hil-emulated"), [*SMALL, *overrides])
+        self.run = live.make_run(self.settings, path, pace=pace)
+        self.bench = self.run._bench
+        self.run.start()
+        if while_running:
+            while_running(self)
+        self.outcome = self.run.wait(TIMEOUT)
+        assert self.outcome is not None, "the run did not end"
+        self.world, self.counts = self.bench.world, self.outcome.counts
+        with SessionReader(path) as s:
+            _, self.volts, self.newtons = s.forces()
+            self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}
+            self.events = s.events()
+        with h5py.File(path) as f:
+            group = f["/entry/triggers"]
+            rows = zip(group["index"][:].tolist(), group["sample"][:].tolist(), group["reason"].asstr()[:], strict=True)
+            self.triggers = {index: (sample, reason) for index, sample, reason in rows}
+            self.gaps = list(zip(f["/entry/gaps/first"][:].tolist(), f["/entry/gaps/count"][:].tolist(), strict=True))
+
+    @property
+    def lost(self):
+        """Index -> reason of every trigger without an image."""
+        return {index: reason for index, (_, reason) in self.triggers.items() if reason}
+
+    def wrong_frames(self, among=None):
+        """Indices of recorded images that are not, to the bit, the world at the sample that the file gives them."""
+        renderer, half = Renderer(self.world.settings), self.world.settings.exposure_samples // 2
+        looked_at = among or self.frames
+        return [
+            index
+            for index in looked_at
+            if not np.array_equal(self.frames[index][1], renderer.image(self.world.state(self.frames[index][0] + half), index))
+        ]
+
+    def is_accounted_for(self):
+        """Whether every trigger is there once and in order, and every sample or its gap."""
+        return (
+            list(self.triggers) == list(range(self.counts.triggers))
+            and len(self.frames) == self.counts.frames_recorded == self.counts.frames_received
+            and len(self.lost) == self.counts.frames_lost
+            and len(self.volts) == self.counts.samples + self.counts.samples_lost
+        )
+
+    def stands(self):
+        """Whether the world's stage has been stopped, or has come to its end."""
+        return self.world._moves[-1].speed == 0 or not self.world.is_moving()

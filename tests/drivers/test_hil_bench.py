@@ -1,0 +1,49 @@
+"""The emulated bench runs the same experiment as the simulated one, through the drivers of a real bench."""
+
+import numpy as np
+import pytest
+from hil_run import SMALL, HilRun
+
+from app import config, live
+
+
+@pytest.fixture(scope="module")
+def hil(tmp_path_factory):
+    return HilRun(tmp_path_factory.mktemp("hil") / "run.h5", "run.travel=60")
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    path = tmp_path_factory.mktemp("hil") / "sim.h5"
+    run = live.make_run(config.load(None, [*SMALL, "run.travel=60"]), path, pace=None)
+    run.start()
+    return run.wait(100)
+
+
+def test_every_trigger_and_sample_is_accounted_for(hil):
+    assert (hil.outcome.state, hil.outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert hil.is_accounted_for()
+    assert hil.counts.triggers > 80
+    assert hil.counts.frames_lost == hil.counts.samples_lost == 0
+
+
+def test_every_frame_is_the_world_at_the_sample_of_its_trigger(hil):
+    assert all(sample == 125 * index for index, (sample, _) in hil.frames.items())
+    assert hil.wrong_frames() == []
+
+
+def test_the_forces_are_those_of_the_world_to_the_bit(hil):
+    from drivers.sim.world import World
+
+    again = World(hil.world.settings, pace=None)
+    again._moves = hil.world._moves
+    again.start()
+    np.testing.assert_array_equal(hil.volts[:1250], again.advance(1250).volts[:1250])  # before any move: noise and quantisation
+
+
+def test_the_results_are_those_of_the_simulated_bench_within_noise(hil, simulated):
+    a, b = hil.outcome.summary, simulated.summary
+    assert a.mu_s == pytest.approx(b.mu_s, rel=0.005)
+    assert a.apparent_radius_m == pytest.approx(b.apparent_radius_m, rel=0.01)
+    assert a.onset_time_s == pytest.approx(b.onset_time_s, abs=0.3)
+    assert a.young_modulus_pa == pytest.approx(b.young_modulus_pa, rel=0.01)

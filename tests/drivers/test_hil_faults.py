@@ -1,0 +1,102 @@
+"""The faults of the emulated bench, through the drivers of a real one: what the operator is told, what the stage does, what the file holds.
+
+The same faults on the simulated bench are in tests/engine/test_faults.py.
+"""
+
+import numpy as np
+import pytest
+from hil_run import HilRun
+
+DRIVE = 5500  # a sample by which the drive has begun
+
+
+@pytest.fixture
+def ended(tmp_path):
+    return lambda *faults, more=(): HilRun(tmp_path / "faulty.h5", f"sim.faults={list(faults)}", *more)
+
+
+def test_losses_are_found_at_their_true_index_and_the_run_goes_on(ended):
+    e = ended("lost-trigger 20", "lost-frame 25 2", "lost-trigger 60 3", "late-trigger 50 7", "lost-frame 75")
+    assert e.outcome.state == "done", e.outcome.reason
+    assert e.is_accounted_for()
+    assert set(e.lost) == {20, 25, 26, 60, 61, 62, 75}
+    assert all("missed" in e.lost[n] for n in (20, 60, 61, 62)), e.lost
+    assert all("missed" not in e.lost[n] for n in (25, 26, 75)), e.lost
+    assert {n: sample - 125 * n for n, (sample, _) in e.triggers.items() if sample != 125 * n} == {50: 7}
+    assert e.wrong_frames() == []
+
+
+def test_a_corrupt_picture_is_kept(ended):
+    e = ended("corrupt-frame 60")
+    assert e.outcome.state == "done", e.outcome.reason
+    assert e.is_accounted_for()
+    assert e.counts.frames_lost == 0
+    assert e.wrong_frames(range(58, 63)) == [60]
+
+
+def test_a_camera_that_goes_away_ends_the_run_and_stops_the_drive(ended):
+    e = ended("camera-gone 60")
+    assert e.outcome.state == "failed"
+    assert "camera" in e.outcome.reason
+    assert e.is_accounted_for()
+    assert set(range(58)) <= set(e.frames) <= set(range(60))
+    assert e.stands()
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_an_overflow_is_a_gap_at_its_place(ended, goes_on):
+    e = ended(f"daq-overflow {DRIVE} 300", more=["forces.on_overflow=continue"] if goes_on else [])
+    assert e.outcome.state == ("done" if goes_on else "failed"), e.outcome.reason
+    assert e.is_accounted_for()
+    (first, count), *more = e.gaps
+    assert not more
+    assert first <= DRIVE
+    assert DRIVE + 300 <= first + count <= DRIVE + 700
+    assert np.isnan(e.volts[first : first + count]).all()
+    assert np.isfinite(np.delete(e.volts, np.arange(first, first + count), axis=0)).all()
+    assert "are lost" in e.outcome.reason or goes_on
+    assert e.stands()
+    if goes_on:
+        assert e.wrong_frames() == []  # nothing was shifted
+
+
+def test_a_server_that_is_killed_ends_the_run_with_all_that_was_read(ended):
+    e = ended(f"daq-gone {DRIVE}")
+    assert e.outcome.state == "failed"
+    assert "NI board 'Dev1'" in e.outcome.reason
+    assert e.is_accounted_for()
+    assert DRIVE - 2000 <= len(e.volts) <= DRIVE + 50  # what the killed server still held is gone with it
+    assert e.stands()
+
+
+def test_a_saturated_sensor_ends_the_run_by_its_name(ended):
+    e = ended(f"saturated {DRIVE}")
+    assert e.outcome.state == "failed"
+    assert "the shear sensor is at the end of its range" in e.outcome.reason
+    assert e.is_accounted_for()
+    assert e.stands()
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"), [("stall 15", ("it stands at 15", "following error")), ("end-of-run 15", ("end switch", "end of run"))]
+)
+def test_a_stage_that_can_not_go_on_is_told(ended, fault, words):
+    e = ended(fault)
+    assert e.outcome.state == "failed"
+    assert any(word in e.outcome.reason for word in words), e.outcome.reason
+    assert e.is_accounted_for()
+    assert e.world.stage_m() == pytest.approx(15e-6, abs=0.1e-6)
+
+
+def test_a_cut_line_ends_the_run_and_says_that_the_stop_was_not_confirmed(ended):
+    e = ended(f"unplugged {DRIVE}")
+    assert e.outcome.state == "failed"
+    assert "emulated SMC100" in e.outcome.reason
+    assert e.is_accounted_for()
+    assert DRIVE - 2000 <= len(e.volts) <= DRIVE + 3500  # told within a second of the wall clock, which is two of the world's
+
+
+def test_a_noisy_line_is_asked_again(ended):
+    e = ended(f"noisy-line {DRIVE} 10")
+    assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 40 um is complete")
+    assert e.is_accounted_for()
