@@ -9,9 +9,9 @@ from drivers.clock import SampleClock
 from drivers.errors import DeviceNotFound
 
 if TYPE_CHECKING:
-    from drivers.stored import Recording
     from drivers.sim.settings import WorldSettings
     from drivers.sim.world import World
+    from drivers.stored import Recording
 
 
 class Scene:

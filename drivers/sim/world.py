@@ -66,6 +66,8 @@ class World:
         self.phase = "idle"  # then "running", then "stopped"
         self.faults = Faults(settings.faults)
         self.pulses: TriggerTrain | None = None  # what the board sends to the camera
+        self._begun: list[int] = []  # samples on which exposures began, of the pulses counted so far
+        self._pulses_counted = 0
         self._changed = threading.Condition(threading.RLock())
         self._moves = [_Move(0, 0.0, 0.0, 0.0)]
         self._asked_m = 0.0
@@ -149,9 +151,15 @@ class World:
 
     def exposure_counts(self, first: int, n: int) -> NDArray[np.int64]:
         """How many exposures had begun by each of `n` samples from `first` on, as a counter beside the samples reads them, (n,)."""
-        pulses = range(self.pulses.count_before(first + n)) if self.pulses else range(0)
-        begun = sorted(sample for pulse in pulses if (sample := self.exposure_of(pulse)) is not None)
-        return np.searchsorted(np.asarray(begun, np.int64), np.arange(first, first + n), side="right")
+        with self._changed:
+            due = self.pulses.count_before(first + n) if self.pulses else 0
+            for pulse in range(self._pulses_counted, due):
+                sample = self.exposure_of(pulse)
+                if sample is not None:
+                    bisect.insort(self._begun, sample)
+            self._pulses_counted = max(self._pulses_counted, due)
+            before = bisect.bisect_left(self._begun, first)
+            return before + np.searchsorted(np.asarray(self._begun[before:], np.int64), np.arange(first, first + n), side="right")
 
     # ------------------------------------------------------------------ stage
 

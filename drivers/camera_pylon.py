@@ -1,0 +1,127 @@
+"""A Basler camera through pylon: fired on a line by the DAQ board, images one by one and none replaced by a newer one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivers.errors import DeviceFault, DeviceNotFound
+from drivers.frame_numbers import Delivered
+from drivers.genicam_camera import GenICamCamera, library
+from drivers.protocols import Found
+from drivers.scene import Scene
+from drivers.settings import CameraSettings
+
+_FIRST_ID = {"BaslerGigE": 1, "BaslerUsb": 0, "BaslerCamEmu": 0}
+_NO_ID = 2**64 - 1
+
+
+def find() -> list[Found]:
+    """All cameras that pylon sees: serial number, model and how they are connected; opens none.
+
+    Raises
+    ------
+    DeviceNotFound
+        The package pypylon is not installed.
+    """
+    return [_found(info) for info in _library().TlFactory.GetInstance().EnumerateDevices()]
+
+
+class PylonCamera(GenICamCamera):
+    """A hardware-triggered Basler camera.
+
+    Attributes
+    ----------
+    device : pypylon.pylon.InstantCamera or None
+        The vendor's camera, while open.
+    """
+
+    kind = "pylon camera"
+
+    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
+        super().__init__(settings, scene)
+        self.device: Any = None
+        self._pylon: Any = None
+        self._genicam: Any = None
+
+    def _claim(self) -> Found:
+        self._pylon, self._genicam = _library(), library("pypylon.genicam")
+        self._errors = (self._genicam.GenericException,)
+        factory = self._pylon.TlFactory.GetInstance()
+        info = self._choose(factory.EnumerateDevices())
+        self.device = self._pylon.InstantCamera(factory.CreateDevice(info))
+        self.device.Open()
+        return _found(info)
+
+    def _choose(self, infos: Any) -> Any:
+        wanted = self._settings.device
+        named = [d for d in infos if wanted in ("", d.GetSerialNumber(), d.GetUserDefinedName(), d.GetFriendlyName())]
+        if len(named) == 1:
+            return named[0]
+        there = ", ".join(f"{found.device} ({found.description})" for found in map(_found, infos)) or "none"
+        if named:
+            raise DeviceNotFound(f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial number of one")
+        raise DeviceNotFound(f"{self.name}: it was asked, found: {there}; check its cable and power, or camera.device")
+
+    def _release(self) -> None:
+        device, self.device = self.device, None
+        if device is not None:
+            device.Close()
+
+    def _arm(self, buffers: int) -> None:
+        self.device.MaxNumBuffer.Value = buffers
+        self.device.StartGrabbing(self._pylon.GrabStrategy_OneByOne)
+
+    def _disarm(self) -> None:
+        self.device.StopGrabbing()
+
+    def _first_id(self) -> int | None:
+        return _FIRST_ID.get(self.device.GetDeviceInfo().GetDeviceClass())
+
+    def _receive(self, wait_s: float) -> Delivered | None:
+        # RetrieveResult is not let wait: its first time-out after a start may never come (pylon 12.4)
+        if self.device.GetGrabResultWaitObject().Wait(round(wait_s * 1e3)):
+            result = self.device.RetrieveResult(0, self._pylon.TimeoutHandling_Return)
+            if result:
+                return self._delivered(result)
+        if self.device.IsCameraDeviceRemoved():
+            raise DeviceFault(f"{self.name}: a frame was asked, the camera is gone; check its cable and power, then start a new run")
+        return None
+
+    def _delivered(self, result: Any) -> Delivered:
+        frame_id = None if result.BlockID == _NO_ID else int(result.BlockID)
+        if not result.GrabSucceeded():
+            return Delivered(frame_id, None, None, f"grab failed: {result.ErrorDescription} (0x{result.ErrorCode:08x})")
+        image = result.Array  # a copy of its own, unpacked
+        image.setflags(write=False)
+        if not result.TimeStamp:
+            return Delivered(frame_id, None, image)
+        ticks_per_s = self._node("GevTimestampTickFrequency", to_read=True)
+        return Delivered(frame_id, result.TimeStamp / (self._value(ticks_per_s) if ticks_per_s is not None else 1e9), image)
+
+    def _node(self, name: str, *, to_read: bool = False) -> Any:
+        node = self.device.GetNodeMap().GetNode(name)
+        usable = self._genicam.IsReadable if to_read else self._genicam.IsWritable
+        return node if node is not None and usable(node) else None
+
+    def _value(self, node: Any) -> Any:
+        return node.GetValue()
+
+    def _assign(self, node: Any, value: Any) -> None:
+        node.SetValue(value)
+
+    def _offer(self, node: Any) -> tuple[str, ...]:
+        if hasattr(node, "GetSettableValues"):
+            return tuple(node.GetSettableValues())
+        has_step = hasattr(node, "GetInc") and getattr(node, "HasInc", lambda: True)()
+        return (f"{node.GetMin():g} to {node.GetMax():g}" + (f" in steps of {node.GetInc():g}" if has_step else ""),)
+
+
+def _found(info: Any) -> Found:
+    return Found(info.GetSerialNumber(), f"{info.GetVendorName()} {info.GetModelName()} ({info.GetDeviceClass().removeprefix('Basler')})")
+
+
+def _library() -> Any:
+    try:
+        return library("pypylon.pylon")
+    except ImportError as error:
+        raise DeviceNotFound(f"pylon camera: its package can not be loaded ({error}); pip install 'slipscope[basler]'") from error

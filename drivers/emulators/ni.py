@@ -1,0 +1,42 @@
+"""The real driver of NI boards on an emulated one, in this process, through NI's own package and its network protocol."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivers.ni_daq import NiForces
+from drivers.ni_errors import need
+from drivers.scene import Scene
+from drivers.settings import ForceSettings
+
+if TYPE_CHECKING:
+    from drivers.emulators.ni_server import NiServer
+
+
+class EmulatedNiForces(NiForces):
+    """`NiForces`, and the server with the board that it talks to while it is open."""
+
+    server: NiServer | None = None
+
+    def __init__(self, settings: ForceSettings, scene: Scene) -> None:
+        super().__init__(settings, scene)
+        self._scene = scene
+
+    def _connect(self) -> None:
+        need(self.name, "grpc")
+        from drivers.emulators.ni_server import NiServer
+
+        s = self._settings
+        self.server = NiServer(self._scene.world, device=s.device, sensors=s.channels, exposure_terminal=s.exposure_terminal)
+        self._settings = replace(s, server=self.server.address, certificate="")
+        super()._connect()
+
+    def close(self) -> None:
+        """Let go of the board, end the server."""
+        try:
+            super().close()
+        finally:
+            server, self.server = self.server, None
+            if server is not None:
+                server.close()

@@ -1,0 +1,246 @@
+"""An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, of this or another program or computer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import grpc
+import numpy as np
+from google.protobuf.message import Message
+from nidaqmx._stubs import nidaqmx_pb2
+
+from drivers.emulators.board import PRODUCT, SERIAL_NUMBER, Board, NiError, Task
+from drivers.sim.world import World
+
+SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
+VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # of NI-DAQmx: major, minor, update
+TEXTS = {
+    -200279: "The application is not able to keep up with the hardware acquisition.",
+    -200284: "Some or all of the samples requested have not yet been acquired.",
+}
+
+
+class NiServer:
+    """A gRPC server with one emulated board.
+
+    Parameters
+    ----------
+    world : World
+    host, port : str, int
+        Where it listens; port 0: a free one.
+    tls : (bytes, bytes), optional
+        Private key and certificate (PEM); None: plain connections.
+    board : optional
+        Further arguments of `drivers.emulators.board.Board`.
+    """
+
+    def __init__(
+        self, world: World, *, host: str = "127.0.0.1", port: int = 0, tls: tuple[bytes, bytes] | None = None, **board: Any
+    ) -> None:
+        self.board = Board(world, when_gone=self.kill, **board)
+        self._calls = _Calls(self.board)
+        self._pool = ThreadPoolExecutor(16, "emulated NI server")
+        self._server = grpc.server(self._pool, options=[("grpc.so_reuseport", 0)])
+        handlers = {method.name: self._handler(method) for method in SERVICE.methods}
+        self._server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE.full_name, handlers),))
+        where = f"{host}:{port}"
+        credentials = grpc.ssl_server_credentials([tls]) if tls else None
+        bound = self._server.add_secure_port(where, credentials) if credentials else self._server.add_insecure_port(where)
+        self.address = f"{host}:{bound}"
+        self._server.start()
+
+    def kill(self) -> None:
+        """Be gone at once, in the middle of whatever is being answered."""
+        self._server.stop(None)
+
+    def close(self) -> None:
+        """End calls, board and threads."""
+        stopped = self._server.stop(None)
+        self.board.unplug()
+        self.board.close()
+        stopped.wait()
+        self._pool.shutdown()
+
+    def _handler(self, method: Any) -> grpc.RpcMethodHandler:
+        reply = getattr(nidaqmx_pb2, method.output_type.name)
+        do = getattr(self._calls, method.name, None)
+
+        def answer(request: Message, context: grpc.ServicerContext) -> Message:
+            try:
+                self.board.check()
+                if do is None:
+                    raise NiError(-200452, f"The emulated board does not know the call {method.name}.")
+                return reply(**(do(request) or {}))
+            except NiError as error:
+                context.set_trailing_metadata((("ni-error", str(error.code)), ("ni-samps-per-chan-read", "0")))
+                context.abort(grpc.StatusCode.UNKNOWN, str(error))
+
+        request = getattr(nidaqmx_pb2, method.input_type.name)
+        return grpc.unary_unary_rpc_method_handler(answer, request.FromString, reply.SerializeToString)
+
+
+class _Calls:
+    """NI's calls, by their names: what each makes of the board, and the fields of its answer."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._tasks: dict[str, Task] = {}
+        self._made = 0
+
+    def _task(self, request: Any) -> Task:
+        try:
+            return self._tasks[request.task.name]
+        except KeyError:
+            raise NiError(-200088, "Task specified is invalid or does not exist.") from None
+
+    # ------------------------------------------------------------------ system and device
+
+    def GetSystemInfoAttributeUInt32(self, r: Any) -> dict[str, Any]:
+        return {"value": _known(VERSION, r)}
+
+    def GetSystemInfoAttributeString(self, r: Any) -> dict[str, Any]:
+        return {"value": _known({0x193B: self._board.device}, r)}
+
+    def GetDeviceAttributeString(self, r: Any) -> dict[str, Any]:
+        self._board.channel(f"{r.device_name}/ai0")
+        return {"value": _known({0x631: PRODUCT}, r)}
+
+    def GetDeviceAttributeUInt32(self, r: Any) -> dict[str, Any]:
+        return {"value": _known({0x632: SERIAL_NUMBER}, r)}
+
+    def GetDeviceAttributeBool(self, r: Any) -> dict[str, Any]:
+        return {"value": _known({0x22CA: True}, r)}
+
+    def GetErrorString(self, r: Any) -> dict[str, Any]:
+        return {"error_string": TEXTS.get(r.error_code, f"Error {r.error_code}")}
+
+    # ------------------------------------------------------------------ tasks
+
+    def CreateTask(self, r: Any) -> dict[str, Any]:
+        self._made += 1
+        name = r.session_name or f"_unnamedTask<{self._made}>"
+        if name in self._tasks:
+            raise NiError(-200089, f"Task name conflicts with an existing task name.\nTask Name: {name}")
+        self._tasks[name] = Task(name)
+        return {"task": {"name": name}, "new_session_initialized": True}
+
+    def GetTaskAttributeString(self, r: Any) -> dict[str, Any]:
+        task = self._task(r)
+        return {"value": _known({0x1276: task.name, 0x1273: ", ".join(f"{self._board.device}/{c}" for c in task.channels)}, r)}
+
+    def StartTask(self, r: Any) -> None:
+        self._board.start(self._task(r))
+
+    def StopTask(self, r: Any) -> None:
+        self._board.stop(self._task(r))
+
+    def ClearTask(self, r: Any) -> None:
+        self._board.clear(self._task(r))
+        del self._tasks[r.task.name]
+
+    def TaskControl(self, r: Any) -> None:
+        if r.action_raw in (2, 3, 4):  # verify, commit, reserve
+            self._board.claim(self._task(r))
+
+    # ------------------------------------------------------------------ channels, clocks, triggers
+
+    def CreateAIVoltageChan(self, r: Any) -> None:
+        if not r.max_val == -r.min_val <= 10:
+            raise NiError(-200077, f"Requested value is not a supported value for this property: {r.min_val:g} V to {r.max_val:g} V.")
+        self._board.add(self._task(r), "ai", r.physical_channel)
+        self._task(r).limits_v.append(r.max_val)
+
+    def CreateCICountEdgesChan(self, r: Any) -> None:
+        self._board.add(self._task(r), "ci", r.counter)
+
+    def CreateCOPulseChanTicks(self, r: Any) -> None:
+        self._board.add(self._task(r), "co", r.counter)
+        if r.source_terminal == f"/{self._board.device}/20MHzTimebase":
+            self._task(r).ticks = r.initial_delay, r.low_ticks + r.high_ticks
+
+    def CreateDOChan(self, r: Any) -> None:
+        self._board.add(self._task(r), "do", r.lines)
+
+    def SetChanAttributeString(self, r: Any) -> None:
+        _known({0x18C7: True, 0x18E1: True}, r)  # source of the edges, output of the pulses
+        self._task(r).terminal = r.value
+
+    def CfgSampClkTiming(self, r: Any) -> None:
+        self._board.set_clock(self._task(r), r.rate, r.source, r.samps_per_chan)
+
+    def CfgImplicitTiming(self, r: Any) -> None:
+        self._task(r)
+
+    def CfgDigEdgeStartTrig(self, r: Any) -> None:
+        self._task(r).start_trigger = r.trigger_source
+
+    def GetChanAttributeInt32(self, r: Any) -> dict[str, Any]:
+        return {"value_raw": _known({0x187F: {"ai": 10100, "ci": 10131, "co": 10132, "do": 10153}[self._task(r).kind]}, r)}
+
+    def GetWriteAttributeUInt32(self, r: Any) -> dict[str, Any]:
+        return {"value": _known({0x217F: 1}, r)}  # lines in a channel
+
+    def WriteDigitalLines(self, r: Any) -> dict[str, Any]:
+        self._task(r).pattern = np.frombuffer(r.write_array, np.uint8).astype(bool)
+        return {"samps_per_chan_written": r.num_samps_per_chan}
+
+    # ------------------------------------------------------------------ samples
+
+    def GetTimingAttributeDouble(self, r: Any) -> dict[str, Any]:
+        return {"value": _known({0x1344: self._task(r).rate_hz}, r)}
+
+    def SetBufferAttributeUInt32(self, r: Any) -> None:
+        _known({0x186C: True}, r)
+        self._task(r).buffer = r.value
+
+    def GetBufferAttributeUInt32(self, r: Any) -> dict[str, Any]:
+        return {"value": _known({0x186C: self._task(r).buffer}, r)}
+
+    def SetReadAttributeInt32(self, r: Any) -> None:
+        value = r.value_raw or r.value
+        name = _known({0x190A: "relative_to", 0x190B: "offset", 0x1211: "overwrites"}, r)
+        setattr(self._task(r), name, value == 10252 if name == "overwrites" else value)
+
+    def GetReadAttributeUInt64(self, r: Any) -> dict[str, Any]:
+        return {"value": _known({0x192A: self._board.total(self._task(r))}, r)}
+
+    def ReadAnalogF64(self, r: Any) -> dict[str, Any]:
+        return self._read(r)
+
+    def ReadCounterU32Ex(self, r: Any) -> dict[str, Any]:
+        return self._read(r)
+
+    def _read(self, r: Any) -> dict[str, Any]:
+        values = self._board.read(self._task(r), r.num_samps_per_chan, r.timeout)
+        array = np.zeros(r.array_size_in_samps, values.dtype)
+        array[: values.size] = values.ravel()  # a short read fills the beginning, channel after channel
+        came = values.shape[1]
+        return {"status": 0 if came == r.num_samps_per_chan else -200284, "read_array": array.tolist(), "samps_per_chan_read": came}
+
+
+def _known(values: dict[int, Any], request: Any) -> Any:
+    if request.attribute_raw not in values:
+        raise NiError(-200452, f"The emulated board does not have attribute {request.attribute_raw:#x} of {type(request).__name__}.")
+    return values[request.attribute_raw]
+
+
+def serve(
+    make_world: Callable[[], World],
+    host: str = "127.0.0.1",
+    port: int = 31763,
+    *,
+    tls: tuple[bytes, bytes] | None = None,
+    when_ready: Callable[[str], Any] = print,
+    **board: Any,
+) -> None:
+    """Be the server, with a new world for each run, until interrupted or ended by a fault; `when_ready` is told the address."""
+    server = NiServer(make_world(), host=host, port=port, tls=tls, renew=make_world, **board)
+    try:
+        when_ready(server.address)
+        while not server.board.is_gone:
+            time.sleep(0.2)  # a longer wait would keep Ctrl+C waiting on Windows
+    finally:
+        server.close()

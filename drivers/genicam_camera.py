@@ -1,0 +1,243 @@
+"""What every camera with GenICam features has in common, whichever library reaches it: its settings, its triggers, its frame numbers."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.frame_numbers import Delivered, FrameNumbers
+from drivers.protocols import Found, Frame, LostFrame, TriggerTrain
+from drivers.scene import Scene
+from drivers.settings import CameraSettings
+
+FORMATS = ("Mono8", "Mono10", "Mono10p", "Mono12", "Mono12p", "Mono12Packed", "Mono16")
+_BUFFERED_S = 2.0
+_LIMITS = ("BslResultingAcquisitionFrameRate", "ResultingFrameRate", "ResultingFrameRateAbs", "AcquisitionResultingFrameRate")
+
+
+class GenICamCamera:
+    """A camera fired on a line by the DAQ board; see `drivers.protocols.Camera`. A subclass names the library and does what only it can.
+
+    Without a trigger line in the settings, trigger and exposure stay as the camera (or its frame grabber) has been set.
+    """
+
+    kind = "camera"
+
+    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
+        self.name = f"camera '{settings.device}'" if settings.device else self.kind
+        self.shape = settings.shape
+        self.dtype: np.dtype[Any] = np.dtype(np.uint8 if settings.pixel_format == "Mono8" else np.uint16)
+        self.exposure_samples = settings.exposure_samples
+        self._settings = settings
+        self._clock = scene.clock
+        self._numbers: FrameNumbers | None = None
+        self._waits = False
+        self._found: Found | None = None  # once open
+        self._errors: tuple[type[Exception], ...] = ()  # of the library, once it is loaded
+
+    # ------------------------------------------------------------------ what the library does
+
+    def _claim(self) -> Found:
+        """Load the library, find the camera and open it."""
+        raise NotImplementedError
+
+    def _release(self) -> None:
+        raise NotImplementedError
+
+    def _arm(self, buffers: int) -> None:
+        raise NotImplementedError
+
+    def _disarm(self) -> None:
+        raise NotImplementedError
+
+    def _receive(self, wait_s: float) -> Delivered | None:
+        raise NotImplementedError
+
+    def _first_id(self) -> int | None:
+        """Frame id of the first exposure after a start; see `FrameNumbers`."""
+        raise NotImplementedError
+
+    def _node(self, name: str, *, to_read: bool = False) -> Any:
+        """A feature that the camera has and that can be set, or read; else None."""
+        raise NotImplementedError
+
+    def _value(self, node: Any) -> Any:
+        raise NotImplementedError
+
+    def _assign(self, node: Any, value: Any) -> None:
+        raise NotImplementedError
+
+    def _offer(self, node: Any) -> tuple[str, ...]:
+        """The choices that a feature has, or its least and largest value and the step."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------------ the life of the device
+
+    def open(self) -> None:
+        """Find the camera, claim it, and set it as the settings ask.
+
+        Raises
+        ------
+        DeviceNotFound
+            It is not there, or there are several and the settings name none.
+        OutOfLimits
+            It can not be set so; the message holds what it offers.
+        """
+        if self._settings.pixel_format not in FORMATS:
+            raise OutOfLimits(f"{self.name}: pixel format {self._settings.pixel_format} was asked; use one of {', '.join(FORMATS)}")
+        try:
+            self._found = self._claim()
+            self._configure()
+        except DeviceError:
+            self.close()
+            raise
+        except self._errors as error:
+            self.close()
+            raise DeviceFault(f"{self.name}: to open it was asked, {sentence(error)}; end other programs that use it") from error
+
+    def describe(self) -> str:
+        """Model, what it is set to, and how frames get their numbers."""
+        s = self._settings
+        if self._found is None:
+            return f"{self.name}, not open"
+        trigger = f"{s.exposure_s * 1e3:g} ms, trigger {s.trigger_line}" if s.trigger_line else "trigger and exposure as it is set"
+        text = f"{self._found.description}: {s.shape[1]} x {s.shape[0]} {s.pixel_format}, {trigger}"
+        return f"{text}; {self._numbers.describe()}" if self._numbers else text
+
+    def start(self, train: TriggerTrain) -> None:
+        """Wait for triggers; `OutOfLimits` where they come faster than the camera can follow."""
+        if self._found is None:
+            raise DeviceFault(f"{self.name}: to wait for triggers was asked, it is not open; open it first")
+        rate = self._settings.sample_rate_hz
+        node = next((node for name in _LIMITS if (node := self._node(name, to_read=True)) is not None), None)
+        limit = min(self._value(node) if node is not None else math.inf, rate / self.exposure_samples)
+        if False:
+            raise OutOfLimits(
+                f"{self.name}: {rate / train.divisor:.4g} Hz asked, {limit:.4g} Hz is its limit with an exposure of"
+                f" {self._settings.exposure_s * 1e3:g} ms; use a divisor of {math.ceil(rate / limit / 1.001)} or more, or expose shorter"
+            )
+        try:
+            self._arm(max(10, math.ceil(_BUFFERED_S * rate / train.divisor)))
+        except self._errors as error:
+            raise DeviceFault(f"{self.name}: to wait for triggers was asked, {sentence(error)}; close it and open it anew") from error
+        self._numbers = FrameNumbers(self.name, train, self._clock, rate, self.exposure_samples, self._first_id())
+        self._waits = True
+
+    def read(self, timeout_s: float) -> Frame | LostFrame:
+        """The fate of the next trigger; see `drivers.protocols.Camera.read`.
+
+        Raises
+        ------
+        DeviceTimeout
+            Nothing is known about it yet, or the camera was stopped meanwhile.
+        DeviceFault
+            The camera is gone, or its images can not be numbered any more.
+        """
+        if self._numbers is None or not self._waits:
+            raise DeviceFault(f"{self.name}: a frame was asked, it does not wait for triggers; start it first")
+        return self._numbers.answer(self._fetch, timeout_s)
+
+    def _fetch(self, wait_s: float) -> Delivered | None:
+        if not self._waits:
+            raise DeviceTimeout(f"{self.name}: a frame was asked, it was stopped meanwhile; start it again")
+        try:
+            return self._receive(wait_s)
+        except self._errors as error:
+            raise DeviceFault(f"{self.name}: a frame was asked, {sentence(error)}; check its cable and power") from error
+
+    def stop(self) -> None:
+        """Wait for triggers no longer; a `read` that waits ends with `DeviceTimeout`."""
+        if self._waits:
+            self._waits = False
+            self._attempt(self._disarm)
+
+    def close(self) -> None:
+        """Stop, and let go of the camera."""
+        try:
+            self.stop()
+        finally:
+            self._found = None
+            self._attempt(self._release)
+
+    def _attempt(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except self._errors as error:
+            raise DeviceFault(f"{self.name}: to end it was asked, {sentence(error)}; check its cable and power") from error
+
+    # ------------------------------------------------------------------ features
+
+    def _configure(self) -> None:
+        s = self._settings
+        self._set("PixelFormat", s.pixel_format)
+        self._prefer("OffsetX", 0)  # the whole width is offered there only
+        self._prefer("OffsetY", 0)
+        self._set("Width", s.shape[1])
+        self._set("Height", s.shape[0])
+        if any(s.offset_px):
+            self._set("OffsetX", s.offset_px[0])
+            self._set("OffsetY", s.offset_px[1])
+        self._prefer("AcquisitionMode", "Continuous")
+        self._prefer("AcquisitionFrameRateEnable", False)
+        if s.gain_db is not None:
+            self._prefer("GainAuto", "Off")
+            self._set("Gain", s.gain_db, "GainAbs")
+        if s.trigger_line:
+            self._prefer("ExposureAuto", "Off")
+            self._prefer("ExposureMode", "Timed")
+            self._set("ExposureTime", s.exposure_s * 1e6, "ExposureTimeAbs")
+            self._set_trigger(s.trigger_line)
+        if s.exposure_line:
+            self._set("LineSelector", s.exposure_line)
+            self._prefer("LineMode", "Output")
+            self._prefer("LineInverter", False)
+            self._set("LineSource", "ExposureActive")
+
+    def _set_trigger(self, line: str) -> None:
+        """A rising edge on the line starts one frame; no other trigger is waited for."""
+        selector = self._node("TriggerSelector")
+        for other in self._offer(selector) if selector is not None else ():
+            self._set("TriggerSelector", other)
+            self._prefer("TriggerMode", "Off")
+        self._prefer("TriggerSelector", "FrameStart")
+        self._set("TriggerMode", "On")
+        self._set("TriggerSource", line)
+        self._prefer("TriggerActivation", "RisingEdge")
+        self._prefer("TriggerDelay", 0.0)
+        self._prefer("LineSelector", line)
+        self._prefer("LineMode", "Input")
+
+    def _prefer(self, name: str, value: Any) -> None:
+        """Set a feature if the camera has it; where it has not, it behaves so anyway."""
+        if self._node(name) is not None:
+            self._set(name, value)
+
+    def _set(self, name: str, value: Any, other_name: str = "") -> None:
+        """Set a feature, which GigE cameras may have under another name; `OutOfLimits` with what is offered where it can not be."""
+        node = self._node(name)
+        if node is None and other_name:
+            node = self._node(other_name)
+        if node is None:
+            raise OutOfLimits(f"{self.name}: {name} = {value} was asked, it has no such feature that can be set; see its manual")
+        try:
+            self._assign(node, value)
+        except self._errors as error:
+            raise OutOfLimits(f"{self.name}: {name} = {value} was asked, it offers {', '.join(self._offer(node))}") from error
+
+
+def library(name: str) -> Any:
+    """A vendor's module; what its import warns of is ignored, for pypylon dies of a warning that is made an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return import_module(name)
+
+
+def sentence(error: Exception) -> str:
+    """The library's words, without the place in its source."""
+    return str(error).split(" : ")[0].strip(". ")

@@ -1,0 +1,91 @@
+"""NI drivers and emulated boards, each in a world of its own, and what tests do to them."""
+
+import contextlib
+import threading
+
+import numpy as np
+
+from drivers.emulators.ni import EmulatedNiForces
+from drivers.emulators.ni_server import NiServer
+from drivers.ni_daq import NiForces
+from drivers.protocols import SampleBlock
+from drivers.scene import Scene
+from drivers.settings import ForceSettings
+from drivers.sim.faults import parse
+from drivers.sim.world import World, WorldSettings
+
+
+def world_settings(*faults, **settings):
+    return WorldSettings(press_sample=100, press_duration=100, image_shape=(6, 8), faults=tuple(map(parse, faults)), **settings)
+
+
+class NiBench(contextlib.ExitStack):
+    """Makes drivers that are not yet open, and servers; closes them at its end."""
+
+    def emulated(self, *faults, pace=None, world=None, **settings):
+        """A driver with the board that it emulates; `scene` is what they share."""
+        scene = Scene(world_settings(*faults, **(world or {})), pace)
+        forces = EmulatedNiForces(ForceSettings(**settings), scene)
+        forces.scene = scene
+        self.callback(forces.close)
+        return forces
+
+    def serve(self, pace=None, **options):
+        """A server with an emulated board; `world` is what it looks at."""
+        world = World(world_settings(), pace)
+        server = NiServer(world, renew=lambda: World(world_settings(), pace), **options)
+        server.world = world
+        self.callback(server.close)
+        return server
+
+    def connect(self, address, **settings):
+        """A driver for a server."""
+        forces = NiForces(ForceSettings(server=address, **settings), Scene())
+        self.callback(forces.close)
+        return forces
+
+
+class InThread(threading.Thread):
+    """Reads until it fails; `begun` once the library is being asked, `error` is what it ended with."""
+
+    def __init__(self, forces):
+        super().__init__()
+        self.error, self.begun = None, threading.Event()
+        self._forces, self._ask = forces, forces._next_block
+        forces._next_block = self._note
+        self.start()
+
+    def _note(self, wait_s):
+        self.begun.set()
+        return self._ask(wait_s)
+
+    def run(self):
+        try:
+            while True:
+                self._forces.read(60.0)
+        except Exception as error:
+            self.error = error
+
+
+def pieces(forces, samples, now=0):
+    """All that is read from sample `now` up to another, checked to follow one another."""
+    read = []
+    while now < samples:
+        read.append(forces.read(20.0))
+        assert read[-1].first == now
+        now = read[-1].end
+        assert now > read[-1].first
+    return read
+
+
+def reference(n):
+    """What a second, identical world gives."""
+    return World(world_settings(), None).advance(n).volts
+
+
+def check_samples(read):
+    """All blocks hold what belongs to their numbers."""
+    truth = reference(read[-1].end)
+    for block in read:
+        if isinstance(block, SampleBlock):
+            np.testing.assert_array_equal(block.volts, truth[block.first : block.end])

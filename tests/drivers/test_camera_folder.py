@@ -1,0 +1,147 @@
+"""A folder of images as a camera."""
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+from contracts import TRAIN, CameraContract
+from PIL import Image
+
+from drivers.camera_folder import FolderCamera, find, images_of
+from drivers.errors import DeviceError, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.protocols import Frame, LostFrame
+from drivers.scene import Scene
+from drivers.settings import CameraSettings
+
+SHAPE = (6, 8)
+
+
+def save(folder, names, dtype=np.uint8, shape=SHAPE):
+    images = [np.full(shape, 7 * n, dtype) for n in range(len(names))]
+    for name, image in zip(names, images, strict=True):
+        Image.fromarray(image).save(folder / name)
+    return images
+
+
+@pytest.fixture
+def scene():
+    return Scene()
+
+
+def make(folder, scene, **changes):
+    return FolderCamera(CameraSettings(folder=str(folder), **({"shape": SHAPE} | changes)), scene)
+
+
+def pass_time(scene, sample):
+    if scene.clock.phase == "idle":
+        scene.clock.start()
+    scene.clock.advance(sample)
+
+
+class TestFolderCamera(CameraContract):
+    @pytest.fixture
+    def camera(self, tmp_path, scene):
+        save(tmp_path, [f"{n}.png" for n in range(6)])
+        return make(tmp_path, scene)
+
+    @pytest.fixture
+    def run_until(self, scene):
+        return lambda sample: pass_time(scene, sample)
+
+    @pytest.fixture
+    def end_clock(self, scene):
+        return scene.clock.stop
+
+
+def test_images_come_in_the_order_of_their_numbers(tmp_path, scene):
+    names = ["shot1.png", "shot2.tif", "shot10.TIFF"]
+    images = save(tmp_path, names)
+    (tmp_path / "notes.txt").write_text("not an image")
+    assert [path.name for path in images_of(tmp_path)] == names
+    assert [(f.device, f.description) for f in find(str(tmp_path))] == [(str(tmp_path), "3 images, shot1.png to shot10.TIFF")]
+    assert find() == []
+    camera = make(tmp_path, scene)
+    camera.open()
+    assert camera.describe() == f"3 images of '{tmp_path}': 8 x 6, uint8; one for each trigger"
+    camera.start(TRAIN)
+    pass_time(scene, 1000)
+    for image in images:
+        np.testing.assert_array_equal(camera.read(1.0).image, image)
+
+
+def test_16_bit_images(tmp_path, scene):
+    image = np.arange(48, dtype=np.uint16).reshape(SHAPE) * 1000
+    for name in ("a.png", "b.tif"):
+        cv2.imwrite(str(tmp_path / name), image)
+    camera = make(tmp_path, scene, pixel_format="Mono16")
+    camera.open()
+    camera.start(TRAIN)
+    pass_time(scene, 1000)
+    for _ in range(2):
+        read = camera.read(1.0).image
+        assert read.dtype == camera.dtype == np.uint16
+        np.testing.assert_array_equal(read, image)
+
+
+def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, scene):
+    save(tmp_path, ["1.png", "2.png", "4.png"])
+    save(tmp_path, ["3.png"], shape=(4, 8))
+    (tmp_path / "2.png").write_bytes(b"\x89PNG and then nothing")
+    Image.new("RGB", (8, 6)).save(tmp_path / "5.png")
+    camera = make(tmp_path, scene)
+    camera.open()
+    camera.start(TRAIN)
+    pass_time(scene, 10_000)
+    answers = [camera.read(1.0) for _ in range(7)]
+    assert [(a.index, a.sample) for a in answers] == [(n, TRAIN.sample(n)) for n in range(7)]
+    assert [type(answer) for answer in answers] == [Frame, LostFrame, LostFrame, Frame, *3 * [LostFrame]]
+    assert [answers[n].reason for n in (1, 2, 4, 5, 6)] == [
+        "'2.png' can not be read as an image",
+        "'3.png' is 8 x 4 uint8, 8 x 6 uint8 was asked",
+        "'5.png' is 8 x 6 x 3 uint8, 8 x 6 uint8 was asked",
+        *2 * ["the folder has 5 images only"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"shape": (6, 9)}, "folder camera: '0.png' is 8 x 6 uint8, 9 x 6 uint8 was asked; set camera.width"),
+        ({"pixel_format": "Mono12"}, "'0.png' is 8 x 6 uint8, 8 x 6 uint16 was asked"),
+    ],
+)
+def test_images_of_another_size_or_depth_are_refused(tmp_path, scene, changes, sentence):
+    save(tmp_path, ["0.png"])
+    with pytest.raises(OutOfLimits, match=sentence):
+        make(tmp_path, scene, **changes).open()
+
+
+@pytest.mark.parametrize("name", ["", "missing"])
+def test_a_folder_that_is_empty_or_missing_is_refused(tmp_path, scene, name):
+    with pytest.raises(DeviceNotFound, match=r"has no image \(\.png, \.tif, \.tiff\); set camera\.folder"):
+        make(tmp_path / name, scene).open()
+
+
+def test_stop_ends_a_waiting_read(tmp_path, scene):
+    save(tmp_path, ["0.png"])
+    camera = make(tmp_path, scene)
+    camera.open()
+    camera.start(TRAIN)
+    ended, waits = [], threading.Event()
+    wait_for = scene.clock.wait_for
+    scene.clock.wait_for = lambda *args: (waits.set(), wait_for(*args))[1]
+
+    def wait():
+        try:
+            camera.read(60.0)
+        except DeviceError as error:
+            ended.append(error)
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    assert waits.wait(20.0)
+    camera.stop()
+    waiting.join(20.0)
+    assert not waiting.is_alive()
+    assert isinstance(ended[0], DeviceTimeout)

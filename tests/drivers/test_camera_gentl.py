@@ -1,0 +1,192 @@
+"""The real harvesters on the emulated GenTL producer that comes with the genicam package.
+
+Its cameras run freely and have neither trigger nor exposure. What needs a trigger (that no image comes without one, missed and late ones,
+how trigger and exposure are set) is tested with pylon's camera on the same code, `drivers.genicam_camera`.
+"""
+
+import signal
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from contracts import TRAIN, CameraContract
+
+from drivers import camera_gentl
+from drivers.camera_gentl import GenTLCamera
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.protocols import TriggerTrain
+from drivers.scene import Scene
+from drivers.settings import CameraSettings
+
+genicam = pytest.importorskip("genicam")
+pytest.importorskip("harvesters")
+
+PRODUCER = str(Path(genicam.__file__).with_name("viky.cti"))
+
+
+@pytest.fixture
+def scene():
+    return Scene()
+
+
+@pytest.fixture
+def make(scene):
+    made = []
+
+    def make(**changes):
+        settings = {"shape": (100, 120), "producer": PRODUCER, "device": "1", "trigger_line": ""} | changes
+        made.append(GenTLCamera(CameraSettings(**settings), scene))
+        return made[-1]
+
+    yield make
+    for camera in made:
+        camera.close()
+
+
+class TestGenTLCamera(CameraContract):
+    @pytest.fixture
+    def camera(self, make):
+        return make()
+
+    @pytest.fixture
+    def run_until(self, scene):
+        def run(sample):
+            if scene.clock.phase == "idle":
+                scene.clock.start()
+            scene.clock.advance(sample)
+
+        return run
+
+    # a camera that runs freely sends images without triggers
+    test_a_trigger_that_has_not_come_is_a_timeout_and_may_still_come = None
+    test_what_was_exposed_when_the_clock_ended_can_still_be_read = None
+
+
+def test_images_are_those_of_the_producer_in_order(make, scene):
+    camera = make()
+    camera.open()
+    assert camera.describe() == "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and exposure as it is set"
+    camera.start(TRAIN)
+    scene.clock.start()
+    scene.clock.advance(10_000)
+    frames = [camera.read(5.0) for _ in range(20)]
+    assert [frame.index for frame in frames] == list(range(20))
+    assert len({frame.image.tobytes() for frame in frames}) > 10  # a ball moves
+    assert all(frame.image.shape == (100, 120) and frame.image.dtype == np.uint8 for frame in frames)
+    assert camera.describe().endswith("; frame numbers inferred from their order")
+
+
+def test_images_without_triggers_are_a_fault(make, scene):
+    camera = make()
+    camera.open()
+    camera.start(TriggerTrain(0, 1000))
+    scene.clock.start()
+    assert [camera.read(5.0).index for _ in range(2)] == [0, 1]
+    with pytest.raises(DeviceFault, match="an image came long before trigger 2"):
+        camera.read(5.0)
+
+
+def test_it_can_be_stopped_and_started_again(make, scene):
+    camera = make()
+    camera.open()
+    scene.clock.start()
+    scene.clock.advance(10_000)
+    for _ in range(3):
+        camera.start(TRAIN)
+        assert [camera.read(5.0).index for _ in range(2)] == [0, 1]
+        camera.stop()
+
+
+def test_stop_ends_a_waiting_read(make):
+    camera = make()
+    camera.open()
+    camera.start(TriggerTrain(0, 100))
+    camera._acquirer.remote_device.node_map.AcquisitionStop.execute()
+    ended, waits = [], threading.Event()
+    receive = camera._receive
+    camera._receive = lambda wait_s: (waits.set(), receive(wait_s))[1]
+
+    def wait():
+        try:
+            while True:
+                camera.read(60.0)
+        except DeviceError as error:
+            ended.append(error)
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    assert waits.wait(20.0)
+    camera.stop()
+    waiting.join(20.0)
+    assert not waiting.is_alive()
+    assert isinstance(ended[0], DeviceTimeout | DeviceFault)
+
+
+def test_the_interrupt_key_stays_ours(make):
+    handler = signal.getsignal(signal.SIGINT)
+    camera = make()
+    camera.open()
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"shape": (100, 2000)}, "camera '1': Width = 2000 was asked, it offers 100 to 800 in steps of 1"),
+        ({"pixel_format": "Mono12"}, "PixelFormat = Mono12 was asked, it offers RGBa8, Mono8"),
+        ({"trigger_line": "Line1"}, "ExposureTime = 10000.0 was asked, it has no such feature that can be set; see its manual"),
+        ({"offset_px": (10, 0)}, "OffsetX = 10 was asked, it has no such feature"),
+        ({"gain_db": 3.0}, "Gain = 3.0 was asked, it has no such feature"),
+        ({"exposure_line": "Line2"}, "LineSelector = Line2 was asked, it has no such feature"),
+    ],
+)
+def test_what_can_not_be_set_is_refused_with_what_the_camera_offers(make, changes, sentence):
+    camera = make(**changes)
+    with pytest.raises(OutOfLimits, match=sentence):
+        camera.open()
+
+
+@pytest.mark.parametrize("pixel_format", ["Mono12Packed", "Mono12p", "Mono10p"])
+def test_harvesters_unpacks_packed_formats_onto_their_own_scale(pixel_format):
+    """The producer offers no packed format: what the driver relies on, checked on bytes packed by hand."""
+    from harvesters.util import pfnc
+
+    values, bits = [0x123, 0x2BC, 0x3FF, 0x001], int(pixel_format[4:6])
+    if pixel_format == "Mono12Packed":
+        raw = b"".join(bytes([x >> 4, x & 15 | (y & 15) << 4, y >> 4]) for x, y in (values[:2], values[2:]))
+    else:
+        raw = sum(v << bits * i for i, v in enumerate(values)).to_bytes(bits * 4 // 8, "little")
+    assert getattr(pfnc, pixel_format)().expand(np.frombuffer(raw, np.uint8)).tolist() == values
+
+
+def test_cameras_are_found_by_producer_and_by_registration(make, monkeypatch):
+    expected = [(str(n), "Machine Vision Games Ltd. Viky (Custom)") for n in range(3)]
+    assert [(f.device, f.description) for f in camera_gentl.find(PRODUCER)] == expected
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(Path(PRODUCER).parent))
+    assert [(f.device, f.description) for f in camera_gentl.find()] == expected
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", "")
+    assert camera_gentl.find() == []
+    with pytest.raises(DeviceNotFound, match=r"there are 3: 0 \(Machine Vision Games.*; set camera\.device to the serial number of one"):
+        make(device="").open()
+    with pytest.raises(DeviceNotFound, match=r"camera '7': it was asked, found: 0 \(Machine"):
+        make(device="7").open()
+
+
+def test_a_producer_that_can_not_be_loaded(make, tmp_path):
+    broken = tmp_path / "broken.cti"
+    broken.write_bytes(b"x")
+    with pytest.raises(DeviceNotFound, match=r"broken\.cti' can not be loaded \(.*file too short\); install the camera maker's GenTL"):
+        make(producer=str(broken)).open()
+    with pytest.raises(DeviceNotFound, match=r"missing\.cti' can not be loaded \(.*No such file"):
+        camera_gentl.find(str(tmp_path / "missing.cti"))
+
+
+def test_without_harvesters_the_sentence_says_what_to_install(make, monkeypatch):
+    def missing(name):
+        raise ImportError(f"No module named '{name}'")
+
+    monkeypatch.setattr(camera_gentl, "library", missing)
+    for call in (camera_gentl.find, make().open):
+        with pytest.raises(DeviceNotFound, match=r"pip install 'slipscope\[gentl\]'"):
+            call()

@@ -1,0 +1,177 @@
+"""The emulated camera in front of the simulated world: the contract, pictures to the bit, and every fault at its true index."""
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from contracts import TRAIN, CameraContract
+
+from drivers.emulators.camera import EmulatedPylonCamera
+from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.protocols import Frame, LostFrame, TriggerTrain
+from drivers.scene import Scene
+from drivers.settings import CameraSettings
+from drivers.sim.faults import parse
+from drivers.sim.images import Renderer
+from drivers.sim.settings import WorldSettings
+
+pytest.importorskip("pypylon")
+
+SHAPE = (96, 128)
+PRESSED = {"press_sample": 100, "press_duration": 100, "image_shape": SHAPE, "pixel_m": 100e-6}
+
+
+def board(scene, counts, until):
+    """Lets the world's time pass up to a sample and feeds the clock, as forces do that are read."""
+    world, clock = scene.world, scene.clock
+    while world.now < until:
+        assert world.wait_for_turn(50, 60.0)
+        first = world.advance(50).first
+        clock.advance(world.now, world.exposure_counts(first, 50) if counts else None)
+
+
+def run(scene, train, samples, counts=True):
+    """All answers of a run with two threads, and the error that ended it."""
+    camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), scene)
+    camera.open()
+    camera.start(train)
+    scene.clock.start(counts_exposures=counts)
+    scene.world.start(train)
+    answers, error = [], None
+
+    def forces():
+        board(scene, counts, samples)
+        scene.world.stop()
+        scene.clock.stop()
+
+    sampling = threading.Thread(target=forces)
+    sampling.start()
+    try:
+        while len(answers) < train.count_before(samples - camera.exposure_samples + 1):
+            answers.append(camera.read(20.0))
+    except (DeviceFault, DeviceTimeout) as caught:
+        error = caught
+    camera.stop()
+    scene.world.watch(None)
+    sampling.join()
+    camera.close()
+    return answers, error
+
+
+class TestEmulatedPylonCamera(CameraContract):
+    @pytest.fixture
+    def scene(self):
+        return Scene(WorldSettings(press_sample=10**9, image_shape=SHAPE), None)
+
+    @pytest.fixture
+    def camera(self, scene):
+        camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), scene)
+        yield camera
+        camera.close()
+
+    @pytest.fixture
+    def run_until(self, scene):
+        def run(sample):
+            if scene.world.phase == "idle":
+                scene.clock.start()
+                scene.world.start(TRAIN)
+            scene.world.advance(sample - scene.world.now)
+            scene.clock.advance(sample)
+
+        return run
+
+    @pytest.fixture
+    def end_clock(self, scene):
+        def end():
+            scene.world.stop()
+            scene.clock.stop()
+
+        return end
+
+
+@pytest.mark.parametrize("pace", [None, 4.0])
+def test_each_picture_is_that_of_its_pulse_to_the_bit(pace):
+    settings = WorldSettings(**PRESSED)
+    scene, train = Scene(settings, pace), TriggerTrain(3, 42)
+    answers, error = run(scene, train, 1000)
+    assert error is None
+    renderer = Renderer(settings)
+    assert [(a.index, a.sample) for a in answers] == [(n, train.sample(n)) for n in range(24)]
+    for frame in answers:
+        expected = renderer.image(scene.world.state(frame.sample + settings.exposure_samples // 2), frame.index)
+        np.testing.assert_array_equal(frame.image, expected)
+    assert len({frame.image.tobytes() for frame in answers}) == 24
+
+
+def test_every_fault_is_found_at_its_true_index():
+    faults = ("lost-trigger 4 2", "late-trigger 8 9", "lost-frame 12 2", "corrupt-frame 16", "lost-frame 23")
+    settings = WorldSettings(**PRESSED, faults=tuple(map(parse, faults)))
+    scene, train = Scene(settings, None), TriggerTrain(0, 42)
+    answers, error = run(scene, train, 1000)
+    assert error is None
+    assert [a.index for a in answers] == list(range(24))
+    lost = {a.index: a.reason for a in answers if isinstance(a, LostFrame)}
+    assert set(lost) == {4, 5, 12, 13, 23}
+    assert all("counted no exposure" in lost[n] for n in (4, 5))
+    assert all("grab failed" in lost[n] for n in (12, 13, 23))
+    frames = {a.index: a for a in answers if isinstance(a, Frame)}
+    assert {n: frame.sample - train.sample(n) for n, frame in frames.items() if frame.sample != train.sample(n)} == {8: 9}
+    renderer = Renderer(settings)
+    upper = SHAPE[0] // 2
+    for n, frame in frames.items():
+        expected = renderer.image(scene.world.state(frame.sample + settings.exposure_samples // 2), n)
+        np.testing.assert_array_equal(frame.image[:upper], expected[:upper])
+        assert np.array_equal(frame.image[upper:], expected[upper:]) == (n != 16)
+
+
+def test_a_missed_trigger_that_no_counter_proves_is_a_fault():
+    scene = Scene(WorldSettings(**PRESSED, faults=(parse("lost-trigger 4"),)), None)
+    _, error = run(scene, TriggerTrain(0, 42), 1000, counts=False)
+    assert isinstance(error, DeviceFault)
+    assert "counter" in str(error)
+
+
+def test_a_camera_that_goes_is_a_fault_after_its_last_image():
+    scene = Scene(WorldSettings(**PRESSED, faults=(parse("camera-gone 5"),)), 4.0)
+    answers, error = run(scene, TriggerTrain(0, 42), 1000)
+    assert [type(answer) for answer in answers[:5]] == 5 * [Frame]
+    assert not [answer for answer in answers[5:] if isinstance(answer, Frame)]
+    assert isinstance(error, DeviceFault)
+    assert "emulated pylon camera: a frame was asked, the camera is gone" in str(error)
+
+
+def test_what_stops_the_emulation_is_told(monkeypatch):
+    def no_room(*_):
+        raise OSError("no space left on the device")
+
+    scene = Scene(WorldSettings(**PRESSED), None)
+    camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), scene)
+    camera.open()
+    monkeypatch.setattr(camera, "_put", no_room)
+    camera.start(TRAIN)
+    scene.clock.start()
+    scene.world.start(TRAIN)
+    board(scene, False, 50)
+    camera._thread.join(20.0)
+    with pytest.raises(DeviceFault, match="the emulation failed, no space left on the device"):
+        camera.read(1.0)
+    camera.close()
+
+
+@pytest.mark.parametrize("changes", [{"shape": (96, 64)}, {"pixel_format": "Mono12"}])
+def test_other_images_than_those_of_the_world_are_refused(changes):
+    camera = EmulatedPylonCamera(CameraSettings(**({"shape": SHAPE} | changes)), Scene(WorldSettings(**PRESSED), None))
+    with pytest.raises(OutOfLimits, match="the world it sees is 128 x 96 Mono8; set both alike"):
+        camera.open()
+
+
+def test_it_runs_the_real_driver_and_leaves_nothing_behind():
+    camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), Scene(WorldSettings(**PRESSED), None))
+    camera.open()
+    folder = camera._folder.name
+    assert camera.describe().startswith("Basler Emulation (CamEmu): 128 x 96 Mono8, 10 ms, trigger Line1")
+    assert camera._camera.device.TriggerSource.Value == "Line1"
+    camera.close()
+    assert not Path(folder).exists()
+    assert "emulated camera" not in {thread.name for thread in threading.enumerate()}

@@ -1,0 +1,246 @@
+"""What ends a run of the NI driver or keeps it from beginning, through NI's own package: each a sentence that says what to do."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import grpc
+import numpy as np
+import pytest
+import trustme
+from contracts import TRAIN
+from ni_bench import InThread, NiBench, check_samples, pieces, reference
+from nidaqmx import GrpcSessionOptions, Task
+from nidaqmx.errors import DaqError
+
+from drivers import ni_daq
+from drivers.emulators.board import NiError
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+
+
+@pytest.fixture
+def ni():
+    with NiBench() as bench:
+        yield bench
+
+
+# ------------------------------------------------------------------ time-outs and ends
+
+
+def test_a_time_out_loses_nothing(ni):
+    forces = ni.emulated(pace=1.0, block_samples=250, exposure_counter="ctr1")
+    forces.open()
+    forces.start(TRAIN)
+    for _ in range(2):
+        with pytest.raises(DeviceTimeout, match=r"250 samples from 0 on were asked within 0\.02 s.* none is lost"):
+            forces.read(0.02)
+    check_samples(pieces(forces, 750))
+
+
+def test_a_read_that_waits_ends_when_another_thread_stops(ni):
+    forces = ni.emulated(pace=1e-3)
+    forces.open()
+    forces.start(TRAIN)
+    reader = InThread(forces)
+    assert reader.begun.wait(20.0)
+    forces.stop()
+    reader.join(1.0)
+    assert not reader.is_alive()
+    assert isinstance(reader.error, DeviceFault)
+    assert "stopped" in str(reader.error)
+
+
+def test_an_unplugged_board_ends_a_read_that_waits_and_closes_quietly(ni):
+    server = ni.serve(pace=1e-3)
+    forces = ni.connect(server.address)
+    forces.open()
+    forces.start(TRAIN)
+    reader = InThread(forces)
+    assert reader.begun.wait(20.0)
+    server.board.unplug()
+    reader.join(1.0)
+    assert not reader.is_alive()
+    assert isinstance(reader.error, DeviceFault)
+    assert "the board is gone; check its cable" in str(reader.error)
+    for again in (lambda: forces.read(1.0), lambda: forces.start(TRAIN)):
+        with pytest.raises(DeviceFault, match="gone"):
+            again()
+    forces.stop()
+    forces.close()
+    with pytest.raises(DeviceFault, match="the board is gone"):
+        forces.open()
+
+
+@pytest.mark.parametrize("pace", [None, 10.0])
+def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
+    forces = ni.emulated("daq-gone 420", pace=pace)
+    forces.open()
+    forces.start(TRAIN)
+    read = []
+    with pytest.raises(DeviceFault, match=r"sample \d+ was asked, the server 127.0.0.1:\d+ does not answer .*firewall"):
+        read.extend(iter(lambda: forces.read(20.0), None))
+    whole = list(range(0, 400, 50))  # what the dead server had and nobody had fetched is gone with it
+    assert [block.first for block in read] == (whole if pace is None else whole[: len(read)])
+    assert forces.scene.world.now == 420
+    forces.stop()
+    forces.close()
+
+
+@pytest.mark.parametrize(("end", "told_s"), [("kill", 1.0), ("freeze", 6.0)])
+def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s):
+    code = (
+        "from drivers.emulators.ni_server import serve\nfrom drivers.sim.world import World, WorldSettings\n"
+        "serve(lambda: World(WorldSettings(image_shape=(6, 8)), 1e-3), port=0, when_ready=lambda address: print(address, flush=True))"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as server:
+        try:
+            forces = ni.connect(server.stdout.readline().strip())
+            forces.open()
+            forces.start(TRAIN)
+            reader = InThread(forces)
+            assert reader.begun.wait(20.0)
+            if end == "kill" or sys.platform == "win32":
+                server.kill()
+            else:
+                server.send_signal(signal.SIGSTOP)
+            reader.join(told_s)
+            assert not reader.is_alive()
+            began = time.monotonic()
+            forces.close()
+            assert time.monotonic() - began < 1.0
+        finally:
+            server.kill()
+    assert isinstance(reader.error, DeviceFault)
+    assert "does not answer" in str(reader.error)
+
+
+# ------------------------------------------------------------------ what can not be opened
+
+
+@pytest.mark.parametrize(
+    ("settings", "kind", "sentence"),
+    [
+        ({"device": "Dev7"}, DeviceNotFound, r"'Dev7' \(there are: Dev1\) was asked, no board has that name; correct `device`"),
+        ({"channels": ("ai0", "ai99")}, DeviceNotFound, "ai0 and ai99 at 1000 Hz was asked, the board has no channel of that name"),
+        ({"trigger_counter": "ctr5"}, DeviceNotFound, "the trigger output was asked, the board has no channel of that name"),
+        ({"trigger": "digital", "trigger_line": "port7/line0"}, DeviceNotFound, "the board has no channel"),
+        ({"exposure_counter": "ctr2"}, DeviceNotFound, "ctr2 to count at PFI3 was asked, the board has no channel"),
+        ({"exposure_counter": "ctr0"}, DeviceFault, "the trigger output was asked, another program has reserved it"),
+        ({"range_v": (20.0, 10.0)}, OutOfLimits, "the board can not do that: .*-20 V to 20 V; correct"),
+        ({"sample_rate_hz": 1e6}, OutOfLimits, "ai0 and ai1 at 1e.06 Hz was asked, the board can not do that"),
+        ({"sample_rate_hz": 3000.0}, OutOfLimits, r"3000 Hz was asked, the nearest that the board has is 2999\.85"),
+        ({"wiring": "loose"}, OutOfLimits, "wiring 'loose' was asked; there are differential, rse, nrse"),
+    ],
+)
+def test_what_the_board_has_not_is_told(ni, settings, kind, sentence):
+    forces = ni.connect(ni.serve().address, **settings)
+    with pytest.raises(kind, match=sentence):
+        forces.open()
+    with pytest.raises(DeviceError):
+        forces.start(TRAIN)
+
+
+def test_a_board_that_another_program_uses_is_told_and_free_again_once_that_has_ended(ni):
+    server = ni.serve()
+    first, second = ni.connect(server.address), ni.connect(server.address)
+    first.open()
+    with pytest.raises(DeviceFault, match="another program has reserved it; end that program"):
+        second.open()
+    first.start(TRAIN)
+    assert first.read(5.0).first == 0
+    first.close()
+    second.open()
+
+
+@pytest.mark.parametrize(
+    ("code", "sentence"),
+    [
+        (-200361, "the board's own memory overflowed"),
+        (-88705, "the board is gone"),
+        (-50150, "the hardware caught fire; look up NI's error -50150"),
+    ],
+)
+def test_other_ends_of_a_run_are_told(ni, monkeypatch, code, sentence):
+    forces = ni.emulated()
+    forces.open()
+    forces.start(TRAIN)
+
+    def fail(*args):
+        raise NiError(code, "the hardware caught fire.\nDevice: Dev1")
+
+    monkeypatch.setattr(forces.server.board, "read", fail)
+    with pytest.raises(DeviceFault, match=f"sample 0 was asked, {sentence}"):
+        forces.read(1.0)
+
+
+def test_a_call_that_the_emulated_board_does_not_know_is_an_ni_error(ni):
+    with grpc.insecure_channel(ni.serve().address) as channel, Task(grpc_options=GrpcSessionOptions(channel, "")) as task:
+        with pytest.raises(DaqError, match="does not know the call CreateAICurrentChan"):
+            task.ai_channels.add_ai_current_chan("Dev1/ai0")
+        with pytest.raises(DaqError, match="does not have attribute 0x"):
+            _ = task.in_stream.curr_read_pos
+
+
+# ------------------------------------------------------------------ server and package
+
+
+def test_no_server(ni):
+    server = ni.serve()
+    server.close()
+    with pytest.raises(DeviceNotFound, match=f"the server {server.address} does not answer .*refused.* gRPC device server runs there"):
+        ni.connect(server.address).open()
+
+
+class Certificates:
+    """A server's key and certificate, made on the spot, and in a folder those of its authority and of another one."""
+
+    def __init__(self, folder):
+        authority, self.folder = trustme.CA(), folder
+        server = authority.issue_cert("localhost", "127.0.0.1")
+        self.server = server.private_key_pem.bytes(), server.cert_chain_pems[0].bytes()
+        authority.cert_pem.write_to_path(folder / "authority.pem")
+        trustme.CA().cert_pem.write_to_path(folder / "other.pem")
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory):
+    return Certificates(tmp_path_factory.mktemp("tls"))
+
+
+def test_an_encrypted_connection(ni, certificates):
+    server = ni.serve(tls=certificates.server)
+    forces = ni.connect(server.address, certificate=str(certificates.folder / "authority.pem"))
+    forces.open()
+    forces.start(TRAIN)
+    np.testing.assert_array_equal(forces.read(5.0).volts, reference(50))
+
+
+@pytest.mark.parametrize(
+    ("certificate", "sentence"),
+    [("other.pem", "CERTIFICATE_VERIFY_FAILED"), ("missing.pem", "can not be read .*correct `certificate`"), ("", "does not answer")],
+)
+def test_a_server_that_is_not_vouched_for(ni, certificates, certificate, sentence):
+    server = ni.serve(tls=certificates.server)
+    with pytest.raises(DeviceNotFound, match=sentence):
+        ni.connect(server.address, certificate=certificate and str(certificates.folder / certificate)).open()
+
+
+@pytest.mark.parametrize("package", ["nidaqmx", "grpc"])
+def test_a_missing_package_names_what_to_install(ni, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    forces = ni.connect("127.0.0.1:1")
+    with pytest.raises(DeviceNotFound, match=rf"package {package} was asked.*pip install 'slipscope\[ni\]'"):
+        forces.open()
+    with pytest.raises(DeviceError):
+        forces.start(TRAIN)
+    with pytest.raises(DeviceError):
+        forces.read(0.01)
+    if package == "nidaqmx":
+        with pytest.raises(DeviceNotFound, match=r"pip install 'slipscope\[ni\]'"):
+            ni_daq.find()
+
+
+def test_the_module_loads_no_vendor_library():
+    code = "import sys, drivers.ni_daq, drivers.emulators.ni\nassert not {'nidaqmx', 'grpc'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
