@@ -117,7 +117,7 @@ class GenICamCamera:
         rate = self._settings.sample_rate_hz
         node = next((node for name in _LIMITS if (node := self._node(name, to_read=True)) is not None), None)
         limit = min(self._value(node) if node is not None else math.inf, rate / self.exposure_samples)
-        if False:
+        if rate / train.divisor > limit * 1.001:
             raise OutOfLimits(
                 f"{self.name}: {rate / train.divisor:.4g} Hz asked, {limit:.4g} Hz is its limit with an exposure of"
                 f" {self._settings.exposure_s * 1e3:g} ms; use a divisor of {math.ceil(rate / limit / 1.001)} or more, or expose shorter"

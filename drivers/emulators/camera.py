@@ -6,6 +6,8 @@ import itertools
 import os
 import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +29,19 @@ if TYPE_CHECKING:
 SERIAL_NUMBER = "0815-0000"
 _FILES = 4  # that the emulated camera plays in turn; it loads a file anew only after another one
 _READY_MS = 100
+
+
+@contextmanager
+def _emulation_listed() -> Iterator[None]:
+    """Pylon looks at this variable whenever it lists cameras; it is put back, so that nobody else finds the emulated one."""
+    before = os.environ.get("PYLON_CAMEMU")
+    os.environ["PYLON_CAMEMU"] = "1"
+    try:
+        yield
+    finally:
+        del os.environ["PYLON_CAMEMU"]
+        if before is not None:
+            os.environ["PYLON_CAMEMU"] = before
 
 
 class EmulatedPylonCamera:
@@ -64,8 +79,8 @@ class EmulatedPylonCamera:
                 f"{self.name}: {self.shape[1]} x {self.shape[0]} {wanted.pixel_format} was asked, the world it sees is"
                 f" {columns} x {rows} Mono8; set both alike"
             )
-        os.environ.setdefault("PYLON_CAMEMU", "1")  # pylon looks at it whenever it lists cameras
-        self._camera.open()
+        with _emulation_listed():
+            self._camera.open()
         if self._renderer is None:
             from drivers.sim.images import Renderer
 

@@ -1,5 +1,6 @@
 """The emulated camera in front of the simulated world: the contract, pictures to the bit, and every fault at its true index."""
 
+import os
 import threading
 from pathlib import Path
 
@@ -166,9 +167,11 @@ def test_other_images_than_those_of_the_world_are_refused(changes):
         camera.open()
 
 
-def test_it_runs_the_real_driver_and_leaves_nothing_behind():
+def test_it_runs_the_real_driver_and_leaves_nothing_behind(monkeypatch):
+    monkeypatch.delenv("PYLON_CAMEMU", raising=False)
     camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), Scene(WorldSettings(**PRESSED), None))
     camera.open()
+    assert "PYLON_CAMEMU" not in os.environ
     folder = camera._folder.name
     assert camera.describe().startswith("Basler Emulation (CamEmu): 128 x 96 Mono8, 10 ms, trigger Line1")
     assert camera._camera.device.TriggerSource.Value == "Line1"
