@@ -7,6 +7,7 @@ import threading
 from app.engine.channels import LatestChannel
 from app.engine.history import History
 from app.engine.pipeline import Pipeline
+from app.engine.priority import give_way
 from app.engine.recorder import Recorder
 from app.results import Event, Snapshot, without_fields
 from drivers.protocols import Frame
@@ -34,7 +35,8 @@ class Analyst:
         self._frames = frames
 
     def work(self) -> None:
-        """Analyse until the frames end."""
+        """Analyse until the frames end, after all else that wants the processor."""
+        give_way()
         try:
             while not self._frames.is_drained:
                 frame = self._frames.get(POLL_S)

@@ -11,6 +11,7 @@ what was measured reaches the disk, and the run ends in a named state with a rea
 
 from __future__ import annotations
 
+import gc
 import math
 import shutil
 import threading
@@ -187,12 +188,15 @@ class Run:
         sink: SessionSink | None = None
         try:
             self._prepare(self._say_preparing)
+            gc.collect()
+            gc.freeze()  # a look at all that was loaded takes 0.1 s with every thread at a stand, also the one that stops the motion
             self._bench.open()
             self._check_camera()
             sink = self._create_sink(self._bench.camera.shape, self._bench.camera.dtype, self.grid_x_px, self.grid_y_px)
             self._record_run(sink)
         except Exception as error:
             self._ending.call(sentence("control", error), failed=True)
+        gc.unfreeze()
         self._ending.attempt("bench", self._bench.close)
         self._pipeline.close()
         now = process.cpu_times()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ class CurvesView(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self._loading: Curves | None = None
         self._curves: Curves | None = None
         self._forces: ForceView | None = None
         self._stress: StressView | None = None
@@ -58,7 +60,7 @@ class CurvesView(QWidget):
 
     def show_scene(self, scene: Scene) -> None:
         """Empty the curves for a new run; the travel axis spans the travel asked for."""
-        self._curves = self._forces = None
+        self._loading = self._curves = self._forces = None
         for curve in (self.loading_curve, self.stick_curve, self.stick_low, self.stick_high, self.peak_curve, self.model_curve):
             curve.setData([], [])
         for curve in (self.normal_curve, self.shear_curve):
@@ -71,24 +73,39 @@ class CurvesView(QWidget):
         self.sticking.enableAutoRange(y=True)
         self.loading.setXRange(0, scene.config.run.travel, padding=0.03)
 
-    def show_view(self, view: ViewState) -> None:
-        """Draw what changed since the last call."""
+    @property
+    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
+        """What draws each plot, where it changed since its last call; one after the other, so that a key need not wait for all."""
+        return self._show_loading, self._show_sticking, self._show_traction, self._show_strips
+
+    def _show_loading(self, view: ViewState) -> None:
+        if view.curves is not self._loading:
+            self._loading = view.curves
+            self.loading_curve.setData(view.curves.travel_um, view.curves.shear_n)
+        if view.summary is not None:
+            _show_line(self.static_line, view.summary.static_force_n)
+
+    def _show_sticking(self, view: ViewState) -> None:
         if view.curves is not self._curves:
             self._show_curves(view.curves)
         if math.isfinite(view.apparent_mm) and not self.apparent_line.isVisible():
-            self.apparent_line.setValue(view.apparent_mm)
-            self.apparent_line.show()
+            _show_line(self.apparent_line, view.apparent_mm)
             self.sticking.setYRange(0, 1.15 * view.apparent_mm, padding=0)
+        if view.summary is not None:
+            self.model_curve.setData(*cattaneo_mindlin(view.summary))
+
+    def _show_traction(self, view: ViewState) -> None:
         if view.stress is not None and view.stress is not self._stress:
             self._show_stress(view.stress)
+
+    def _show_strips(self, view: ViewState) -> None:
         if view.ended or self._strips_are_old(view.forces):
             self._show_forces(view.forces)
         if view.summary is not None:
-            self._show_summary(view.summary)
+            _show_line(self.onset_line, view.summary.onset_time_s)
 
     def _show_curves(self, curves: Curves) -> None:
         self._curves = curves
-        self.loading_curve.setData(curves.travel_um, curves.shear_n)
         order = np.argsort(curves.stick_shear_n, kind="stable")
         shear, stick, sd = curves.stick_shear_n[order], curves.stick_mm[order], curves.stick_sd_mm[order]
         self.stick_curve.setData(shear, stick)
@@ -124,13 +141,6 @@ class CurvesView(QWidget):
         if axis.labelText != forces.time_label:
             axis.setLabel(forces.time_label)
             axis.resizeEvent()  # puts the longer label back in the middle
-
-    def _show_summary(self, summary: Summary) -> None:
-        for line, value in ((self.static_line, summary.static_force_n), (self.onset_line, summary.onset_time_s)):
-            if math.isfinite(value):
-                line.setValue(value)
-                line.show()
-        self.model_curve.setData(*cattaneo_mindlin(summary))
 
     def _build_sticking(self) -> None:
         colour = pg.mkColor(theme.STICK)
@@ -178,6 +188,12 @@ class CurvesView(QWidget):
         for k in (0, 1):
             grid.setRowStretch(k, 1)
             grid.setColumnStretch(k, 1)
+
+
+def _show_line(line: Any, value: float) -> None:
+    if math.isfinite(value):
+        line.setValue(value)
+        line.show()
 
 
 def _guide(plot: Any, angle: int, text: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
@@ -20,7 +21,8 @@ from app.gui.source import RunSource
 from app.gui.view_state import ViewState
 from app.results import Outcome
 
-REFRESH_MS = 100  # buttons and keys do not wait for it
+TICK_MS = 15  # one part of the window is drawn per tick: a key waits for that part at most
+REFRESH_MS = 100  # the parts begin anew
 RESTS = 2.0  # times as long as a redraw took its thread, the next one waits: the analysis needs the core too
 SILENT_S = 1.0  # a source that has not answered for so long is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
@@ -53,11 +55,12 @@ class MainWindow(QMainWindow):
         self._must_close = False
         self._reported = False
         self._drawn = (0.0, 0.0)  # when the last redraw began, on the clock and in the time of this thread
+        self._parts: list[Callable[[], None]] = []  # of the redraw under way, still to be drawn
         self._failures: list[str] = []  # sentences from other threads
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
-        self._timer.start(REFRESH_MS)
+        self._timer.start(TICK_MS)
         if source is not None:
             self._attach(source)
         else:
@@ -118,27 +121,39 @@ class MainWindow(QMainWindow):
     # ------------------------------------------------------------------ looking
 
     def _tick(self) -> None:
-        """Refresh, unless the last redraw, its painting included, was too dear to follow it up at once."""
+        """Draw the next part, or begin anew, unless the last redraw, its painting included, was too dear to follow it up at once."""
         used, now = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
-        if now >= (1 + RESTS) * used:
+        if self._parts:
+            self._draw(self._parts.pop(0))
+        elif now >= max(REFRESH_MS * 1e-3, (1 + RESTS) * used):
             self._drawn = (time.monotonic(), time.thread_time())
-            self.refresh()
+            self._draw(self._look)
         self._wait_to_close()
 
     def refresh(self) -> None:
-        """Draw the newest answer of the source and ask for the next; an error becomes a sentence, the window goes on."""
+        """Draw the newest answer of the source, all parts of it, and ask for the next."""
+        self._draw(self._look)
+        while self._parts:
+            self._draw(self._parts.pop(0))
+
+    def _draw(self, part: Callable[[], None]) -> None:
+        """Draw a part; an error becomes a sentence, the window goes on."""
         try:
-            self._say_failures()
-            if self._reader is not None:
-                answer = self._reader.take()
-                if answer is not None:
-                    self._show(answer)
-                elif self._reader.silent_s() > SILENT_S:
-                    self._report(f"The run has not answered for {self._reader.silent_s():.0f} s; STOP MOTION still works.")
-                if self.outcome() is None:  # after that nothing changes
-                    self._reader.ask()
+            part()
         except Exception as error:
             self._report(f"The window could not draw the run ({type(error).__name__}: {error}); the run itself goes on.")
+
+    def _look(self) -> None:
+        self._say_failures()
+        if self._reader is None:
+            return
+        answer = self._reader.take()
+        if answer is not None:
+            self._show(answer)
+        elif self._reader.silent_s() > SILENT_S:
+            self._report(f"The run has not answered for {self._reader.silent_s():.0f} s; STOP MOTION still works.")
+        if self.outcome() is None:  # after that nothing changes
+            self._reader.ask()
 
     def _show(self, answer: Answer) -> None:
         if answer.problem:
@@ -158,10 +173,10 @@ class MainWindow(QMainWindow):
         self._view = answer.view
         self.top.show_state(answer.view.state, answer.view.tone, answer.view.phase)
         self.top.sentence.setText(answer.view.sentence)
-        for part in (self.interface, self.curves, self.result, self.health):
-            part.show_view(answer.view)
-        self.readouts.show_cells(answer.view.readouts)
         self._show_buttons()
+        view = answer.view
+        views = (self.interface.show_view, *self.curves.parts, self.result.show_view, self.health.show_view)
+        self._parts = [*(partial(show, view) for show in views), partial(self.readouts.show_cells, view.readouts)]
         if ended_now and not self.notice.is_alarm:
             self.notice.clear()  # how it ended stands beside the badge
 
@@ -234,7 +249,7 @@ class MainWindow(QMainWindow):
     def _wait_to_close(self) -> None:
         if self._closing_for_ms is None:
             return
-        self._closing_for_ms += REFRESH_MS
+        self._closing_for_ms += TICK_MS
         if not self._is_running() or self._closing_for_ms > GIVE_UP_S * 1e3:
             self._close_now()
 
