@@ -91,7 +91,9 @@ class Camera(Section, frozen=True):
     ] = "Mono8"
     offset: Annotated[tuple[int, int], _f("Top-left pixel (x, y) of the image on the sensor", "px")] = (0, 0)
     gain: Annotated[float, _f("Gain; -1: as the camera is set", "dB", ge=-1, le=60)] = -1.0
-    trigger_line: Annotated[str, _f("Input of the camera that the triggers come in on")] = "Line1"
+    trigger_line: Annotated[
+        str, _f("Input of the camera that the triggers come in on; empty: trigger and exposure as the camera is set")
+    ] = "Line1"
     exposure_line: Annotated[str, _f("Output that tells when the camera exposes, for forces.exposure_counter; empty: not set")] = ""
     divisor: Annotated[int, _f("Samples per trigger: 125 is 8 frames/s at 1 kHz, 250 is 4", "samples", ge=1, le=1000000)] = 125
     max_rate: Annotated[float, _f("Fastest trigger rate the camera follows", "frames/s", gt=0, le=10000)] = 24.0

@@ -144,7 +144,9 @@ def _harvester(producer: str) -> Any:
     try:
         harvester = library("harvesters.core").Harvester()
     except ImportError as error:
-        raise DeviceNotFound(f"GenTL camera: its package can not be loaded ({error}); pip install 'slipscope[gentl]'") from error
+        raise DeviceNotFound(
+            f"GenTL camera: its package can not be loaded ({error}); in the folder of SlipScope: pip install '.[gentl]'"
+        ) from error
     registered = (Path(folder) for folder in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep) if folder)
     for path in [producer] if producer else [str(file) for folder in registered for file in sorted(folder.glob("*.cti"))]:
         try:

@@ -124,4 +124,6 @@ def _library() -> Any:
     try:
         return library("pypylon.pylon")
     except ImportError as error:
-        raise DeviceNotFound(f"pylon camera: its package can not be loaded ({error}); pip install 'slipscope[basler]'") from error
+        raise DeviceNotFound(
+            f"pylon camera: its package can not be loaded ({error}); in the folder of SlipScope: pip install '.[basler]'"
+        ) from error

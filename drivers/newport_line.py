@@ -34,7 +34,7 @@ def find() -> list[Found]:
 
 
 def _no_pyserial(who: str) -> DeviceNotFound:
-    return DeviceNotFound(f"{who}: the package pyserial is not installed; install it with pip install 'slipscope[serial]'")
+    return DeviceNotFound(f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install '.[serial]'")
 
 
 class NewportLine:

@@ -23,7 +23,9 @@ def need(who: str, package: str) -> None:
     try:
         __import__(package)
     except ImportError as error:
-        raise DeviceNotFound(f"{who}: package {package} was asked, it is not there ({error}); pip install 'slipscope[ni]'") from None
+        raise DeviceNotFound(
+            f"{who}: package {package} was asked, it is not there ({error}); in the folder of SlipScope: pip install '.[ni]'"
+        ) from None
 
 
 def sentence(who: str, asked: str, error: Exception) -> DeviceError:

@@ -72,7 +72,8 @@ class CameraSettings:
     gain_db : float or None
         None: as the camera is set.
     trigger_line, exposure_line : str
-        Input of the trigger; output that is high while the camera exposes (empty: not set).
+        Input of the trigger (empty: trigger and exposure stay as the camera is set); output that is high while the camera exposes (empty:
+        not set).
     producer : str
         GenTL producer (.cti) of the camera's vendor.
     folder : str

@@ -84,7 +84,7 @@ def test_without_pyserial_it_says_what_to_install(monkeypatch):
     for module in ("serial", "serial.tools", "serial.tools.list_ports"):
         monkeypatch.setitem(sys.modules, module, None)
     for ask in (Smc100(ActuatorSettings(port="COM3"), Scene()).open, find):
-        with pytest.raises(DeviceNotFound, match=r"pip install 'slipscope\[serial\]'"):
+        with pytest.raises(DeviceNotFound, match=r"pip install '\.\[serial\]'"):
             ask()
 
 

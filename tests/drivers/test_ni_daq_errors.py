@@ -230,14 +230,14 @@ def test_a_server_that_is_not_vouched_for(ni, certificates, certificate, sentenc
 def test_a_missing_package_names_what_to_install(ni, monkeypatch, package):
     monkeypatch.setitem(sys.modules, package, None)
     forces = ni.connect("127.0.0.1:1")
-    with pytest.raises(DeviceNotFound, match=rf"package {package} was asked.*pip install 'slipscope\[ni\]'"):
+    with pytest.raises(DeviceNotFound, match=rf"package {package} was asked.*pip install '\.\[ni\]'"):
         forces.open()
     with pytest.raises(DeviceError):
         forces.start(TRAIN)
     with pytest.raises(DeviceError):
         forces.read(0.01)
     if package == "nidaqmx":
-        with pytest.raises(DeviceNotFound, match=r"pip install 'slipscope\[ni\]'"):
+        with pytest.raises(DeviceNotFound, match=r"pip install '\.\[ni\]'"):
             ni_daq.find()
 
 

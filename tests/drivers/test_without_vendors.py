@@ -1,0 +1,70 @@
+"""On a computer without any vendor's package the program starts, runs the simulated bench, and says what is missing."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+VENDORS = ("nidaqmx", "grpc", "pypylon", "harvesters", "genicam", "serial")
+BLOCK = f"""
+import sys
+for name in {VENDORS!r}:
+    sys.modules[name] = None
+"""
+
+
+def run(code, *arguments):
+    return subprocess.run(
+        [sys.executable, "-c", BLOCK + code, *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+        encoding="utf-8",
+    )
+
+
+def slipscope(*arguments):
+    return run("from app.cli import main\nmain()", *arguments)
+
+
+def test_no_driver_module_loads_a_vendor_library():
+    names = [f"drivers.{path.stem}" for path in (ROOT / "drivers").glob("*.py")]
+    code = f"import {', '.join(names)}, sys\nprint(sorted(set({VENDORS!r}) & sys.modules.keys()))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "[]"
+
+
+def test_doctor_says_what_is_missing():
+    done = slipscope("doctor")
+    assert done.returncode == 0, done.stderr
+    for what in ("ni", "basler", "gentl", "serial"):
+        assert f"[{what}]" in done.stdout
+    assert "Traceback" not in done.stderr
+
+
+def test_the_simulated_bench_works():
+    done = slipscope("check", "--set", "camera.width=480", "--set", "camera.height=360")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "the bench works" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("setting", "extra"),
+    [
+        ("forces.source=nidaqmx", "ni"),
+        ("forces.source=nidaqmx-emulated", "ni"),
+        ("camera.source=pylon", "basler"),
+        ("camera.source=pylon-emulated", "basler"),
+        ("actuator.source=smc100", "serial"),
+        ("actuator.source=conex-cc-emulated", "serial"),
+    ],
+)
+def test_a_driver_without_its_package_says_how_to_get_it(setting, extra):
+    done = slipscope("check", "--set", setting, "--set", "actuator.port=/dev/nothing")
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert f"pip install '.[{extra}]'" in done.stdout
+    assert "Traceback" not in done.stderr
