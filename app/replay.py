@@ -18,6 +18,7 @@ from app.config import from_record, tracking
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.errors import UserError
+from app.playback import Browser, Playback
 from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot, without_fields
 from app.sections import Config
 from app.session.reader import SessionReader
@@ -69,13 +70,13 @@ class Replay:
         self.title = f"replay of {path.name}"
         self.pixel_m = self.config.camera.pixel * 1e-6
         self.sample_rate_hz = float(self.config.forces.sample_rate)
-        self._pace = pace
+        self.playback = Playback(pace)
+        self.browser = Browser(path)
         self._pipeline = Pipeline(self.config, (self.config.camera.height, self.config.camera.width))
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._history: History | None = None
         self._snapshots: list[Snapshot] = []
         self._latest_image: NDArray[Any] | None = None
-        self._stop = threading.Event()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._state, self._reason, self._preparing = "idle", "", ""
@@ -97,10 +98,26 @@ class Replay:
             self._thread.join()  # an interpreter that ends while the thread lets go of its arrays may crash
         return self._outcome
 
+    @property
+    def frame_count(self) -> int:
+        """Frames that there are to replay."""
+        return len(self._analysed)
+
+    @property
+    def is_browsing(self) -> bool:
+        """Whether a recorded frame is looked at, not the newest one that was played."""
+        return self.browser.number is not None
+
+    @property
+    def place(self) -> int:
+        """Number of the frame that is shown, from 0."""
+        number = self.browser.number
+        return max(0, len(self._snapshots) - 1) if number is None else number
+
     def request_stop(self, reason: str) -> None:
         """End after the frame in hand."""
         self._reason = self._reason or reason
-        self._stop.set()
+        self.playback.end()
 
     def stop_motion(self) -> None:
         """Nothing moves in a replay: it ends."""
@@ -115,8 +132,14 @@ class Replay:
         return self._pipeline.contact
 
     def latest_image(self) -> NDArray[Any] | None:
-        """The newest frame's image."""
-        return self._latest_image
+        """The image of the frame that is looked at, or else of the newest one."""
+        browsed = self.browser.look()
+        return self._latest_image if browsed is None else browsed[1]
+
+    def browsed(self) -> Snapshot | None:
+        """Recorded results of the frame that is looked at; None while it is the newest one that was played."""
+        browsed = self.browser.look()
+        return None if browsed is None else browsed[0]
 
     def snapshots_since(self, n: int) -> list[Snapshot]:
         """The snapshots after the first `n`; only the newest one still holds its fields."""
@@ -133,7 +156,7 @@ class Replay:
         done = len(self._snapshots)
         return Health(
             state=self._state,
-            reason=self._reason or self._preparing,
+            reason=self._reason or self._preparing or ("it stands; Space goes on" if self.playback.is_paused else ""),
             phase=str(self._snapshots[-1].phase) if done else "",
             counts=self._count(),
             queue_fill=0.0,
@@ -164,10 +187,9 @@ class Replay:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)
                 feed = _Feed(session, self.config, self._history)
                 for number, (index, recorded) in enumerate(zip(self._analysed, session.snapshots(), strict=True)):
-                    if self._stop.is_set():
+                    if not self.playback.wait_for_turn(recorded.sample / self.sample_rate_hz):
                         break
                     self._play_frame(session, feed, index, recorded)
-                    self._wait_for_pace(wall, recorded.sample)
                     if number % 16 == 0:
                         peak = max(peak, process.memory_info().rss)
             self._reason = self._reason or f"all {len(self._snapshots)} analysed frames were replayed"
@@ -200,15 +222,6 @@ class Replay:
         if self._snapshots:
             self._snapshots[-1] = without_fields(self._snapshots[-1])
         self._snapshots.append(snapshot)
-
-    def _wait_for_pace(self, began: float, sample: int) -> None:
-        if self._pace is not None:
-            ahead = (sample - self._first_sample()) / self.sample_rate_hz / self._pace - (time.monotonic() - began)
-            if ahead > 0:
-                self._stop.wait(ahead)
-
-    def _first_sample(self) -> int:
-        return self._snapshots[0].sample
 
 
 class _Feed:

@@ -71,9 +71,13 @@ class InterfaceView(QFrame):
 
     def _show_overlay(self) -> None:
         field = self._fields[1 if self._fields[1] is not None and self.which.currentIndex() == 1 else 0]
-        if field is None or field is self._field:
+        if field is self._field:
             return
-        self._field, limit = field, field.limit
+        self._field = field
+        if field is None:
+            self.overlay.clear()
+            return
+        limit = field.limit
         self.overlay.setImage(field.values, levels=(-limit, limit), rect=QRectF(*field.rect_px))
         self.colour_bar.setLevels((-limit, limit))
         self.colour_bar.getAxis("left").setLabel(f"{field.symbol} ({field.unit})")

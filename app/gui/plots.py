@@ -65,13 +65,19 @@ class CurvesView(QWidget):
             curve.setData([], [])
         for curve in (self.normal_curve, self.shear_curve):
             curve.setData([], [])
-        for curve in (self.stress_low, self.stress_high, self.stress_curve, self.stress_model):
-            curve.setData([], [])
-        for line in (self.static_line, self.onset_line, self.apparent_line, self.stick_line, self.peak_line):
+        self._empty_stress()
+        for line in (self.static_line, self.onset_line, self.apparent_line):
             line.hide()
-        self._stress = None
         self.sticking.enableAutoRange(y=True)
         self.loading.setXRange(0, scene.config.run.travel, padding=0.03)
+
+    def _empty_stress(self) -> None:
+        self._stress = None
+        for curve in (self.stress_low, self.stress_high, self.stress_curve, self.stress_model):
+            curve.setData([], [])
+        for line in (self.stick_line, self.peak_line):
+            line.hide()
+        self.stress_caption.setText("")
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
@@ -95,8 +101,12 @@ class CurvesView(QWidget):
             self.model_curve.setData(*cattaneo_mindlin(view.summary))
 
     def _show_traction(self, view: ViewState) -> None:
-        if view.stress is not None and view.stress is not self._stress:
+        if view.stress is self._stress:
+            return
+        if view.stress is not None:
             self._show_stress(view.stress)
+            return
+        self._empty_stress()
 
     def _show_strips(self, view: ViewState) -> None:
         if view.ended or self._strips_are_old(view.forces):

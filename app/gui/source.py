@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,47 @@ from app.results import F64, ContactResult, Health, Outcome, Snapshot
 from app.sections import Config
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+class Hands(Protocol):
+    """What may be done to a replay while it runs; from any thread, returns at once."""
+
+    pace: float | None
+    is_paused: bool
+
+    def pause(self) -> None: ...
+    def resume(self) -> None: ...
+    def step(self) -> None: ...
+    def set_pace(self, pace: float | None) -> None: ...
+
+
+class Pages(Protocol):
+    """Any recorded frame, to look at; None: back to the newest one."""
+
+    def show(self, number: int | None) -> None: ...
+
+
+@runtime_checkable
+class PlaybackSource(Protocol):
+    """What a replay has beyond a `RunSource`."""
+
+    playback: Hands
+    browser: Pages
+
+    @property
+    def frame_count(self) -> int:
+        """Frames that there are to replay."""
+
+    @property
+    def is_browsing(self) -> bool:
+        """Whether a recorded frame is looked at."""
+
+    @property
+    def place(self) -> int:
+        """Number of the frame that is shown, from 0."""
+
+    def browsed(self) -> Snapshot | None:
+        """Recorded results of the frame that is looked at; None while it is the newest one."""
 
 
 class RunSource(Protocol):

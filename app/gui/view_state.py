@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from analysis.mechanics import cattaneo_mindlin, hertz
 from app.config import exposure_samples
 from app.gui.cells import disk_cell, health_cells, operator_sentence, queue_cell, readouts, result_cells, setting_cells, state_tone
 from app.gui.numbers import Cell, Tone, measured, number
-from app.gui.source import Image, RunSource
+from app.gui.source import Image, PlaybackSource, RunSource
 from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
 from app.sections import Config
 
@@ -49,6 +49,7 @@ class Reading:
     contact: ContactResult | None
     forces: tuple[NDArray[Any], F64, F64]
     outcome: Outcome | None
+    browsed: Snapshot | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,6 +171,7 @@ def read(source: RunSource, seen: int) -> Reading:
         source.contact(),
         source.force_history(FORCE_POINTS),
         outcome,
+        source.browsed() if isinstance(source, PlaybackSource) else None,
     )
 
 
@@ -280,6 +282,10 @@ def resolve(scene: Scene, reading: Reading, previous: ViewState | None) -> ViewS
     curves = extended(previous.curves if previous else no_curves(), reading.snapshots, scene)
     forces = force_view(reading.forces, curves, scene)
     normal_n, shear_n = (float(force[-1]) if len(force) else math.nan for force in reading.forces[1:])
+    shown, browsed = curves, reading.browsed
+    if browsed is not None:  # an older frame takes the place of the newest; the curves stay
+        normal_n, shear_n = browsed.normal_force_n, browsed.shear_force_n
+        shown = replace(curves, newest=browsed, newest_field=browsed if browsed.ux_px.size else None)
     summary = outcome.summary if outcome else None
     state = outcome.state if outcome else health.state
     return ViewState(
@@ -293,15 +299,15 @@ def resolve(scene: Scene, reading: Reading, previous: ViewState | None) -> ViewS
         queue=queue_cell(health),
         disk=disk_cell(health, config),
         image=_newest_image(reading.image, previous),
-        **_newest_fields(curves, scene, previous),
+        **_newest_fields(shown, scene, previous, is_browsing=browsed is not None),
         curves=curves,
         forces=forces,
-        readouts=readouts(normal_n, shear_n, curves.newest),
+        readouts=readouts(normal_n, shear_n, shown.newest),
         result=result_cells(summary) if outcome else setting_cells(config),
         notes=" · ".join(summary.notes) if summary else "",
         summary=summary,
         outcome=outcome,
-        **_circles(reading.contact, curves, scene),
+        **_circles(reading.contact, shown, scene),
     )
 
 
@@ -324,9 +330,9 @@ def _newest_image(image: Image | None, previous: ViewState | None) -> ImageView 
     return image_view(image)
 
 
-def _newest_fields(curves: Curves, scene: Scene, previous: ViewState | None) -> dict[str, Any]:
+def _newest_fields(curves: Curves, scene: Scene, previous: ViewState | None, *, is_browsing: bool) -> dict[str, Any]:
     snapshot, shown = curves.newest_field, previous.field if previous else None
-    if previous is not None and (snapshot is None or (shown is not None and shown.frame == snapshot.frame)):
+    if previous is not None and ((snapshot is None and not is_browsing) or (shown and snapshot and shown.frame == snapshot.frame)):
         return {"field": shown, "stress_field": previous.stress_field, "stress": previous.stress}
     if snapshot is None:
         return {"field": None, "stress_field": None, "stress": None}

@@ -15,6 +15,7 @@ from app.gui import theme
 from app.gui.image_view import InterfaceView
 from app.gui.notice import Notice
 from app.gui.panels import CellRow, HealthStrip, ResultPanel, TopBar
+from app.gui.playback_bar import PlaybackBar
 from app.gui.plots import CurvesView
 from app.gui.reader import Answer, Reader
 from app.gui.source import RunSource
@@ -174,6 +175,7 @@ class MainWindow(QMainWindow):
         self.top.show_state(answer.view.state, answer.view.tone, answer.view.phase)
         self.top.sentence.setText(answer.view.sentence)
         self._show_buttons()
+        self.playback.refresh()
         view = answer.view
         views = (self.interface.show_view, *self.curves.parts, self.result.show_view, self.health.show_view)
         self._parts = [*(partial(show, view) for show in views), partial(self.readouts.show_cells, view.readouts)]
@@ -210,6 +212,7 @@ class MainWindow(QMainWindow):
             self._reader.close()
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
         self._reader = Reader(source)
+        self.playback.attach(source)
         self._reader.ask()
         self._show_buttons()
 
@@ -263,6 +266,7 @@ class MainWindow(QMainWindow):
         self.top, self.notice = TopBar(), Notice()
         self.interface, self.result = InterfaceView(), ResultPanel()
         self.readouts, self.curves, self.health = CellRow(), CurvesView(), HealthStrip()
+        self.playback = PlaybackBar()
         split = QSplitter(Qt.Orientation.Horizontal)
         split.setHandleWidth(8)
         split.setChildrenCollapsible(False)
@@ -283,6 +287,7 @@ class MainWindow(QMainWindow):
         layout.addWidget(self.top)
         layout.addWidget(self.notice)
         layout.addWidget(split, 1)
+        layout.addWidget(self.playback)
         layout.addWidget(self.health)
         self.setCentralWidget(body)
         self.resize(1600, 960)
@@ -292,9 +297,19 @@ class MainWindow(QMainWindow):
         self._shortcut(Qt.Key.Key_Escape, self.stop_motion)
         self._shortcut(Qt.Key.Key_F5, self.begin)
         self._shortcut("Ctrl+Q", self.close)
+        for key, act in ((Qt.Key.Key_Space, "toggle"), (Qt.Key.Key_Right, "go_forward"), (Qt.Key.Key_Left, "go_back")):
+            self._shortcut(key, getattr(self.playback, act)).setAutoRepeat(act != "toggle")
+        self.playback.acted.connect(self._hurry)
 
-    def _shortcut(self, key: Qt.Key | str, act: Callable[[], object]) -> None:
+    def _hurry(self) -> None:
+        """Look at once: the operator asked to see another frame."""
+        self._drawn = (0.0, time.thread_time())
+        if self._reader is not None:
+            self._reader.ask()
+
+    def _shortcut(self, key: Qt.Key | str, act: Callable[[], object]) -> QShortcut:
         shortcut = QShortcut(QKeySequence(key), self)
         shortcut.setContext(Qt.ShortcutContext.ApplicationShortcut)
         shortcut.setAutoRepeat(False)
         shortcut.activated.connect(act)
+        return shortcut

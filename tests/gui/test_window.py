@@ -75,7 +75,7 @@ def window(open_window: Open, run: ScriptedRun) -> MainWindow:
 def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
     window.begin()
     run.at(frame)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == frame)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == frame and not window._parts)
 
 
 def test_the_qt_binding_counts_its_references() -> None:
