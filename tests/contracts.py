@@ -32,6 +32,7 @@ class ForceSourceContract:
             assert block.volts.shape == (forces.block_samples, 2)
             assert block.volts.dtype == np.float64
             assert np.isfinite(block.volts).all()
+            assert forces.backlog() >= 0
             expected = block.end
         forces.close()
 
@@ -67,6 +68,12 @@ class ForceSourceContract:
         forces.stop()
         forces.stop()
         forces.close()
+        forces.close()
+
+
+    def test_it_says_what_it_is(self, forces):
+        forces.open()
+        assert forces.describe()
         forces.close()
 
 
@@ -153,6 +160,12 @@ class CameraContract:
         camera.close()
 
 
+    def test_it_says_what_it_is(self, camera):
+        camera.open()
+        assert camera.describe()
+        camera.close()
+
+
 class ActuatorContract:
     """Fixtures `actuator`, free to move both ways, and `pass_time(seconds)`: lets that much of its own time pass."""
 
@@ -162,6 +175,11 @@ class ActuatorContract:
         low, high = actuator.travel_limits_m
         assert low < high
         assert actuator.velocity_limit_m_s > 0
+
+    def test_it_says_what_it_is(self, actuator):
+        actuator.open()
+        assert actuator.describe()
+        actuator.close()
 
     def test_a_move_ends_by_itself_at_its_target(self, actuator, pass_time):
         actuator.open()
