@@ -11,6 +11,9 @@ from typing import Annotated
 
 import typer
 
+from app import cli_files
+from app.cli_options import Headless, JsonFlag, Overwrite, SessionFile, asked, plain_errors
+
 EPILOG = """
 Examples:
 
@@ -30,17 +33,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog=EPILOG,
 )
-
-JsonFlag = Annotated[
-    bool, typer.Option("--json", help="One JSON document on standard output (SI units, named in the keys), also for errors.")
-]
-Headless = Annotated[
-    bool, typer.Option("--headless", help="No window: a progress bar in the terminal. Chosen by itself without a display.")
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist. Without it they are never touched.")]
-SessionFile = Annotated[Path, typer.Argument(metavar="SESSION.h5", help="A session that `slipscope run` wrote.", show_default=False)]
-
-_debug = False
 
 
 def _show_version(asked: bool) -> None:
@@ -64,13 +56,10 @@ def slipscope(
 
     Without a command the window opens on the default (simulated) bench.
     """
-    global _debug  # noqa: PLW0603 - one process, one command line
     del version
-    _debug = debug
+    asked["debug"] = debug
     if context.invoked_subcommand is None:
-        from app.commands.terminal import plain_errors
-
-        with plain_errors(as_json=False, debug=debug):
+        with plain_errors():
             from app.commands import experiment
 
             raise typer.Exit(experiment.run(None, None, False, "1", (), overwrite=False, as_json=False, autostart=False))
@@ -106,9 +95,7 @@ def run(
 
     Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set run.travel=200`
     """
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
+    with plain_errors(as_json):
         from app.commands import experiment
 
         raise typer.Exit(experiment.run(bench, session, headless, pace, overrides or (), overwrite, as_json, autostart=True))
@@ -128,9 +115,7 @@ def replay(
 
     The session is only read; a picture is drawn beside it if there is none. No device is needed, and none can be moved.
     """
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
+    with plain_errors(as_json):
         from app.commands import experiment
 
         raise typer.Exit(experiment.replay(session, headless, pace, as_json))
@@ -139,146 +124,10 @@ def replay(
 @app.command()
 def info(session: SessionFile, as_json: JsonFlag = False) -> None:
     """Print what a session holds: how it ended, frames and samples, phases, results, changed settings."""
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
+    with plain_errors(as_json):
         from app.commands import inspect
 
         raise typer.Exit(inspect.info(session, as_json))
-
-
-@app.command()
-def dic(
-    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="The image before any displacement.", show_default=False)],
-    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Images to compare with it, in order.", show_default=False)],
-    fields: Annotated[Path, typer.Option("-o", "--output", metavar="FIELDS.h5|.csv|.npz", help="Where the fields go.", show_default=False)],
-    method: Annotated[
-        str, typer.Option(help="shared: passes over the whole image; icgn: each box by itself; direct: the paper's search.")
-    ] = "shared",
-    box: Annotated[int, typer.Option(help="Side of the correlation box, 4 to 200 px.")] = 20,
-    step: Annotated[int, typer.Option(help="Pitch of the grid of boxes, px.")] = 10,
-    order: Annotated[int, typer.Option(help="Deformation of a box in icgn: 0 shift, 1 and its gradient, 2 and its curvature.")] = 1,
-    interpolant: Annotated[
-        str,
-        typer.Option(help="Reading between pixels: matched to the texture, bilinear, bicubic, bspline3, bspline5, sinc6 or sinc8."),
-    ] = "matched",
-    precision: Annotated[str, typer.Option(help="single, or double (icgn only).")] = "single",
-    tolerance: Annotated[float, typer.Option(help="A step shorter than this is the last, px; 0: the method's own limit.")] = 0.0,
-    search: Annotated[int, typer.Option(help="Largest jump between two images that must be found, 1 to 200 px.")] = 64,
-    min_correlation: Annotated[float, typer.Option(help="A point whose correlation (0 to 1) is lower is lost.")] = 0.5,
-    min_contrast: Annotated[float, typer.Option(help="Least standard deviation in a box, grey levels.")] = 2.0,
-    max_saturated: Annotated[float, typer.Option(help="Share of a box (0 to 1) that may be at full scale (shared, icgn).")] = 0.2,
-    full_scale: Annotated[int, typer.Option(help="End of the grey scale, 4095 for 12 bit; 0: that of the image type.")] = 0,
-    mask: Annotated[
-        Path | None, typer.Option(metavar="IMAGE", help="Image of the same size: pixels that are not 0 may be used.", show_default=False)
-    ] = None,
-    roi: Annotated[
-        tuple[int, int, int, int] | None,
-        typer.Option(metavar="LEFT TOP RIGHT BOTTOM", help="Region of the box centres, px. Without it all.", show_default=False),
-    ] = None,
-    update: Annotated[str, typer.Option(help="When an image becomes the new reference: never, every, quality.")] = "never",
-    update_every: Annotated[int, typer.Option(help="Images from one reference to the next, with --update every.")] = 100,
-    update_below: Annotated[float, typer.Option(help="Median correlation that asks for a new one, with --update quality.")] = 0.8,
-    threads: Annotated[int, typer.Option(help="Threads that share a field; the result does not depend on it.")] = 2,
-    overwrite: Overwrite = False,
-) -> None:
-    """Displacement fields between plain image files: grey PNG or TIFF, 8 or 16 bit, all of one size.
-
-    A CSV begins with the columns frame,x_px,y_px,ux_px,uy_px,status: frame 1 is the first image after the reference, x_px and y_px are box
-    centres with (0, 0) the centre of the top-left pixel, y points down, status says ok or why a point is lost. Ends with the points per
-    second, the medians of standard uncertainty and correlation, and how many points were lost and why.
-
-    Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
-    """
-    asked = {key: value for key, value in locals().items() if key not in {"reference", "images", "fields", "mask", "roi", "overwrite"}}
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(False, _debug):
-        from app.commands import images as image_files
-
-        raise typer.Exit(image_files.dic(reference, images, fields, mask=mask, roi=roi, overwrite=overwrite, **asked))
-
-
-@app.command()
-def model(
-    normal_force: Annotated[float, typer.Option(help="Normal force P, N.")] = 0.5,
-    modulus: Annotated[float, typer.Option(help="Young's modulus E of the block, MPa.")] = 3.43,
-    poisson: Annotated[float, typer.Option(help="Its Poisson's ratio, 0 to 0.5.")] = 0.5,
-    radius: Annotated[float, typer.Option(help="Radius R of the sphere, mm.")] = 128.8,
-    friction: Annotated[float, typer.Option(help="Friction coefficient mu of the interface.")] = 0.93,
-    length: Annotated[float, typer.Option(help="Elastic length L of the interface, um; 0: Cattaneo-Mindlin.")] = 0.8,
-    shear_force: Annotated[float | None, typer.Option(help="Shear force Q of the profiles, N.", show_default=False)] = None,
-    share: Annotated[float | None, typer.Option(help="Or Q/(mu P), 0 to 1; without either 0.6.", show_default=False)] = None,
-    roughness: Annotated[float, typer.Option(help="Standard deviation h of the surface's heights, um.")] = 0.595,
-    thickness: Annotated[float, typer.Option(help="Thickness of the block on its rigid plate, mm; 0: a half-space.")] = 0.0,
-    adhesion: Annotated[float, typer.Option(help="Work of adhesion w, mJ/m2; adds the numbers of JKR.")] = 0.0,
-    path: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.csv|.png|.pdf|.svg", help="Curves to write.", show_default=False)
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: JsonFlag = False,
-) -> None:
-    """What theory says of the contact: radii, pressures, stick radius, displacement of the block; and the curves, as a table or a figure.
-
-    The curves are p(r), sigma_xz(r) and u_x(r) at the shear force Q, and Q over the displacement of the block, with those of Cattaneo
-    and Mindlin beside. The defaults are those of the paper, at 0.5 N. Needs no bench.
-
-    Example: `slipscope model --normal-force 1.4 --share 0.9 -o contact.png`
-    """
-    asked = {key: value for key, value in locals().items() if key not in {"path", "overwrite", "as_json"}}
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
-        from app.commands import model as theory
-
-        raise typer.Exit(theory.model(path, overwrite=overwrite, as_json=as_json, **asked))
-
-
-@app.command()
-def invert(
-    fields: Annotated[
-        Path, typer.Argument(metavar="FIELDS.h5|.csv", help="A session, a file of `slipscope dic`, or a table.", show_default=False)
-    ],
-    modulus: Annotated[float | None, typer.Option("--modulus", "--E", help="Young's modulus E, MPa.", show_default=False)] = None,
-    poisson: Annotated[float | None, typer.Option(help="Poisson's ratio, 0 to 0.5.", show_default=False)] = None,
-    radius: Annotated[float | None, typer.Option(help="Radius R of the sphere, mm.", show_default=False)] = None,
-    normal_force: Annotated[float | None, typer.Option(help="Normal force P, N.", show_default=False)] = None,
-    roughness: Annotated[float | None, typer.Option(help="Standard deviation h of the heights, um.", show_default=False)] = None,
-    thickness: Annotated[
-        float | None, typer.Option(help="Of the block on its rigid plate, mm; 0: a half-space.", show_default=False)
-    ] = None,
-    method: Annotated[
-        str, typer.Option(help="axisymmetric: a profile; regularised: the whole field, best; cgls; van-cittert: the paper's.")
-    ] = "axisymmetric",
-    pixel: Annotated[float | None, typer.Option(help="Size of a pixel, um, where the file counts in pixels.", show_default=False)] = None,
-    box: Annotated[
-        float | None, typer.Option(help="Side of the box that a displacement is the mean of, um; default two pitches.", show_default=False)
-    ] = None,
-    centre: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="X Y", help="Centre of the contact, mm, as the file counts; else it is found.", show_default=False),
-    ] = None,
-    frame: Annotated[list[int] | None, typer.Option(help="Only this field; may be repeated. Without it all.", show_default=False)] = None,
-    path: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.csv|.npz", help="Where the tractions go.", show_default=False)
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: JsonFlag = False,
-) -> None:
-    """Shear tractions sigma_xz from displacement fields, by the Green's tensor of the block; the block's far displacement D is fitted.
-
-    A session knows its own E, nu, R, P and pixel; options go before them. A table has a header with x, y, ux and their units: x_px, y_mm,
-    ux_um; ux_std and frame if there are any; nan where nothing was measured. u_x is counted in the frame of the sphere, which stands still.
-
-    Example: `slipscope invert fields.csv --E 3.43 --poisson 0.5 --radius 128.8 --normal-force 0.5 --pixel 7.04 -o sigma.csv`
-    """
-    asked = {key: value for key, value in locals().items() if key not in {"fields", "path", "frame"}}
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
-        from app.commands import invert as inversion
-
-        raise typer.Exit(inversion.invert(fields, path, frames=frame or [], **asked))
 
 
 @app.command()
@@ -292,9 +141,7 @@ def config(
 
     With a name, the few settings of a bench that comes with the program.
     """
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(False, _debug):
+    with plain_errors():
         from app.config import bench_text, default_toml
 
         typer.echo(default_toml() if name is None else bench_text(name), nl=False)
@@ -321,9 +168,7 @@ def check(
 
     Example: `slipscope check bench.toml --move 10`
     """
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
+    with plain_errors(as_json):
         from app.commands import bench as on_bench
 
         raise typer.Exit(on_bench.check(bench, overrides or (), home=home, move_um=move, as_json=as_json))
@@ -337,9 +182,7 @@ def cameras(
     as_json: JsonFlag = False,
 ) -> None:
     """List the cameras on this computer, with what to write in the settings as camera.device."""
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
+    with plain_errors(as_json):
         from app.commands import bench as on_bench
 
         raise typer.Exit(on_bench.cameras(producer, as_json))
@@ -351,12 +194,13 @@ def doctor(as_json: JsonFlag = False) -> None:
 
     Exit code 1 if something that every run needs is missing.
     """
-    from app.commands.terminal import plain_errors
-
-    with plain_errors(as_json, _debug):
+    with plain_errors(as_json):
         from app.commands import bench as on_bench
 
         raise typer.Exit(on_bench.doctor(as_json))
+
+
+app.add_typer(cli_files.app)
 
 
 def main() -> None:

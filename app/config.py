@@ -8,7 +8,6 @@ from __future__ import annotations
 import difflib
 import math
 import re
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -16,6 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from app.sections import Config, Dic, Section
+from app.toml import LONGEST_TOML, parse_toml
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,6 +85,10 @@ def _toml_value(value: Any) -> str:
     return repr(value)
 
 
+def _brief(text: str) -> str:
+    return text if len(text) <= 200 else f"{text[:100]} ..."
+
+
 def _comment_text(meta: Meta) -> str:
     """`` [N], more than 0 and at most 10``: what follows the meaning of an option in the settings file."""
     unit, limits = _unit(meta), _limits_text(meta)
@@ -126,13 +130,14 @@ def _check_keys(data: dict[str, Any], where: str) -> None:
     tables = options(Config)
     for table, content in data.items():
         if table not in tables:
-            raise ConfigError(f"{where}: unknown table or key '{table}'; {_nearest(table)}")
+            raise ConfigError(f"{where}: unknown table or key '{_brief(table)}'; {_nearest(_brief(table))}")
         if not isinstance(content, dict):
-            raise ConfigError(f"{where}: '{table}' is a table of options, found {content!r}; write [{table}] above its options")
+            raise ConfigError(f"{where}: '{table}' is a table of options, found {_brief(repr(content))}; write [{table}] above its options")
         known = options(tables[table][0])
         for key, value in content.items():
             if key not in known:
-                raise ConfigError(f"{where}: unknown key '{table}.{key}'; {_nearest(f'{table}.{key}')}")
+                unknown = _brief(f"{table}.{key}")
+                raise ConfigError(f"{where}: unknown key '{unknown}'; {_nearest(unknown)}")
             _check_finite(value, f"{where}: {table}.{key}")
 
 
@@ -150,7 +155,7 @@ def _explain(error: msgspec.ValidationError, data: dict[str, Any], where: str) -
         return ConfigError(f"{where}: {error}")
     table, key = match.groups()
     base, meta = options(options(Config)[table][0])[key]
-    return ConfigError(f"{where}: {table}.{key} must be {_wanted_text(base, meta)}; found {_toml_value(data[table][key])}")
+    return ConfigError(f"{where}: {table}.{key} must be {_wanted_text(base, meta)}; found {_brief(_toml_value(data[table][key]))}")
 
 
 def from_data(data: dict[str, Any], where: str) -> Config:
@@ -166,7 +171,10 @@ def from_data(data: dict[str, Any], where: str) -> Config:
 
 def from_record(text: str, where: str) -> Config:
     """Settings as a session holds them. One without `dic.method` was measured by the direct one: there was no other."""
-    data = tomllib.loads(text)
+    try:
+        data = parse_toml(text)
+    except ValueError as error:
+        raise ConfigError(f"{where}: not TOML: {error}") from None
     if isinstance(data.setdefault("dic", {}), dict):
         data["dic"].setdefault("method", "direct")
     return from_data(data, where)
@@ -274,7 +282,7 @@ def _check_devices(config: Config, where: str) -> None:
     }
     for key, (is_fine, wanted, found) in checks.items():
         if not is_fine:
-            raise ConfigError(f"{where}: {key} must be {wanted}; found {_toml_value(found)}")
+            raise ConfigError(f"{where}: {key} must be {wanted}; found {_brief(_toml_value(found))}")
     if forces.exposure_counter and forces.exposure_counter == forces.trigger_counter and forces.trigger == "counter":
         raise ConfigError(f"{where}: forces.exposure_counter and forces.trigger_counter are both {forces.exposure_counter!r}; take two")
     if config.run.velocity > actuator.max_velocity:
@@ -295,8 +303,8 @@ def parse_override(text: str) -> tuple[str, str, Any]:
     if not separator or not dot:
         raise ConfigError(f"--set: '{text}' is not table.key=value, e.g. run.travel=150")
     try:
-        value = tomllib.loads(f"v = {raw}")["v"]
-    except tomllib.TOMLDecodeError:
+        value = parse_toml(f"v = {raw}")["v"]
+    except ValueError:
         value = raw.strip()
     return table, name, value
 
@@ -337,14 +345,15 @@ def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) 
     if path is not None:
         where = f"{path} and --set" if overrides else str(path)
         try:
-            data = tomllib.loads(_decode(bench_file(path).read_bytes()))
+            with bench_file(path).open("rb") as file:
+                data = parse_toml(_decode(file.read(2 * LONGEST_TOML + 2)))
         except OSError as error:
             known = ", ".join(bench_names())
             sentence = (
                 f"{path}: the settings file can not be read: {error.strerror}; check the name, or take one of the program's own: {known}"
             )
             raise ConfigError(sentence) from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except ValueError as error:
             raise ConfigError(f"{path}: not a TOML file: {error}") from None
     for text in overrides:
         table, name, value = parse_override(text)

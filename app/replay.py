@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
 from app.config import from_record, tracking
+from app.engine.feed import Feed
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.errors import UserError
@@ -185,7 +186,9 @@ class Replay:
             self._preparing = ""
             with SessionReader(self.path) as session:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)
-                feed = _Feed(session, self.config, self._history)
+                phases = [(event.sample, Phase(event.text)) for event in session.events() if event.kind == "phase"]
+                positions = zip(*(column.tolist() for column in session.positions()), strict=True)
+                feed = Feed(self._history, sensor_chain(self.config), session.forces()[1], positions, phases)
                 for number, (index, recorded) in enumerate(zip(self._analysed, session.snapshots(), strict=True)):
                     if not self.playback.wait_for_turn(recorded.sample / self.sample_rate_hz):
                         break
@@ -208,7 +211,7 @@ class Replay:
             self._state = self._outcome.state
             self._ended.set()
 
-    def _play_frame(self, session: SessionReader, feed: _Feed, index: int, recorded: Snapshot) -> None:
+    def _play_frame(self, session: SessionReader, feed: Feed, index: int, recorded: Snapshot) -> None:
         _, sample, image = session.frame(index)
         feed.up_to(sample)
         assert self._history is not None
@@ -222,29 +225,6 @@ class Replay:
         if self._snapshots:
             self._snapshots[-1] = without_fields(self._snapshots[-1])
         self._snapshots.append(snapshot)
-
-
-class _Feed:
-    """Gives a history the session's blocks, positions and phases in the order in which the live run had them."""
-
-    def __init__(self, session: SessionReader, config: Config, history: History) -> None:
-        self._history = history
-        self._chain = sensor_chain(config)
-        self._first, self._volts, _ = session.forces()
-        samples, metres = session.positions()
-        self._positions = list(zip(samples.tolist(), metres.tolist(), strict=True))
-        self._phases = [(event.sample, Phase(event.text)) for event in session.events() if event.kind == "phase"]
-
-    def up_to(self, sample: int) -> None:
-        """Feed everything that was known when the exposure starting at `sample` had ended."""
-        history = self._history
-        while history.end < sample + history.exposure_samples and self._positions:
-            while self._phases and self._phases[0][0] <= history.end:
-                began, phase = self._phases.pop(0)
-                history.begin(phase, began)
-            end, metres = self._positions.pop(0)
-            begin = history.end
-            history.append(begin, self._chain.forces(self._volts[begin - self._first : end - self._first]), metres, end)
 
 
 def make_replay(path: Path, *, pace: float | None) -> Replay:

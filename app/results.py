@@ -29,7 +29,7 @@ class Event:
     """Something that happened at a sample: a change of phase, a limit, a stop."""
 
     sample: int
-    kind: str  # "phase", "reference", "gap", "stop", "error"
+    kind: str  # "phase", "reference", "gap", "import", "stop", "error"
     text: str
 
 

@@ -1,17 +1,21 @@
-"""How fast a session takes 1600 x 1200 images, and what that costs: ``python benchmarks/recorder.py [FOLDER] [FRAMES]``.
+"""What recording costs at full rate: ``python benchmarks/recorder.py [FOLDER] [SECONDS]``.
 
-Records as a run at 24 frames/s does (frame, 42 samples, field of 120 x 160 boxes per frame; a flush every 10 frames), as fast as it goes.
-The figures are those of the page cache unless FOLDER is on a disk that has none.
+A recorder as in a run, in real time: 1600 x 1200 images at 23.8 frames/s, forces at 1 kHz, a field of 159 x 119 boxes for every frame,
+the journal, a flush to the disk each 0.4 s. Then the reading back at the close, and a repair of the same session as a kill leaves it.
 """
 
 from __future__ import annotations
 
 import datetime
+import os
 import platform
-import statistics
+import resource
+import shutil
 import sys
 import tempfile
+import threading
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import h5py
@@ -19,11 +23,16 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from app.engine.recorder import Recorder
 from app.results import Phase, Snapshot
-from app.session.reader import SessionReader
+from app.session.journal import journal_of
+from app.session.repair import repair
 from app.session.writer import SessionWriter
+from drivers.protocols import Frame
 
 SHAPE, GRID, RINGS = (1200, 1600), (119, 159), 40
+RATE_HZ, DIVISOR = 1000.0, 42
+QUEUE_S, FLUSH_S = 4.0, 0.4
 
 
 def snapshot(frame: int) -> Snapshot:
@@ -31,22 +40,46 @@ def snapshot(frame: int) -> Snapshot:
     field, ring = np.zeros(GRID, np.float32), np.zeros(RINGS)
     status = np.zeros(GRID, np.uint8)
     fields = (field, field, field, field, field, status)
-    return Snapshot(frame, 42 * frame, Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6, 1e-8, *fields, ring, ring, ring, 0.0, 1e-3, 1e-5)
+    return Snapshot(frame, DIVISOR * frame, Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6, 1e-8, *fields, ring, ring, ring, 0.0, 1e-3, 1e-5)
 
 
-def main(folder: Path, frames: int) -> None:
-    """Record, read back, print."""
+class Measured:
+    """A recorder's thread that keeps its processor time, and the times of its flushes."""
+
+    def __init__(self, recorder: Recorder, writer: SessionWriter) -> None:
+        self.cpu_s = 0.0
+        self.flushes: list[tuple[float, float]] = []
+        self._recorder = recorder
+        self._flush = writer.flush
+        writer.flush = self.flush  # type: ignore[method-assign]
+
+    def flush(self) -> None:
+        """A flush of the writer, timed."""
+        began = time.monotonic()
+        self._flush()
+        self.flushes.append((began, time.monotonic()))
+
+    def work(self) -> None:
+        """The recorder's work, timed."""
+        before = resource.getrusage(resource.RUSAGE_THREAD)
+        self._recorder.work()
+        after = resource.getrusage(resource.RUSAGE_THREAD)
+        self.cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def main(folder: Path, seconds: float) -> None:
+    """Record, close, repair, print."""
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, SHAPE, np.uint8) for _ in range(8)]
-    path = folder / "recorder-benchmark.h5"
+    path, cut = folder / "recorder-benchmark.h5", folder / "recorder-benchmark-cut.h5"
     writer = SessionWriter.create(
         path,
         config_toml="",
-        sample_rate_hz=1000.0,
+        sample_rate_hz=RATE_HZ,
         frame_shape=SHAPE,
         frame_dtype=np.dtype(np.uint8),
         exposure_samples=10,
-        divisor=42,
+        divisor=DIVISOR,
         first_trigger=0,
         pixel_m=7.04e-6,
         grid_x_px=np.arange(GRID[1], dtype=float),
@@ -54,43 +87,54 @@ def main(folder: Path, frames: int) -> None:
         versions={},
         overwrite=True,
     )
-    spent: dict[str, list[float]] = {"append_frame": [], "append_snapshot": [], "flush (of 10 frames)": []}
-    block = np.zeros((42, 2))
-
-    def timed(name: str, began: float) -> None:
-        spent[name].append(1e3 * (time.process_time() - began))
-
-    wall, cpu = time.perf_counter(), time.process_time()
+    rate = RATE_HZ / DIVISOR
+    failures: list[str] = []
+    recorder = Recorder(writer, int(QUEUE_S * rate * images[0].nbytes), FLUSH_S, sender_waits=False, on_failure=failures.append)
+    measured = Measured(recorder, writer)
+    thread = threading.Thread(target=measured.work)
+    thread.start()
+    began, fullest, block = time.monotonic(), 0.0, np.ones((DIVISOR, 2))
+    frames = int(seconds * rate)
     for n in range(frames):
-        began = time.process_time()
-        writer.append_frame(n, 42 * n, images[n % 8])
-        timed("append_frame", began)
-        writer.append_samples(42 * n, block, block)
-        result = snapshot(n)
-        began = time.process_time()
-        writer.append_snapshot(result)
-        timed("append_snapshot", began)
-        if n % 10 == 9:
-            began = time.process_time()
-            writer.flush()
-            timed("flush (of 10 frames)", began)
+        time.sleep(max(0.0, began + n / rate - time.monotonic()))
+        recorder.samples(DIVISOR * n, block, block)
+        recorder.frame(Frame(n, DIVISOR * n, images[n % 8]))
+        recorder.snapshot(snapshot(n))
+        fullest = max(fullest, recorder.fill)
+    recorder.end()
+    thread.join()
+    flushes = measured.flushes.copy()
+    copying = time.monotonic()
+    shutil.copyfile(path, cut)
+    with cut.open("r+b") as file:
+        os.fsync(file.fileno())
+    copying = time.monotonic() - copying
+    shutil.copy(journal_of(path), journal_of(cut))
+    closing = time.monotonic()
     writer.close()
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    size = path.stat().st_size / 1e6
+    closing = time.monotonic() - closing
 
     print(f"{platform.platform()}, {platform.processor() or platform.machine()}, {datetime.date.today().isoformat()}")
     print(f"python {platform.python_version()}, h5py {h5py.__version__}, HDF5 {h5py.version.hdf5_version}")
-    print(f"{frames} frames, {size:.0f} MB in {folder}")
-    print(f"written: {size / wall:.0f} MB/s, {1e3 * cpu / frames:.2f} ms CPU per frame with its samples and results")
-    for name, times in spent.items():
-        print(f"  {name}: {statistics.median(times):.2f} ms CPU (median of {len(times)})")
-    cpu = time.process_time()
-    with SessionReader(path) as session:
-        count = sum(1 for _ in session.frames())
-    print(f"read: {1e3 * (time.process_time() - cpu) / count:.2f} ms CPU per frame")
+    print(f"{frames} frames in {seconds:.0f} s, {rate:.1f}/s, in {folder}; failures: {failures or 'none'}")
+    share = measured.cpu_s / seconds
+    print(f"recorder: {share:.1%} of a core, {1e3 * measured.cpu_s / frames:.2f} ms CPU per frame with its samples and results")
+    times = [end - start for start, end in flushes]
+    between = max(b[1] - a[0] for a, b in pairwise(flushes))
+    print(f"flush to the disk: {1e3 * np.median(times):.0f} ms (median), {1e3 * max(times):.0f} ms (longest of {len(times)})")
+    print(f"begin of a flush to the end of the next, lost by a power cut: {between:.2f} s at most; queue filled to {fullest:.0%}")
+    size = path.stat().st_size
+    print(f"close with reading back: {closing:.2f} s, {size / closing / 1e6:.0f} MB/s: {writer.receipt}")
     path.unlink()
+    began = time.monotonic()
+    repaired = repair(cut, path)
+    took = time.monotonic() - began
+    print(f"a plain copy to the disk: {size / copying / 1e6:.0f} MB/s")
+    print(f"repair with reading back: {took:.2f} s, {size / took / 1e6:.0f} MB/s: {repaired}")
+    for done in (path, cut, journal_of(cut)):
+        done.unlink()
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
-        main(Path(sys.argv[1] if len(sys.argv) > 1 else temporary), int(sys.argv[2]) if len(sys.argv) > 2 else 300)
+        main(Path(sys.argv[1] if len(sys.argv) > 1 else temporary), float(sys.argv[2]) if len(sys.argv) > 2 else 20.0)

@@ -70,7 +70,6 @@ class ForceSourceContract:
         forces.close()
         forces.close()
 
-
     def test_it_says_what_it_is(self, forces):
         forces.open()
         assert forces.describe()
@@ -158,7 +157,6 @@ class CameraContract:
         camera.stop()
         camera.close()
         camera.close()
-
 
     def test_it_says_what_it_is(self, camera):
         camera.open()

@@ -143,7 +143,8 @@ class Pipeline:
         assert self._tracker is not None
         assert self.contact is not None
         field = self._tracker.track(image)
-        lens_m = self.config.sample.lens_compliance * 1e-6 * (now.shear_force_n - self._reference_shear_n)
+        compliance = self.config.sample.lens_compliance * 1e-6
+        lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0  # a stiff holder needs no force
         ux_m = field.ux_px * np.float64(self._pixel_m)
         centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
         # distances from the lens where the material is now, not where it was at t = 0

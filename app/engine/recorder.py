@@ -20,6 +20,9 @@ POLL_S = 0.1
 class SessionSink(Protocol):
     """Where a run is recorded; called from one thread at a time."""
 
+    @property
+    def receipt(self) -> object: ...  # after `close`: what is there, as a sentence by str()
+
     def append_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None: ...
     def append_gap(self, first: int, count: int, reason: str) -> None: ...
     def append_frame(self, index: int, sample: int, image: NDArray[Any]) -> None: ...
@@ -107,17 +110,21 @@ class Recorder:
         self._queue.end()
 
     def work(self) -> None:
-        """Write until the end, flushing at the interval. A failure closes the queue and is told; what was flushed is safe."""
+        """Write until the end, flushing at the interval. A failure closes the queue and is told; what was flushed is safe.
+
+        The interval runs from the begin of a flush to the next, so that a slow one costs no safety; half of it is left to write in.
+        """
         process = psutil.Process()
-        flushed = time.monotonic()
+        due = time.monotonic() + self._flush_interval_s
         try:
             while not self._queue.is_drained:
                 write = self._queue.get(POLL_S)
                 if write is not None:
                     write()
-                if time.monotonic() - flushed >= self._flush_interval_s:
+                began = time.monotonic()
+                if began >= due:
                     self._sink.flush()
-                    flushed = time.monotonic()
+                    due = max(began + self._flush_interval_s, time.monotonic() + self._flush_interval_s / 2)
                     self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
             self._sink.flush()
         except Exception as error:

@@ -237,6 +237,8 @@ class Run:
 
         self._ending.attempt("session", write)
         self._ending.attempt("session", sink.close)
+        if sink.receipt is not None:
+            resources["receipt"] = str(sink.receipt)
 
     def _describe(self, resources: dict[str, Any]) -> Outcome:
         series = self.snapshots_since(0)

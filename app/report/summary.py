@@ -96,6 +96,8 @@ def resources_rows(resources: dict[str, Any]) -> list[Row]:
         cpu, wall = float(resources["cpu_s"]), float(resources["wall_s"])
         share = f" ({cpu / wall:.2f} cores)" if wall > 0 else ""
         rows.append(Row("processor time", "", f"{cpu:.1f} s in {wall:.1f} s{share}"))
+    if "receipt" in resources:
+        rows.append(Row("session", "", str(resources["receipt"])))
     return rows
 
 

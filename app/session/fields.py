@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
+from app.session.checked import NUMBER, CheckedFile
 from app.session.layout import FORMAT_ATTRIBUTE
 
 
@@ -124,12 +126,10 @@ def read_fields_file(path: Path) -> FieldsFile:
     UserError
         The file can not be read, or holds no such fields.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            group = file["entry/fields"]
-            found = [np.asarray(group[name][()], np.float64) for name in ("x", "y", "ux", "ux_errors", "frame")]
-    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise UserError(f"{path}: no displacement fields could be read: {error}; give a file of `slipscope dic`, or a table") from None
+    shapes = {"x": ("nx",), "y": ("ny",), "ux": ("frames", "ny", "nx"), "ux_errors": ("frames", "ny", "nx"), "frame": ("frames",)}
+    with closing(CheckedFile(path, "file of displacement fields")) as file:
+        datasets = [file.dataset(f"/entry/fields/{name}", shape, NUMBER) for name, shape in shapes.items()]
+        found = [np.asarray(file.read(dataset), np.float64) for dataset in datasets]
     x, y, ux, sd, frame = found
     if ux.shape != (len(frame), len(y), len(x)) or sd.shape != ux.shape:
         raise UserError(f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x {len(y)} points; correlate again")
@@ -139,7 +139,7 @@ def read_fields_file(path: Path) -> FieldsFile:
 def is_session(path: Path) -> bool:
     """Whether a file is a SlipScope session; False where it can not be read."""
     try:
-        with h5py.File(path, "r") as file:
-            return FORMAT_ATTRIBUTE in file.attrs
-    except OSError:
+        with closing(CheckedFile(path, "session")) as file:
+            return file.number(FORMAT_ATTRIBUTE) is not None
+    except UserError:
         return False

@@ -110,6 +110,7 @@ ITEMS = (
     Item("/entry/triggers/image", ("triggers",), "int64", "1", "row of its image in camera/data; -1: the frame was lost"),
     Item("/entry/triggers/reason", ("triggers",), TEXT, "", "why the frame was lost; empty where it was received"),
     Item("/entry/triggers/analysed", ("triggers",), "uint8", "1", "1: analysed during the run; 0: not"),
+    Item("/entry/triggers/checksum", ("triggers",), "uint32", "1", "CRC-32 of its image, row by row; 0 where the frame was lost", since=4),
     Item("/entry/forces/normal_force", ("samples",), "float64", "N", "normal force P", 4096),
     Item("/entry/forces/shear_force", ("samples",), "float64", "N", "shear force Q", 4096),
     Item("/entry/forces/normal_sensor", ("samples",), "float64", "V", "reading of the normal sensor", 4096),
@@ -117,7 +118,7 @@ ITEMS = (
     Item("/entry/gaps/first", ("gaps",), "int64", "samples", "first missing sample"),
     Item("/entry/gaps/count", ("gaps",), "int64", "samples", "how many are missing"),
     Item("/entry/events/sample", ("events",), "int64", "samples", "when it happened"),
-    Item("/entry/events/kind", ("events",), TEXT, "", "phase, reference, gap, stop or error"),
+    Item("/entry/events/kind", ("events",), TEXT, "", "phase, reference, gap, import, stop or error"),
     Item("/entry/events/text", ("events",), TEXT, "", "what happened"),
     Item("/entry/results/frame", ("results",), "int64", "1", "trigger number of the frame, in the order of analysis"),
     Item("/entry/results/sample", ("results",), "int64", "samples", "sample on which its exposure started"),
@@ -259,5 +260,6 @@ def markdown() -> str:
     lines = ["| dataset | shape | type | unit | meaning |", "|---|---|---|---|---|"]
     for item in ITEMS:
         shape = " x ".join(str(side) for side in item.shape) or "one value"
-        lines.append(f"| `{item.path}` | {shape} | {item.dtype} | {item.unit} | {item.meaning} |")
+        since = f" (version {item.since} on)" if item.since > 1 else ""
+        lines.append(f"| `{item.path}` | {shape} | {item.dtype} | {item.unit} | {item.meaning}{since} |")
     return "\n".join(lines) + "\n"

@@ -1,16 +1,14 @@
 """Reads a session back, also one that was cut short, and refuses whatever is not one with a sentence that says why.
 
-A file is material from outside: every size it claims is held against the size of the file before memory is taken, every dataset
-must be of the layout's type, and links that lead elsewhere are not followed.
+A file is material from outside: what it says is checked (`app.session.checked`) before it is used.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import os
+import math
 from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -20,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.results import ContactResult, Counts, Event, Snapshot, Summary
+from app.results import ContactResult, Counts, Event, Phase, Snapshot, Summary
 from app.session import layout
+from app.session.checked import CheckedFile
 from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION, NO_ROW, TEXT
 
-SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond the size of the file
 _ITEMS = {item.path: item for item in layout.ITEMS}
 _NO_FIELD = np.empty((0, 0), np.float32)
-_DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError, NotImplementedError)
 
 
 class SessionReader:
@@ -46,9 +43,7 @@ class SessionReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self._file = _open(self.path)
-        self._bytes = self.path.stat().st_size
-        self._datasets: dict[str, h5py.Dataset] = {}
+        self._file = CheckedFile(self.path, "session")
         try:
             self._check_format()
         except BaseException:
@@ -80,27 +75,27 @@ class SessionReader:
     @cached_property
     def sample_rate_hz(self) -> float:
         """Rate of the DAQ sample clock."""
-        return float(self._read("/entry/clock/sample_rate"))
+        return self._quantity("/entry/clock/sample_rate")
 
     @cached_property
     def exposure_samples(self) -> int:
         """Samples per exposure."""
-        return int(self._read("/entry/clock/exposure"))
+        return int(self._quantity("/entry/clock/exposure"))
 
     @cached_property
     def divisor(self) -> int:
         """Samples from one trigger to the next."""
-        return int(self._read("/entry/clock/divisor"))
+        return int(self._quantity("/entry/clock/divisor"))
 
     @cached_property
     def first_trigger(self) -> int:
         """Sample of trigger 0."""
-        return int(self._read("/entry/clock/first_trigger"))
+        return int(self._quantity("/entry/clock/first_trigger", -1))
 
     @cached_property
     def pixel_m(self) -> float:
         """Side of a pixel on the interface."""
-        return float(self._read("/entry/instrument/camera/pixel"))
+        return self._quantity("/entry/instrument/camera/pixel")
 
     @cached_property
     def frame_shape(self) -> tuple[int, int]:
@@ -155,7 +150,7 @@ class SessionReader:
     @cached_property
     def resources(self) -> dict[str, Any]:
         """Memory, processor and wall time of the run; empty if it was not finished."""
-        with self._reading("/entry/run/resources"):
+        with self._file.reading("/entry/run/resources"):
             return dict(json.loads(self._text("/entry/run/resources")))
 
     def events(self) -> list[Event]:
@@ -210,6 +205,15 @@ class SessionReader:
         """Trigger numbers of the frames analysed during the run, in that order."""
         return [int(index) for index in self._results["frame"]]
 
+    def results(self) -> NDArray[np.void]:
+        """The numbers found on each analysed frame, in order, by the names of `Snapshot`; NaN where this session is too old."""
+        kinds: list[tuple[str, Any]] = [(attribute, _ITEMS[f"/entry/results/{name}"].dtype) for name, attribute in layout.RESULTS.items()]
+        rows = np.full(len(self._results["frame"]), 0, dtype=[(name, "U16" if name == "phase" else kind) for name, kind in kinds])
+        for name, attribute in layout.RESULTS.items():
+            rows[attribute] = self._results.get(name, np.nan)
+        rows["phase"] = [self._phase(number) for number in self._results["phase"]]
+        return rows
+
     def snapshots(self) -> Iterator[Snapshot]:
         """What was found on each analysed frame, in order."""
         for i in range(len(self._results["frame"])):
@@ -222,9 +226,7 @@ class SessionReader:
             raise UserError(f"{self.path}: result {i} was asked, this session has {n}, counted from 0")
         row = {name: column[i].item() for name, column in self._results.items()}
         found = {attribute: row[name] for name, attribute in layout.RESULTS.items() if attribute not in self.lacking}
-        if not 0 <= row["phase"] < len(layout.PHASES):
-            raise self._damaged("/entry/results/phase", f"{row['phase']} is no phase")
-        found["phase"] = layout.PHASES[row["phase"]]
+        found["phase"] = self._phase(row["phase"])
         rings = self._profiles("rings", layout.RINGS, i, row["ring_count"])
         stress = self._profiles("stress", layout.STRESS, i, row.get("stress_count", 0))
         return Snapshot(**found, **rings, **stress, **self._field(row["field"]))
@@ -274,6 +276,11 @@ class SessionReader:
     def _results(self) -> dict[str, NDArray[Any]]:
         return self._table("/entry/results")
 
+    def _phase(self, number: int) -> Phase:
+        if not 0 <= number < len(layout.PHASES):
+            raise self._damaged("/entry/results/phase", f"{number} is no phase")
+        return layout.PHASES[number]
+
     def _profiles(self, group: str, columns: dict[str, str], i: int, count: int) -> dict[str, Any]:
         held = {name: attribute for name, attribute in columns.items() if attribute not in self.lacking}
         rows = {attribute: self._row(f"/entry/{group}/{name}", i) for name, attribute in held.items()}
@@ -289,49 +296,34 @@ class SessionReader:
         return found | dict.fromkeys(self.lacking & set(layout.FIELDS.values()), np.full_like(found["ux_px"], np.nan))
 
     def _check_format(self) -> None:
-        with self._reading("its format"):
-            version = self._file.attrs.get(FORMAT_ATTRIBUTE)
-        if not isinstance(version, np.integer) or version < 1:
+        version = self._file.number(FORMAT_ATTRIBUTE)
+        if version is None or version < 1:
             raise UserError(f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that `slipscope run` wrote")
         if version > FORMAT_VERSION:
             raise UserError(
                 f"{self.path}: written by a newer SlipScope (format {version}, this one reads {FORMAT_VERSION}); bring SlipScope up to date"
             )
-        self.format = int(version)
+        self.format = version
         for item in layout.ITEMS:
             if item.group not in layout.LATER and item.since <= self.format:
                 self._dataset(item.path)
 
     def _has(self, group: str) -> bool:
-        with self._reading(group):
-            return group in self._file
+        return self._file.has(group)
 
     def _dataset(self, path: str) -> h5py.Dataset:
-        """The dataset, once it is sure that it lies in this file, is what the layout says and claims no more than the file can hold."""
-        if path in self._datasets:
-            return self._datasets[path]
         item = _ITEMS[path]
-        with self._reading(path):
-            place: Any = self._file
-            for part in path.strip("/").split("/"):
-                if not isinstance(place.get(part, getlink=True), h5py.HardLink):
-                    raise self._damaged(path, "it is missing or a link to elsewhere")
-                place = place[part]
-            if not isinstance(place, h5py.Dataset) or place.is_virtual or place.external:
-                raise self._damaged(path, "it is not a dataset of this file")
-            if place.ndim != len(item.shape) or not _is_of(place.dtype, item.dtype):
-                raise self._damaged(path, f"it is {place.ndim}-dimensional {place.dtype}")
-            if any(isinstance(side, int) and side != found for side, found in zip(item.shape, place.shape, strict=True)):
-                raise self._damaged(path, f"its shape is {place.shape}")
-            if place.size * max(1, place.dtype.itemsize) > self._bytes + SLACK_BYTES:
-                raise self._damaged(path, f"it claims the shape {place.shape} in a file of {self._bytes} bytes")
-        self._datasets[path] = place
-        return place
+        return self._file.dataset(path, item.shape, item.dtype)
 
     def _read(self, path: str) -> Any:
-        dataset = self._dataset(path)
-        with self._reading(path):
-            return dataset.asstr()[()] if _ITEMS[path].dtype == TEXT else dataset[()]
+        return self._file.read(self._dataset(path))
+
+    def _quantity(self, path: str, least: float = 0.0) -> float:
+        """A number that must be finite and more than `least`."""
+        value = float(self._read(path))
+        if not least < value < math.inf:
+            raise self._damaged(path, f"it is {value:g}")
+        return value
 
     def _text(self, path: str) -> str:
         return str(self._read(path))
@@ -347,7 +339,7 @@ class SessionReader:
         dataset = self._dataset(path)
         if not 0 <= row < dataset.shape[0]:
             raise self._damaged(path, f"row {row} is needed, it has {dataset.shape[0]}")
-        with self._reading(path):
+        with self._file.reading(path):
             values: NDArray[Any] = dataset[row]
             return values
 
@@ -359,42 +351,5 @@ class SessionReader:
         rows = min(len(column) for column in columns.values())
         return {name: column[:rows] for name, column in columns.items()}
 
-    @contextmanager
-    def _reading(self, path: str) -> Iterator[None]:
-        """Whatever HDF5 throws while reading damaged bytes, as one sentence."""
-        try:
-            yield
-        except _DAMAGE as error:
-            raise self._damaged(path, " ".join(str(error).split())) from error
-
     def _damaged(self, path: str, found: str) -> UserError:
-        return UserError(f"{self.path}: the session is damaged at {path}: {found}; use a copy of it if there is one")
-
-
-def _is_of(found: np.dtype[Any], wanted: str) -> bool:
-    if wanted == TEXT:
-        return h5py.check_string_dtype(found) is not None
-    if wanted == layout.IMAGE:
-        return found.kind == "u" and found.itemsize <= 2
-    return found == np.dtype(wanted)
-
-
-def _open(path: Path) -> h5py.File:
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such session; check the name")
-    try:
-        with path.open("rb") as file:
-            file.read(1)
-        return h5py.File(path, "r")
-    except OSError as error:
-        cause = str(error)
-        if "signature not found" in cause:
-            raise UserError(f"{path}: not an HDF5 file; give a session that `slipscope run` wrote") from None
-        if "truncated file" in cause:
-            raise UserError(f"{path}: the file is cut short, as by a copy that was broken off; copy it again from where it came") from None
-        if "lock" in cause:
-            raise UserError(f"{path}: another program is writing to it; wait for its end") from None
-        cause = os.strerror(error.errno) if error.errno else cause
-        raise UserError(f"{path}: the session can not be read: {cause}") from None
-    except _DAMAGE as error:
-        raise UserError(f"{path}: the session is damaged at its beginning: {error}; use a copy of it if there is one") from None
+        return self._file.damaged(path, found)

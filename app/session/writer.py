@@ -1,8 +1,9 @@
 """Writes a session while it happens: images at once, everything small in batches at each flush.
 
 Write, then count: an image goes to the file before the row that says it is there, and a write that fails is taken back, so that
-a full disk leaves a session without phantom rows. After `flush` the file on disk is complete in itself: a program that is killed
-loses what came after its last flush and nothing else.
+a full disk leaves a session without phantom rows. After `flush` the file is complete in itself and on the disk. Beside it grows a
+journal (`journal`): with it `repair` brings back what a killed program or a power cut left of the rest. `close` reads the session
+back, holds it against the journal, and removes that only where both agree.
 """
 
 from __future__ import annotations
@@ -12,10 +13,14 @@ import datetime
 import errno
 import json
 import os
+import re
 import shutil
 from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from io import FileIO
 from pathlib import Path
 from typing import Any, Self
+from zlib import crc32
 
 import h5py
 import numpy as np
@@ -25,7 +30,9 @@ from app.errors import UserError
 from app.results import ContactResult, Event, Outcome, Snapshot
 from app.session import layout
 from app.session.columns import Table, append_chunks, make_group, storable
+from app.session.journal import Journal, journal_of
 from app.session.layout import GROUPS, LATER, NO_ROW
+from app.session.receipt import Receipt, verify
 
 RESERVE_BYTES = 32 << 20  # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if it can not
 LONGEST_GAP_S = 3600.0  # the missing samples are written as NaN; more than this is a wrong sample number, not a gap
@@ -33,11 +40,20 @@ _LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark 
 
 
 class SessionWriter:
-    """One session being recorded; made by `create`, used from one thread at a time."""
+    """One session being recorded; made by `create`, used from one thread at a time.
 
-    def __init__(self, file: h5py.File, sample_rate_hz: float) -> None:
+    Attributes
+    ----------
+    receipt : Receipt or None
+        After `close`: what was read back.
+    """
+
+    def __init__(self, path: Path, file: h5py.File, journal: Journal, sample_rate_hz: float) -> None:
+        self._path = path
         self._file = file
-        self._folder = Path(file.filename).absolute().parent
+        self._journal = journal
+        self._on_disk = FileIO(path, "r+")  # the same file once more, to have it brought to the disk
+        self.receipt: Receipt | None = None
         self._images = file["/entry/instrument/camera/data"]
         self._fields = [file[f"/entry/fields/{name}"] for name in layout.FIELDS]
         self._samples = Table(file, "/entry/forces")
@@ -69,6 +85,7 @@ class SessionWriter:
         grid_x_px: NDArray[np.float64],
         grid_y_px: NDArray[np.float64],
         versions: Mapping[str, str],
+        started: str = "",
         overwrite: bool = False,
     ) -> Self:
         """A new session at `path`, ready to record.
@@ -83,6 +100,8 @@ class SessionWriter:
             Centres of the correlation boxes.
         versions : mapping
             Name -> version of the programs and libraries in use.
+        started : str
+            Time of day, ISO 8601; now if it is not given.
 
         Raises
         ------
@@ -90,6 +109,7 @@ class SessionWriter:
             A session of that name exists and `overwrite` was not asked, or the file can not be made there.
         """
         path = Path(path)
+        started = started or _now()
         sizes = {
             "rows": frame_shape[0],
             "columns": frame_shape[1],
@@ -100,10 +120,10 @@ class SessionWriter:
         values: dict[str, Any] = {
             "/entry/title": "SlipScope loading experiment",
             "/entry/program_name": "SlipScope",
-            "/entry/start_time": _now(),
+            "/entry/start_time": started,
             "/entry/end_time": "",
             "/entry/run/state": layout.UNFINISHED,
-            "/entry/run/reason": "the session was not closed: the program ended before the run did",
+            "/entry/run/reason": "the session was not closed: the program ended before the run; `slipscope repair` brings back the rest",
             "/entry/run/resources": "{}",
             "/entry/settings/toml": config_toml,
             "/entry/versions/name": list(versions.keys()),
@@ -116,7 +136,21 @@ class SessionWriter:
             "/entry/fields/x": grid_x_px,
             "/entry/fields/y": grid_y_px,
         }
-        file = _new_file(path, overwrite)
+        header = {
+            "config_toml": config_toml,
+            "sample_rate_hz": sample_rate_hz,
+            "frame_shape": list(frame_shape),
+            "frame_dtype": str(frame_dtype),
+            "exposure_samples": exposure_samples,
+            "divisor": divisor,
+            "first_trigger": first_trigger,
+            "pixel_m": pixel_m,
+            "grid_x_px": np.asarray(grid_x_px).tolist(),
+            "grid_y_px": np.asarray(grid_y_px).tolist(),
+            "versions": dict(versions),
+            "started": started,
+        }
+        journal, file = _new_files(path, overwrite)
         try:
             file.attrs.update(
                 {"NX_class": "NXroot", "default": "entry", "creator": "SlipScope", layout.FORMAT_ATTRIBUTE: layout.FORMAT_VERSION}
@@ -125,11 +159,15 @@ class SessionWriter:
                 if group.path not in LATER:
                     make_group(file, group, sizes, values, frame_dtype)
             file["/entry"].attrs["default"] = "results"
-            file.flush()
-            return cls(file, sample_rate_hz)
+            journal.note("session", header)
+            writer = cls(path, file, journal, sample_rate_hz)
+            writer.flush()
+            return writer
         except BaseException:
             file.close()
+            journal.close()
             path.unlink(missing_ok=True)
+            journal.path.unlink(missing_ok=True)
             raise
 
     def append_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
@@ -142,13 +180,20 @@ class SessionWriter:
         ValueError
             `first` lies before a sample that is recorded already, or absurdly far after it.
         """
-        expected = len(self._samples)
-        missing = first - expected
-        if not 0 <= missing <= self._longest_gap:
-            raise ValueError(f"session: samples from {first} on were given where {expected} comes next; they can not be placed")
+        self._check_place(first)
         if volts.shape != forces.shape or volts.shape[1:] != (2,):
             raise ValueError(f"session: volts {volts.shape} and forces {forces.shape} must both be (n, 2)")
-        if missing:
+        self._journal.samples(first, volts, forces)
+        self._add_samples(first, volts, forces)
+
+    def _check_place(self, sample: int) -> None:
+        expected = len(self._samples)
+        if not 0 <= sample - expected <= self._longest_gap:
+            raise ValueError(f"session: samples from {sample} on were given where {expected} comes next; they can not be placed")
+
+    def _add_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
+        expected = len(self._samples)
+        if missing := first - expected:
             self._gaps.append(first=expected, count=missing)
             nothing = np.full((missing, 2), np.nan)
             volts, forces = np.concatenate([nothing, volts]), np.concatenate([nothing, forces])
@@ -156,8 +201,11 @@ class SessionWriter:
 
     def append_gap(self, first: int, count: int, reason: str) -> None:
         """Record that `count` samples from `first` on are missing: rows of NaN, and an event that says why."""
-        nothing = np.full((min(count, self._longest_gap), 2), np.nan)
-        self.append_samples(first, nothing, nothing)
+        self._check_place(first)
+        self._check_place(first + count)
+        self._journal.note("gap", first, count, reason)
+        nothing = np.full((count, 2), np.nan)
+        self._add_samples(first, nothing, nothing)
         self._gaps.append(first=first, count=count)
         self._events.append(sample=first, kind="gap", text=f"{count} samples lost: {reason}")
 
@@ -171,23 +219,34 @@ class SessionWriter:
         OSError
             It could not be written, or the disk is all but full; the session is as it was before and can be finished.
         """
-        free = shutil.disk_usage(self._folder).free
+        free = shutil.disk_usage(self._path.absolute().parent).free
         if free < RESERVE_BYTES + image.nbytes:
-            raise OSError(errno.ENOSPC, f"{self._file.filename}: the disk is full, {free / 1e6:.0f} MB are left; make room")
+            raise OSError(errno.ENOSPC, f"{self._path}: the disk is full, {free / 1e6:.0f} MB are left; make room")
+        image = np.ascontiguousarray(image)
+        checksum = crc32(image.data)
         row = append_chunks([self._images], [image])
+        try:
+            place = self._images.id.get_chunk_info_by_coord((row, 0, 0)).byte_offset
+            self._journal.note("frame", index, sample, place, image.nbytes, checksum)
+        except BaseException:
+            self._images.resize(row, axis=0)
+            raise
         self._trigger_rows[index] = len(self._triggers)
-        self._triggers.append(index=index, sample=sample, image=row, reason="", analysed=0)
+        self._triggers.append(index=index, sample=sample, image=row, reason="", analysed=0, checksum=checksum)
 
     def append_lost_frame(self, index: int, sample: int, reason: str) -> None:
         """Record that trigger `index` gave no image, and why."""
-        self._triggers.append(index=index, sample=sample, image=NO_ROW, reason=reason, analysed=0)
+        self._journal.note("lost_frame", index, sample, reason)
+        self._triggers.append(index=index, sample=sample, image=NO_ROW, reason=reason, analysed=0, checksum=0)
 
     def append_position(self, sample: int, position_m: float) -> None:
         """Record where the stage was at `sample`."""
+        self._journal.note("position", sample, position_m)
         self._positions.append(sample=sample, position=position_m)
 
     def append_event(self, event: Event) -> None:
         """Record something that happened."""
+        self._journal.note("event", event.sample, event.kind, event.text)
         self._events.append(sample=event.sample, kind=event.kind, text=event.text)
 
     def append_snapshot(self, snapshot: Snapshot) -> None:
@@ -222,6 +281,8 @@ class SessionWriter:
 
     def finish(self, outcome: Outcome) -> None:
         """Record how the run ended, once."""
+        if not self._file:
+            raise OSError(f"{self._path}: it could not be written to its end; `slipscope repair` brings back everything")
         self._make("/entry/counts", {f"/entry/counts/{name}": value for name, value in dataclasses.asdict(outcome.counts).items()})
         if outcome.summary is not None:
             values = {f"/entry/summary/{name}": getattr(outcome.summary, attribute) for name, attribute in layout.SUMMARY.items()}
@@ -231,32 +292,74 @@ class SessionWriter:
         self._write_text("/entry/end_time", _now())
         self.flush()
         self._write_text("/entry/run/state", outcome.state)
-        self._file.flush()
+        self.flush()
+
+    def explain(self, reason: str) -> None:
+        """Record why a session is not the account of a whole run."""
+        self._write_text("/entry/run/reason", reason)
 
     def flush(self) -> None:
         """Bring everything recorded so far to the disk; the file is readable from there on, whatever happens to the program.
 
+        The images come before the journal that names them, so that what the journal on the disk promises is there.
+
         Raises
         ------
         OSError
-            It could not be written; what was flushed before stays readable, and no column is longer than another.
+            It could not be written. The session is closed then, as it is, for HDF5 may spoil what is there if it goes on; the journal
+            and the images hold everything.
         """
-        for table in (self._gaps, self._samples, self._triggers, self._positions, self._events):
-            table.flush()
-        for table in (self._rings, self._stress, self._field_frames, self._results):
-            table.flush()
-        if self._analysed:
-            self._file["/entry/triggers/analysed"][sorted(set(self._analysed))] = 1
-            self._analysed.clear()
-        self._file.flush()
+        try:
+            for table in (self._gaps, self._samples, self._triggers, self._positions, self._events):
+                table.flush()
+            for table in (self._rings, self._stress, self._field_frames, self._results):
+                table.flush()
+            if self._analysed:
+                self._file["/entry/triggers/analysed"][sorted(set(self._analysed))] = 1
+                self._analysed.clear()
+            self._file.flush()
+        except (OSError, RuntimeError) as error:
+            cause = re.search("error message = '([^']*)'", str(error))  # of many lines by HDF5
+            self._give_up()
+            found = cause[1] if cause else " ".join(str(error).split())
+            raise OSError(f"{self._path}: it can not be written: {found}; `slipscope repair` brings back everything") from error
+        os.fsync(self._on_disk.fileno())
+        self._journal.sync()
 
     def close(self) -> None:
-        """Flush and let go of the file. May be called twice; a session that was not finished says so."""
-        if self._file:
-            try:
-                self.flush()
-            finally:
-                self._file.close()
+        """Flush, let go of the file, read it back, remove the journal. May be called twice; a session that was not finished says so.
+
+        Raises
+        ------
+        OSError
+            The last rows could not be written.
+        UserError
+            What was read back is not what was recorded. The journal is kept in both cases.
+        """
+        if not self._file:
+            return
+        with ExitStack() as closing:
+            for thing in (self._journal, self._on_disk, self._file):
+                closing.callback(thing.close)
+            self.flush()
+        self.receipt = verify(self._path, self._journal.path)
+        self._journal.path.unlink()
+
+    def _give_up(self) -> None:
+        """Close everything; what HDF5 still holds goes to nowhere: without room for it, its close would end the whole program."""
+        with suppress(Exception), open(os.devnull, "r+b") as nowhere:
+            os.dup2(nowhere.fileno(), self._file.id.get_vfd_handle())
+        for thing in (self._file, self._on_disk, self._journal):
+            with suppress(Exception):
+                thing.close()
+
+    def discard(self) -> None:
+        """Let go of the session and remove it, with its journal."""
+        with ExitStack() as closing:
+            for path in (self._journal.path, self._path):
+                closing.callback(path.unlink, missing_ok=True)
+            for thing in (self._journal, self._on_disk, self._file):
+                closing.callback(thing.close)
 
     def _make(self, path: str, values: Mapping[str, Any], **sizes: int) -> None:
         group = next(group for group in GROUPS if group.path == path)
@@ -266,11 +369,20 @@ class SessionWriter:
         self._file[path][()] = storable(text)
 
 
-def _new_file(path: Path, overwrite: bool) -> h5py.File:
-    if path.exists() and not overwrite:
-        raise UserError(f"{path}: a session of that name exists; choose another name or ask to overwrite it")
+def _new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
+    """An empty journal and an empty session."""
+    if not overwrite:
+        for existing in (path, journal_of(path)):
+            if existing.exists():
+                raise UserError(f"{existing}: a session of that name exists; choose another name or ask to overwrite it")
     try:
-        return h5py.File(path, "w" if overwrite else "x", libver=_LIBVER)
+        file = h5py.File(path, "w" if overwrite else "x", libver=_LIBVER)  # first: it is refused while another program records there
+        try:
+            return Journal(journal_of(path), overwrite=overwrite), file
+        except BaseException:
+            file.close()
+            path.unlink(missing_ok=True)
+            raise
     except OSError as error:
         cause = os.strerror(error.errno) if error.errno else str(error)
         raise UserError(f"{path}: the session can not be made there: {cause}; choose another folder or name") from None

@@ -18,7 +18,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from typer.testing import Result
 
-from app import cli
+from app import cli_files
 from app.commands import experiment
 from app.config import default_toml
 from app.results import Counts, Health, Outcome
@@ -182,7 +182,7 @@ def test_dic_writes_the_fields_of_plain_image_files(slipscope: Command, tmp_path
 
 def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path: Path) -> None:
     """The defaults of the options are those of the settings file, and what is asked arrives in the record."""
-    parameters = inspect.signature(cli.dic).parameters
+    parameters = inspect.signature(cli_files.dic).parameters
     assert {name: parameters[name].default for name in Dic.__struct_fields__} == {n: getattr(Dic(), n) for n in Dic.__struct_fields__}
     save_texture(tmp_path, ".tif", np.uint16, 2000)
     Image.fromarray(np.pad(np.full((60, 80), 255, np.uint8), 10)).save(tmp_path / "m.png")

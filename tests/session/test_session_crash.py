@@ -6,6 +6,7 @@ import errno
 import os
 import subprocess
 import sys
+import threading
 from collections import namedtuple
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,17 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from session_material import COUNTS, SHAPE, make_snapshot, record
+from session_material import COUNTS, SHAPE, make_snapshot, make_writer, record
 
+from app.engine.recorder import Recorder, RecorderFull
 from app.errors import UserError
 from app.results import Outcome
 from app.session import columns, layout
 from app.session import writer as writer_module
+from app.session.journal import journal_of
 from app.session.reader import SessionReader
+from app.session.repair import repair
+from drivers.protocols import Frame
 
 KILLED = """
 import os, sys
@@ -54,7 +59,8 @@ def test_killed_program_leaves_everything_flushed(tmp_path: Path, end: str) -> N
                 SessionReader(path)  # it is being recorded
             child.kill()
         assert child.wait(30) != 0
-    _, written = record(tmp_path / "same.h5")
+    writer, written = record(tmp_path / "same.h5")
+    writer.close()
     with SessionReader(path) as read:
         assert read.state == layout.UNFINISHED
         assert read.counts() == COUNTS
@@ -117,7 +123,7 @@ def test_failed_chunk_leaves_no_phantom(tmp_path: Path) -> None:
         assert {file[f"/entry/fields/{name}"].shape[0] for name in ("frame", "ux", "uy", "ux_errors", "uy_errors", "zncc", "status")} == {4}
 
 
-def test_failed_flush_takes_its_rows_back_and_can_be_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_flush_closes_the_session_and_everything_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     writer, written = record(tmp_path / "flush.h5")
     writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
     writer.append_lost_frame(9, 1130, "late")
@@ -130,11 +136,14 @@ def test_failed_flush_takes_its_rows_back_and_can_be_repeated(tmp_path: Path, mo
 
     with monkeypatch.context() as patch:
         patch.setattr(columns, "_lengthen", full_disk)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OSError, match=r"flush\.h5: it can not be written: .*No space left.*; `slipscope repair`"):
             writer.flush()
-    assert {column.shape[0] for column in writer._triggers._columns.values()} == {8}
+    with pytest.raises(OSError, match="it could not be written to its end"):
+        writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
     writer.close()
-    with SessionReader(written.path) as read:
+    assert writer.receipt is None
+    repair(written.path, tmp_path / "repaired.h5")
+    with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.triggers()["index"].tolist() == list(range(10))
         assert read.lost_frames()[-1] == (9, 1130, "late")
 
@@ -149,3 +158,84 @@ def test_last_of_the_disk_is_left_to_close_the_session(tmp_path: Path, monkeypat
     writer.close()
     with SessionReader(written.path) as read:
         assert (read.state, len(read.triggers())) == ("failed", 8)
+
+
+def image_of(frame: int) -> np.ndarray:
+    """The image of a frame, which no other of the first 65536 has."""
+    image = np.full(SHAPE, frame % 256, np.uint8)
+    image[0, 0] = frame // 256
+    return image
+
+
+def test_disk_that_stands_still_ends_the_run_by_name_and_loses_nothing_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = make_writer(tmp_path / "still.h5")
+    goes_on, sync = threading.Event(), os.fsync
+    monkeypatch.setattr(os, "fsync", lambda number: (goes_on.wait(60), sync(number)))
+    failures: list[str] = []
+    recorder = Recorder(writer, 50 * 12 * 16, 1e-6, sender_waits=False, on_failure=failures.append)
+    thread = threading.Thread(target=recorder.work)
+    thread.start()
+    sent = 0
+    with pytest.raises(RecorderFull, match="recorder: the disk is too slow"):  # noqa: PT012
+        while sent < 60_000:
+            recorder.frame(Frame(sent, sent, image_of(sent)))
+            sent += 1
+    goes_on.set()
+    recorder.end()
+    thread.join()
+    writer.close()
+    assert (failures, sent) == ([], recorder.frames_recorded)
+    with SessionReader(tmp_path / "still.h5") as read:
+        assert [np.array_equal(image, image_of(index)) for index, _, image in read.frames()] == [True] * sent
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from app.engine.recorder import Recorder
+from app.results import Outcome
+from drivers.protocols import Frame
+from session_material import COUNTS, SHAPE, make_writer
+from test_session_crash import image_of
+writer = make_writer(Path(sys.argv[1]))
+failures = []
+recorder = Recorder(writer, 1 << 30, 0.001, sender_waits=True, on_failure=failures.append)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
+for n in range(2000):
+    recorder.frame(Frame(n, n, image_of(n)))
+    recorder.samples(n, np.full((1, 2), n), np.full((1, 2), -n))
+recorder.end()
+recorder.work()
+print(recorder.frames_recorded, *failures, flush=True)
+for step in (lambda: writer.finish(Outcome("failed", "the disk is full", COUNTS, None)), writer.close):
+    try:
+        step()
+    except OSError as error:
+        print(error, flush=True)
+"""
+
+
+@pytest.mark.parametrize("most", [100_000, 250_001])
+def test_no_room_at_all_even_to_close_the_file_loses_nothing(tmp_path: Path, most: int) -> None:
+    """The system lets no file grow beyond `most` bytes, so HDF5 can not write its indexes; the journal and the images are there.
+
+    HDF5 2.0 may crash such a program at its very end, after all was said: the exit code is not looked at.
+    """
+    pytest.importorskip("resource")
+    path = tmp_path / "full.h5"
+    root = Path(__file__).parents[2]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])}
+    command = [sys.executable, "-c", FULL, str(path), str(most)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    recorded, _, failure = done.stdout.splitlines()[0].partition(" ")
+    assert failure.startswith("recorder: the session can not be written: ")
+    assert "full.h5: it can" in done.stdout
+    assert journal_of(path).exists()
+    repaired = repair(path, tmp_path / "repaired.h5")
+    assert (repaired.receipt.frames, repaired.torn) == (int(recorded), 0)
+    assert int(recorded) > 0
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert all(np.array_equal(image, image_of(index)) for index, _, image in read.frames())
+        assert_array_equal(read.forces()[1][:, 0], np.arange(repaired.receipt.samples))
+        assert repaired.receipt.samples >= int(recorded) - 1

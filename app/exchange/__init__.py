@@ -1,0 +1,1 @@
+"""Sessions to and from the files of other benches and programs."""

@@ -1,0 +1,154 @@
+"""What a closed session was found to hold when it was read back, and that this is what the writer was told."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import UserError
+from app.session.journal import records
+from app.session.reader import SessionReader
+
+_FORCES = ("normal_sensor", "shear_sensor", "normal_force", "shear_force")
+_SLAB = 1 << 18  # samples read at a time
+
+
+@dataclass(frozen=True, slots=True)
+class Receipt:
+    """The account of a session that was read back to the last byte.
+
+    `checksum` is one over all images and forces, the same at any later time; `seconds` is how long the reading took.
+    """
+
+    frames: int
+    frames_lost: int
+    samples: int
+    gaps: int
+    bytes: int
+    checksum: str
+    seconds: float
+
+    def __str__(self) -> str:
+        """One sentence for the person at the bench."""
+        return (
+            f"{self.frames} frames, {self.frames_lost} lost, {self.samples} samples, {self.gaps} gaps, {self.bytes / 1e6:.1f} MB"
+            f" read back as they were written in {self.seconds:.1f} s; checksum {self.checksum}"
+        )
+
+
+@dataclass
+class _Account:
+    """Frames by trigger (CRC-32 of the image, None where it was lost), and how many of everything else; of the forces the bits."""
+
+    frames: dict[int, int | None]
+    samples: int = 0
+    gaps: int = 0
+    positions: int = 0
+    events: int = 0
+    forces: tuple[int, ...] = (0, 0, 0, 0)
+
+    def add(self, columns: NDArray[np.float64]) -> None:
+        """Count samples, four columns of them."""
+        self.forces = tuple(crc32(np.ascontiguousarray(column).data, was) for column, was in zip(columns, self.forces, strict=True))
+        self.samples += columns.shape[1]
+
+    def skip(self, end: int) -> None:
+        """Count the samples before `end` as missing, if there are any."""
+        if end > self.samples:
+            self.add(np.full((4, end - self.samples), np.nan))
+            self.gaps += 1
+
+
+def verify(session: Path, journal: Path | None = None) -> Receipt:
+    """Read a session back, every image and sample, and hold it against its checksums and, where it is given, the journal.
+
+    Raises
+    ------
+    UserError
+        It can not be read, or what was found is not what was written; the sentence says where.
+    """
+    began = time.monotonic()
+    with SessionReader(session) as reader, h5py.File(session, "r") as file:
+        found = _Account(dict.fromkeys(reader.triggers()["index"].tolist()))
+        found.frames |= {index: crc32(np.ascontiguousarray(image).data) for index, _, image in reader.frames()}
+        found.gaps, found.positions, found.events = len(reader.gaps()), len(reader.positions()[0]), len(reader.events())
+        for columns in _slabs(file):
+            found.add(columns)
+        held = {} if reader.format < 4 else checksums(reader, file)
+    wrong = [index for index, checksum in held.items() if found.frames[index] != checksum]
+    if wrong:
+        raise UserError(f"{session}: {_numbered('image', wrong)} not as recorded; `slipscope repair` makes a session of the others")
+    told = _told(journal, found.samples) if journal else found
+    if told != found:
+        raise UserError(f"{session}: {_difference(found, told)}; the journal is kept, `slipscope repair` makes a whole session of both")
+    bits = np.array([*(checksum or 0 for checksum in found.frames.values()), *found.forces], np.uint32)
+    return Receipt(
+        frames=sum(checksum is not None for checksum in found.frames.values()),
+        frames_lost=sum(checksum is None for checksum in found.frames.values()),
+        samples=found.samples,
+        gaps=found.gaps,
+        bytes=session.stat().st_size,
+        checksum=f"{crc32(bits.data):08x}",
+        seconds=round(time.monotonic() - began, 2),
+    )
+
+
+def checksums(reader: SessionReader, file: h5py.File) -> dict[int, int]:
+    """Trigger number -> CRC-32 of the image as it was recorded, of the frames received."""
+    triggers, column = reader.triggers(), file["/entry/triggers/checksum"][()]
+    return {int(t["index"]): int(checksum) for t, checksum in zip(triggers, column, strict=False) if t["received"]}
+
+
+def _slabs(file: h5py.File) -> Iterator[NDArray[np.float64]]:
+    """The forces as they are stored, a part at a time."""
+    columns = [file[f"/entry/forces/{name}"] for name in _FORCES]
+    rows = min(len(column) for column in columns)
+    for start in range(0, rows, _SLAB):
+        yield np.stack([column[start : min(start + _SLAB, rows)] for column in columns])
+
+
+def _told(journal: Path, most: int) -> _Account:
+    """What a session must hold that was told what is in the journal; of a gap that leads beyond `most` samples only the first one."""
+    told = _Account({})
+    for what, *values in records(journal):
+        match what, values:
+            case "samples", (int(first), np.ndarray() as volts, np.ndarray() as forces):
+                told.skip(min(first, most + 1))
+                told.add(np.concatenate([volts.T, forces.T]))
+            case "gap", (int(first), int(count), _):
+                told.skip(min(first, most + 1))
+                told.skip(min(first + count, most + 1))
+                told.events += 1
+            case "frame", (int(index), _, _, _, int(checksum)):
+                told.frames[index] = checksum
+            case "lost_frame", (int(index), _, _):
+                told.frames[index] = None
+            case "position", _:
+                told.positions += 1
+            case "event", _:
+                told.events += 1
+    return told
+
+
+def _difference(found: _Account, told: _Account) -> str:
+    """The first difference between a session and its journal, in words."""
+    wrong = [index for index in told.frames.keys() | found.frames.keys() if told.frames.get(index, -1) != found.frames.get(index, -1)]
+    if wrong:
+        return f"{_numbered('frame', sorted(wrong))} not as recorded"
+    for name in ("samples", "gaps", "positions", "events"):
+        if getattr(found, name) != getattr(told, name):
+            return f"{getattr(told, name)} {name} were recorded, {getattr(found, name)} are in the file"
+    return "the forces are not as recorded"
+
+
+def _numbered(what: str, numbers: list[Any]) -> str:
+    shown = ", ".join(map(str, numbers[:5])) + (f" and {len(numbers) - 5} more" if len(numbers) > 5 else "")
+    return f"{what} {shown} is" if len(numbers) == 1 else f"{what}s {shown} are"

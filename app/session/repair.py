@@ -1,0 +1,207 @@
+"""Makes a whole session of one that was cut short or damaged, from its journal where there is one, else from what can be read of it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+from zlib import crc32
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import UserError
+from app.results import Event, Outcome
+from app.session.journal import journal_of, records
+from app.session.layout import UNFINISHED
+from app.session.reader import SessionReader
+from app.session.receipt import Receipt, checksums, verify
+from app.session.writer import SessionWriter
+
+FLUSH_FRAMES = 256  # of small tables that wait in memory
+_UNREADABLE = "its image can not be read, the bytes are not those that were recorded"
+_NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, struct.error)  # of a stranger's journal
+
+
+@dataclass(frozen=True, slots=True)
+class Repaired:
+    """What came of a repair. `output` is None where the session is whole and nothing had to be written.
+
+    `source` is "journal" or "file"; `torn` counts the frames that were recorded and could not be brought back, `cut_bytes` what
+    was left out at the torn end of the journal, `results` the analysed frames; `receipt` is that of the repaired session, or of the whole.
+    """
+
+    session: Path
+    output: Path | None
+    source: str
+    torn: int
+    cut_bytes: int
+    results: int
+    receipt: Receipt
+
+    def __str__(self) -> str:
+        """One sentence."""
+        if self.output is None:
+            return f"{self.session}: the session is whole, nothing is to be repaired: {self.receipt}"
+        torn = f"{self.torn} images could not be read"
+        cut = "; what came after the torn end of the journal is lost" if self.cut_bytes else ""
+        results = f"results of {self.results} frames" if self.results else "no results, the images must be analysed again"
+        return f"{self.output}: brought back from the {self.source}: {self.receipt}; {torn}{cut}; {results}"
+
+
+def repair(session: Path, output: Path, *, overwrite: bool = False, progress: Callable[[float], None] = lambda share: None) -> Repaired:
+    """A whole session at `output` of everything durable in `session`, which is only read; `progress` is told the share done.
+
+    Raises
+    ------
+    UserError
+        There is nothing to repair from, or the output can not be made there.
+    OSError
+        The output can not be written.
+    """
+    if not session.is_file():
+        raise UserError(f"{session}: there is no such session; check the name")
+    if output.absolute() == session.absolute() or (output.exists() and output.samefile(session)):
+        raise UserError(f"{output}: a repair never changes the session itself; give another name")
+    journal = journal_of(session)
+    source = "journal" if journal.is_file() and next(records(journal))[0] == "session" else "file"
+    with suppress(UserError), SessionReader(session) as reader:
+        if reader.state != UNFINISHED or source == "file":
+            receipt = verify(session, journal if source == "journal" else None)
+            return Repaired(session, None, source, 0, 0, len(reader.analysed_frames()), receipt)
+    try:
+        told = _told_by_journal(session, journal, progress) if source == "journal" else _told_by_file(session, progress)
+        return _write(session, output, source, told, overwrite)
+    except _NONSENSE as error:
+        raise UserError(f"{session}: what its {source} holds makes no session: {error}; use a copy of it if there is one") from error
+
+
+def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, ...]], overwrite: bool) -> Repaired:
+    """Tell a new writer everything that the old one was told."""
+    _, header = next(told)
+    header |= {"frame_dtype": np.dtype(header["frame_dtype"]), "frame_shape": tuple(header["frame_shape"])}
+    header |= {name: np.asarray(header[name], np.float64) for name in ("grid_x_px", "grid_y_px")}
+    writer = SessionWriter.create(output, **header, overwrite=overwrite)
+    frames: set[int] = set()
+    torn = count = cut = 0
+    try:
+        for what, *values in told:
+            if what == "frame":
+                frames.add(values[0])
+            torn += what == "lost_frame" and values[2] == _UNREADABLE
+            if what == "end":
+                cut = values[0]
+                break
+            getattr(writer, _TOLD[what])(*([Event(*values)] if what == "event" else values))
+            count += 1
+            if count % FLUSH_FRAMES == 0:
+                writer.flush()
+        results = _copy_results(session, writer, frames, torn)
+        writer.close()
+    except BaseException:
+        writer.discard()
+        raise
+    assert writer.receipt is not None
+    return Repaired(session, output, source, torn, cut, results, writer.receipt)
+
+
+_TOLD = {
+    "samples": "append_samples",
+    "gap": "append_gap",
+    "frame": "append_frame",
+    "lost_frame": "append_lost_frame",
+    "position": "append_position",
+    "event": "append_event",
+}
+
+
+def _told_by_journal(session: Path, journal: Path, progress: Callable[[float], None]) -> Iterator[tuple[Any, ...]]:
+    """What the writer was told, with the images by their place in the session, whether HDF5 can open that or not."""
+    size = session.stat().st_size
+    with session.open("rb") as file:
+        for what, *values in records(journal):
+            if what == "session":
+                header: dict[str, Any] = values[0]
+                shape, dtype = header["frame_shape"], np.dtype(header["frame_dtype"])
+                yield what, dict(header)
+            elif what == "frame":
+                index, sample, place, nbytes, checksum = values
+                image = _image_at(file, place, nbytes, size, checksum)
+                progress(min(1.0, place / max(1, size)))
+                if image is None:
+                    yield "lost_frame", index, sample, _UNREADABLE
+                else:
+                    yield what, index, sample, np.frombuffer(image, dtype).reshape(shape)
+            else:
+                yield what, *values
+
+
+def _image_at(file: BinaryIO, place: int, nbytes: int, size: int, checksum: int) -> bytes | None:
+    """The bytes at a place of a file; None where they are not there or not those that were recorded."""
+    if not 0 <= place <= place + nbytes <= size:
+        return None
+    file.seek(place)
+    image = file.read(nbytes)
+    return image if crc32(image) == checksum else None
+
+
+def _told_by_file(session: Path, progress: Callable[[float], None]) -> Iterator[tuple[Any, ...]]:
+    """What a session without a journal can tell of itself."""
+    with SessionReader(session) as reader, h5py.File(session, "r") as file:
+        names = ("config_toml", "sample_rate_hz", "frame_shape", "frame_dtype", "exposure_samples", "divisor", "first_trigger", "pixel_m")
+        header = {name: getattr(reader, name) for name in (*names, "grid_x_px", "grid_y_px", "versions", "started")}
+        yield "session", header
+        yield from _forces_of(reader)
+        held = checksums(reader, file) if reader.format >= 4 else {}
+        triggers = reader.triggers()
+        for n, (index, sample, received, _, reason) in enumerate(triggers.tolist()):
+            image = _frame_of(reader, index) if received else None
+            if image is not None and held.get(index) in (None, crc32(image.data)):
+                yield "frame", index, sample, image
+            else:
+                yield "lost_frame", index, sample, _UNREADABLE if received else reason
+            progress((n + 1) / len(triggers))
+        for sample, position in zip(*(column.tolist() for column in reader.positions()), strict=True):
+            yield "position", sample, position
+        for event in reader.events():
+            yield "event", event.sample, event.kind, event.text
+
+
+def _forces_of(reader: SessionReader) -> Iterator[tuple[Any, ...]]:
+    """The samples between the gaps; the writer makes the gaps again where they are left out."""
+    start, volts, forces = reader.forces()
+    for first, count in [*reader.gaps(), (len(volts), 0)]:
+        yield "samples", start, volts[start:first], forces[start:first]
+        start = first + count
+
+
+def _frame_of(reader: SessionReader, index: int) -> NDArray[Any] | None:
+    try:
+        return np.ascontiguousarray(reader.frame(index)[2])
+    except UserError:
+        return None
+
+
+def _copy_results(session: Path, writer: SessionWriter, frames: set[int], torn: int) -> int:
+    """How many analysed frames had their results copied; none where HDF5 can not read them any more. Tells how the run ended, too."""
+    copied, state, outcome = 0, UNFINISHED, None
+    with suppress(UserError), SessionReader(session) as reader:
+        for snapshot in reader.snapshots():
+            if snapshot.frame in frames:
+                writer.append_snapshot(snapshot)
+                copied += 1
+        contact = reader.contact()
+        if contact is not None:
+            writer.write_contact(contact)
+        state, reason = reader.state, reader.reason
+        if state != UNFINISHED:
+            outcome = Outcome(state, f"{reason}; repaired, {torn} images were lost", reader.counts(), reader.summary(), reader.resources)
+    if outcome is not None:
+        writer.finish(outcome)
+    else:
+        writer.explain(f"the run was cut short; repaired from {session.name}, {len(frames)} frames kept, {torn} images lost")
+    return copied

@@ -1,0 +1,238 @@
+"""Sessions spoiled at random, by a seed: bytes as a bad disk or a torn copy leaves them, and structure as somebody of ill will makes it."""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from app.errors import UserError
+from app.session import Session
+from app.session.reader import SessionReader
+
+PAGE = 512
+
+
+def spoil(whole: Path, path: Path, seed: int) -> str:
+    """Write a spoiled copy of a session to `path`; the name of what was done to it."""
+    rng = random.Random(seed)
+    how = rng.choice([*BYTES, *STRUCTURE])
+    content = bytearray(whole.read_bytes())
+    if how in BYTES:
+        BYTES[how](content, rng)
+    path.write_bytes(content)
+    if how in STRUCTURE:
+        with h5py.File(path, "r+", libver=("v108", "v108")) as file:
+            for _ in range(rng.choice([1, 1, 1, 2, 5])):
+                with suppress(IndexError, ValueError, RuntimeError):  # nothing is left that could be spoiled so
+                    STRUCTURE[how](file, rng)
+    return how
+
+
+def ask(path: Path) -> None:
+    """Ask everything that a session can be asked."""
+    with SessionReader(path) as read:
+        for name in dir(SessionReader):
+            thing = None if name.startswith("_") else getattr(read, name)
+            if callable(thing) and name not in {"close", "frame", "snapshot"}:
+                answer = thing()
+                if isinstance(answer, Iterator):
+                    deque(answer, maxlen=1)
+    with Session(path) as session:
+        for name in dir(Session):
+            if not name.startswith("_"):
+                getattr(session, name)
+        for part in (session.frames, session.fields):
+            for n in range(min(3, len(part))):
+                with suppress(UserError):
+                    part[n]
+
+
+def _place(content: bytearray, rng: random.Random) -> int:
+    """A byte that is not zero: most of a small file is empty chunks."""
+    used = np.flatnonzero(np.frombuffer(bytes(content), np.uint8))
+    return int(used[rng.randrange(len(used))])
+
+
+def _flip_bits(content: bytearray, rng: random.Random) -> None:
+    for _ in range(rng.randint(1, 8)):
+        content[_place(content, rng)] ^= 1 << rng.randrange(8)
+
+
+def _change_bytes(content: bytearray, rng: random.Random) -> None:
+    for _ in range(rng.randint(1, 40)):
+        content[_place(content, rng)] = rng.randrange(256)
+
+
+def _fill(content: bytearray, rng: random.Random, value: bytes, longest: int) -> None:
+    start = _place(content, rng)
+    end = min(len(content), start + 2 ** rng.randint(0, longest))
+    content[start:end] = value * (end - start)
+
+
+def _random_page(content: bytearray, rng: random.Random) -> None:
+    start = _place(content, rng) // PAGE * PAGE
+    page = content[start : start + PAGE]
+    content[start : start + PAGE] = rng.randbytes(len(page))
+
+
+def _swap_pages(content: bytearray, rng: random.Random) -> None:
+    a, b = (_place(content, rng) // PAGE * PAGE for _ in "ab")
+    if max(a, b) + PAGE <= len(content):
+        content[a : a + PAGE], content[b : b + PAGE] = content[b : b + PAGE], content[a : a + PAGE]
+
+
+def _cut(content: bytearray, rng: random.Random) -> None:
+    del content[rng.randrange(len(content)) :]
+
+
+def _forge_header(content: bytearray, rng: random.Random) -> None:
+    """Change bytes of an object's header and make its checksum right again, as only ill will does."""
+    headers = [at for at in range(len(content)) if content.startswith(b"OHDR\x02", at)]
+    for at in rng.sample(headers, min(len(headers), rng.choice([1, 1, 3]))):
+        flags = content[at + 5]
+        width = 1 << (flags & 3)
+        start = at + 6 + (16 if flags & 32 else 0) + (4 if flags & 16 else 0)
+        end = start + width + int.from_bytes(content[start : start + width], "little")
+        for _ in range(rng.randint(1, 4)):
+            content[rng.randrange(start + width, end)] = rng.choice([0, 1, 2, 3, 4, 8, 16, 127, 128, 254, 255, rng.randrange(256)])
+        content[end : end + 4] = struct.pack("<I", lookup3(bytes(content[at:end])))
+
+
+BYTES: dict[str, Callable[[bytearray, random.Random], None]] = {
+    "bits": _flip_bits,
+    "bytes": _change_bytes,
+    "zeroed": lambda content, rng: _fill(content, rng, b"\0", 12),
+    "filled": lambda content, rng: _fill(content, rng, b"\xff", 5),
+    "page": _random_page,
+    "swapped pages": _swap_pages,
+    "cut": _cut,
+    "forged header": _forge_header,
+}
+
+
+def _paths(file: h5py.File) -> list[str]:
+    found: list[str] = []
+    file.visit(found.append)
+    return [path for path in sorted(found) if isinstance(file.get(path), h5py.Dataset)]
+
+
+def _put(file: h5py.File, rng: random.Random, make: Callable[[str], object]) -> None:
+    path = rng.choice(_paths(file))
+    del file[path]
+    make(path)
+
+
+def _remove(file: h5py.File, rng: random.Random) -> None:
+    path = rng.choice(_paths(file))
+    del file[rng.choice([path, path.rpartition("/")[0]])]
+
+
+def _other_kind(file: h5py.File, rng: random.Random) -> None:
+    kinds = ["u1", "i4", ">f8", "f4", "S9", "c16", [("a", "f8"), ("b", "i4")], h5py.ref_dtype, h5py.string_dtype(), "f8", "i8"]
+    kind, shape = np.dtype(rng.choice(kinds)), rng.choice([(), (0,), (1,), (2,), (7,), (2, 3), (1, 1, 1), (4, 12, 16)])
+    _put(file, rng, lambda path: file.create_dataset(path, shape, kind))
+
+
+def _exchange(file: h5py.File, rng: random.Random) -> None:
+    a, b = rng.sample(_paths(file), 2)
+    file.move(a, "/kept")
+    file.move(b, a)
+    file.move("/kept", b)
+
+
+def _odd_value(file: h5py.File, rng: random.Random) -> None:
+    dataset = file[rng.choice(_paths(file))]
+    if dataset.dtype.kind == "O":
+        long = "x" * rng.choice([10, 10**5])
+        value: object = rng.choice(
+            ["", "\x1b[2J\x07", "[run]\nnormal_force = -1", "{" * 900, '{"cpu_s": NaN}', "[1]", "drive", long, "\u202e"]
+        )
+    elif dataset.dtype.kind == "f":
+        value = rng.choice([float("nan"), float("inf"), -float("inf"), -1.0, 0.0, 1e308, 5e-324])
+    else:
+        value = rng.choice([np.iinfo(dataset.dtype).max, np.iinfo(dataset.dtype).min, 0, 1, 77])
+    if dataset.shape == ():
+        dataset[()] = value
+    elif dataset.size:
+        dataset[rng.randrange(dataset.shape[0])] = value
+
+
+def _lengthen(file: h5py.File, rng: random.Random) -> None:
+    dataset = file[rng.choice([path for path in _paths(file) if file[path].chunks])]
+    dataset.resize(rng.choice([0, 1, dataset.shape[0] + 1, 10**6, 2**40]), axis=0)
+
+
+def _link(file: h5py.File, rng: random.Random) -> None:
+    target = rng.choice(
+        [h5py.SoftLink("/"), h5py.SoftLink("/entry"), h5py.SoftLink("/nowhere"), h5py.ExternalLink("/etc/hostname", "/"), file["/entry"]]
+    )
+    path = rng.choice(_paths(file))
+    path = rng.choice([path, path.rpartition("/")[0]])
+    if path != "entry":
+        del file[path]
+        file[path] = target
+
+
+def _compressed(file: h5py.File, rng: random.Random) -> None:
+    path = rng.choice([path for path in _paths(file) if file[path].chunks and file[path].dtype.kind != "O"])
+    old = file[path]
+    chunks, dtype = old.chunks, old.dtype
+    del file[path]
+    how = rng.choice([{"compression": "gzip"}, {"compression": "lzf"}, {"scaleoffset": 4}, {"fletcher32": True}, {"shuffle": True}])
+    bomb = {"shape": (2**28,), "chunks": (2**28,)} if len(chunks) == 1 and rng.random() < 0.2 else {"shape": chunks, "chunks": chunks}
+    file.create_dataset(path, dtype=dtype, **bomb, **(how if np.dtype(dtype).kind != "f" else {"compression": "gzip"}))
+
+
+STRUCTURE: dict[str, Callable[[h5py.File, random.Random], None]] = {
+    "removed": _remove,
+    "other kind": _other_kind,
+    "exchanged": _exchange,
+    "odd value": _odd_value,
+    "lengthened": _lengthen,
+    "link": _link,
+    "compressed": _compressed,
+}
+
+
+def lookup3(data: bytes) -> int:
+    """Jenkins' hash of HDF5's metadata, of which a changed header needs a new one."""
+    mask = 0xFFFFFFFF
+
+    def turned(x: int, k: int) -> int:
+        return ((x << k) | (x >> (32 - k))) & mask
+
+    a = b = c = (0xDEADBEEF + len(data)) & mask
+    if not data:
+        return c
+    blocks = [data[n : n + 12] for n in range(0, len(data), 12)]
+    for block in blocks[:-1]:
+        x, y, z = struct.unpack("<3I", block)
+        a, b, c = (a + x) & mask, (b + y) & mask, (c + z) & mask
+        a = ((a - c) & mask) ^ turned(c, 4)
+        c = (c + b) & mask
+        b = ((b - a) & mask) ^ turned(a, 6)
+        a = (a + c) & mask
+        c = ((c - b) & mask) ^ turned(b, 8)
+        b = (b + a) & mask
+        a = ((a - c) & mask) ^ turned(c, 16)
+        c = (c + b) & mask
+        b = ((b - a) & mask) ^ turned(a, 19)
+        a = (a + c) & mask
+        c = ((c - b) & mask) ^ turned(b, 4)
+        b = (b + a) & mask
+    x, y, z = struct.unpack("<3I", blocks[-1].ljust(12, b"\0"))
+    a, b, c = (a + x) & mask, (b + y) & mask, (c + z) & mask
+    c = ((c ^ b) - turned(b, 14)) & mask
+    a = ((a ^ c) - turned(c, 11)) & mask
+    b = ((b ^ a) - turned(a, 25)) & mask
+    c = ((c ^ b) - turned(b, 16)) & mask
+    a = ((a ^ c) - turned(c, 4)) & mask
+    b = ((b ^ a) - turned(a, 14)) & mask
+    return ((c ^ b) - turned(b, 24)) & mask

@@ -1,0 +1,250 @@
+"""What `slipscope export` writes, read back by other programs' readers, is what went into the session."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+from numpy.testing import assert_array_equal
+from PIL import Image
+from session_material import GRID_X, GRID_Y, SHAPE, Session, make_writer, record
+
+from app.commands import exchange
+from app.errors import UserError
+from app.exchange.exporting import export, frame_range
+from app.field_files import read_fields
+
+PIXEL = 7.04e-6
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def number(cell: str) -> float:
+    return float(cell) if cell else math.nan
+
+
+def everything_in(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_images_come_back_to_the_bit_with_the_fate_of_every_frame(session: Session, tmp_path: Path) -> None:
+    assert "7 images, 1 lost" in export(session.path, tmp_path / "images")
+    rows = rows_of(tmp_path / "images" / "metadata.csv")
+    assert [int(row["frame"]) for row in rows] == list(range(8))
+    for frame, row in enumerate(rows):
+        sample = 5 + 125 * frame
+        assert (int(row["sample"]), float(row["time_s"])) == (sample, sample / 1000)
+        exposed = session.forces[sample : sample + 10]
+        assert float(row["P_N"]) == pytest.approx(exposed[:, 0].mean(), abs=1e-12)
+        assert float(row["Q_N"]) == pytest.approx(exposed[:, 1].mean(), abs=1e-12)
+        if frame == 3:
+            assert (row["file"], row["reason"]) == ("", "no image within 0.5 s")
+        else:
+            assert row["file"] == f"{frame:06d}.tiff"
+            assert_array_equal(np.asarray(Image.open(tmp_path / "images" / row["file"])), session.images[frame])
+    at, metres = zip(*session.positions, strict=True)
+    assert float(rows[5]["stage_um"]) == pytest.approx(np.interp(5 + 125 * 5 + 5, at, metres) * 1e6, rel=1e-12)
+    assert [row["phase"] for row in rows][:3] == ["phase 0 µ", "phase 1 µ", "phase 2 µ"]
+    assert [row["phase_sample"] for row in rows][:3] == ["0", "125", "250"]
+
+
+def test_sixteen_bits_stay_sixteen_bits(tmp_path: Path) -> None:
+    image = np.arange(SHAPE[0] * SHAPE[1], dtype=np.uint16).reshape(SHAPE) * 300
+    writer = make_writer(tmp_path / "deep.h5", frame_dtype=np.dtype(np.uint16))
+    writer.append_frame(0, 5, image)
+    writer.close()
+    export(tmp_path / "deep.h5", tmp_path / "deep")
+    found = np.asarray(Image.open(tmp_path / "deep" / "000000.tiff"))
+    assert found.dtype == np.uint16
+    assert_array_equal(found, image)
+
+
+@pytest.mark.parametrize(
+    ("text", "frames"), [("", range(8)), ("4", [4]), ("1:6:2", [1, 3, 5]), ("5:", [5, 6, 7]), (":2", [0, 1]), ("::3", [0, 3, 6])]
+)
+def test_frames_can_be_chosen(session: Session, tmp_path: Path, text: str, frames: list[int]) -> None:
+    export(session.path, tmp_path / "some", frames=text)
+    assert [int(row["frame"]) for row in rows_of(tmp_path / "some" / "metadata.csv")] == list(frames)
+    names = {f"{frame:06d}.tiff" for frame in frames if frame != 3}
+    assert {path.name for path in (tmp_path / "some").glob("*.tiff")} == names
+
+
+@pytest.mark.parametrize("text", ["x", "1:2:0", "-1", "1:2:3:4", "1.5", "9" * 40])
+def test_frames_that_are_none(text: str) -> None:
+    with pytest.raises(UserError, match="first:end:step"):
+        frame_range(text)
+
+
+def test_forces_with_all_their_digits_and_gaps_as_empty_cells(session: Session, tmp_path: Path) -> None:
+    export(session.path, tmp_path / "forces.csv", "forces")
+    rows = rows_of(tmp_path / "forces.csv")
+    assert [int(row["sample"]) for row in rows] == list(range(1003))
+    assert [row["time_s"] for row in rows[:3]] == ["0.0", "0.001", "0.002"]
+    for names, values in ((("P_N", "Q_N"), session.forces), (("normal_V", "shear_V"), session.volts)):
+        assert_array_equal([[number(row[name]) for name in names] for row in rows], values)
+    assert rows[501]["P_N"] == rows[501]["shear_V"] == ""
+
+
+def test_fields_as_a_table_that_invert_reads(session: Session, tmp_path: Path) -> None:
+    export(session.path, tmp_path / "fields.csv")
+    assert (tmp_path / "fields.csv").read_text(encoding="utf-8").startswith("# a pixel is 7.04 um")
+    found = read_fields(tmp_path / "fields.csv", PIXEL)
+    measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
+    assert found.frames == tuple(snapshot.frame for snapshot in measured)
+    np.testing.assert_allclose(found.x_m, GRID_X * PIXEL)
+    np.testing.assert_allclose(found.ux_m, np.stack([s.ux_px for s in measured]) * PIXEL, atol=1e-6 * PIXEL)
+    first = rows_of(tmp_path / "fields.csv")[2]
+    status = ("ok", "low_contrast", "out_of_image", "decorrelated", "not_converged")[measured[0].status[0, 2]]
+    assert (first["x_px"], first["y_px"], first["status"]) == (str(GRID_X[2]), str(GRID_Y[0]), status)
+    assert float(first["uy_std_px"]) == pytest.approx(float(measured[0].uy_std_px[0, 2]), abs=1e-6)
+
+
+def test_results_as_a_table(session: Session, tmp_path: Path) -> None:
+    export(session.path, tmp_path / "results.csv", "results")
+    rows = rows_of(tmp_path / "results.csv")
+    for row, snapshot in zip(rows, session.snapshots, strict=True):
+        assert (int(row["frame"]), row["phase"]) == (snapshot.frame, snapshot.phase)
+        assert_array_equal(number(row["stick_radius_m"]), snapshot.stick_radius_m)
+        assert float(row["shear_force_n"]) == snapshot.shear_force_n
+
+
+def load_mat(path: Path) -> dict[str, Any]:
+    found = scipy.io.loadmat(path, squeeze_me=True)
+    return {name: values for name, values in found.items() if not name.startswith("__")}
+
+
+@pytest.mark.parametrize(("ending", "load"), [(".npz", np.load), (".mat", load_mat)])
+def test_arrays(session: Session, tmp_path: Path, ending: str, load: Any) -> None:
+    export(session.path, tmp_path / f"all{ending}")
+    found = load(tmp_path / f"all{ending}")
+    measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
+    for name in ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "status"):
+        assert_array_equal(found[f"field_{name}"], np.stack([getattr(s, name) for s in measured]))
+    assert_array_equal(found["field_frame"], [s.frame for s in measured])
+    assert_array_equal(found["field_x_px"], GRID_X)
+    assert_array_equal(found["force_P_N"], session.forces[:, 0])
+    assert_array_equal(found["shear_sensor_V"], session.volts[:, 1])
+    assert_array_equal(found["stage_m"], [metres for _, metres in session.positions])
+    assert_array_equal(found["result_frame"], [s.frame for s in session.snapshots])
+    assert_array_equal(found["result_centre_ux_m"], [s.centre_ux_m for s in session.snapshots])
+    assert (float(found["pixel_m"]), float(found["sample_rate_hz"])) == (PIXEL, 1000.0)
+
+
+def read_vti(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """Attributes of the image and its arrays, (y, x) or (y, x, component)."""
+    image = ET.parse(path).getroot().find("ImageData")
+    assert image is not None
+    _, nx, _, ny, _, _ = map(int, image.attrib["WholeExtent"].split())
+    arrays = {}
+    for data in image.iter("DataArray"):
+        raw = base64.b64decode(data.text or "")
+        values = np.frombuffer(raw[8:], {"Float32": "<f4", "UInt8": "u1"}[data.attrib["type"]])
+        assert int.from_bytes(raw[:8], "little") == len(raw) - 8
+        arrays[data.attrib["Name"]] = values.reshape(ny + 1, nx + 1, *([3] if "NumberOfComponents" in data.attrib else []))
+    return image.attrib, arrays
+
+
+def test_paraview_sees_what_the_camera_saw(session: Session, tmp_path: Path) -> None:
+    export(session.path, tmp_path / "fields.pvd")
+    listed = list(ET.parse(tmp_path / "fields.pvd").getroot().iter("DataSet"))
+    measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
+    assert [float(entry.attrib["timestep"]) for entry in listed] == [(s.sample + 5) / 1000 for s in measured]
+    for entry, snapshot in zip(listed, measured, strict=True):
+        image, arrays = read_vti(tmp_path / entry.attrib["file"])
+        x0, y0, _ = map(float, image["Origin"].split())
+        dx, dy, _ = map(float, image["Spacing"].split())
+        np.testing.assert_allclose(x0 + dx * np.arange(3), GRID_X * PIXEL)
+        np.testing.assert_allclose(-(y0 + dy * np.arange(2)), GRID_Y[::-1] * PIXEL)  # y points up
+        moved = arrays["displacement_m"][::-1]
+        np.testing.assert_allclose(moved[..., 0], snapshot.ux_px * PIXEL, rtol=1e-6)
+        np.testing.assert_allclose(moved[..., 1], -snapshot.uy_px * PIXEL, rtol=1e-6)
+        np.testing.assert_allclose(arrays["displacement_std_m"][::-1, :, 1], snapshot.uy_std_px * PIXEL, rtol=1e-6)
+        assert_array_equal(arrays["status"][::-1], snapshot.status)
+        assert_array_equal(arrays["zncc"][::-1], snapshot.zncc)
+
+
+OUTPUTS = ["images", "fields.csv", "all.npz", "all.mat", "fields.pvd"]
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_nothing_is_overwritten_unasked(session: Session, tmp_path: Path, name: str) -> None:
+    target = tmp_path / "out" / name
+    target.parent.mkdir()
+    if not target.suffix:
+        target.mkdir()
+    (target if target.suffix else target / "000099.tiff").write_text("precious")
+    (target.parent / "mine.txt").write_text("mine")
+    before = everything_in(target.parent)
+    with pytest.raises(UserError, match="--overwrite"):
+        export(session.path, target)
+    assert everything_in(target.parent) == before
+    export(session.path, target, overwrite=True)
+    after = everything_in(target.parent)
+    assert after["mine.txt"] == b"mine"
+    assert b"precious" not in after.values()  # no frame of an export before is left among the new ones
+    assert not [name for name in after if ".part" in name]
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_an_export_that_fails_leaves_nothing(session: Session, tmp_path: Path, name: str) -> None:
+    (tmp_path / "out").mkdir()
+    calls = 0
+
+    def full_disk(text: str, share: float) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == 4:
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(UserError, match="No space left"):
+        export(session.path, tmp_path / "out" / name, on_progress=full_disk)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "frames", "words"),
+    [
+        ("a.xlsx", "", "", "ending '.xlsx' is not known"),
+        ("a.npz", "forces", "", "can not be written so"),
+        ("a.csv", "forces", "1:4", "leave --frames out"),
+        ("a", "", "70:90", "none of the frames"),
+        ("a.csv", "", "0:2", "no displacement field"),
+        ("a.pvd", "", "5", "no displacement field"),
+        ("a.csv", "results", "5", "none of these frames was analysed"),
+        ("no/where.csv", "", "", "does not exist"),
+    ],
+)
+def test_what_can_not_be_exported_says_so(session: Session, tmp_path: Path, name: str, what: str, frames: str, words: str) -> None:
+    before = everything_in(tmp_path)
+    with pytest.raises(UserError, match=words):
+        export(session.path, tmp_path / name, what, frames=frames)
+    assert everything_in(tmp_path) == before
+
+
+def test_the_session_itself_is_not_replaced(session: Session, tmp_path: Path) -> None:
+    link = tmp_path / "same.csv"
+    link.hardlink_to(session.path)
+    with pytest.raises(UserError, match="the session itself"):
+        export(session.path, link, overwrite=True)
+
+
+def test_a_session_cut_short_can_be_exported(tmp_path: Path) -> None:
+    writer, written = record(tmp_path / "cut.h5")
+    writer.close()
+    export(written.path, tmp_path / "images")
+    assert len(list((tmp_path / "images").glob("*.tiff"))) == 7
+
+
+def test_the_command_says_what_it_wrote(session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert exchange.export(session.path, tmp_path / "f.csv", "", "2:5", overwrite=False, as_json=False) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'f.csv'}: 2 fields of 6 points\n"

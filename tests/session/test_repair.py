@@ -1,0 +1,163 @@
+"""A repair brings back everything durable, never touches the original, and says what is lost."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from killed_recorder import lost_by_kill
+from numpy.testing import assert_array_equal
+from session_material import CONTACT, COUNTS, Session, make_writer, record
+
+from app.errors import UserError
+from app.session.journal import journal_of
+from app.session.reader import SessionReader
+from app.session.repair import repair
+
+
+def cut_short(folder: Path) -> Session:
+    """A session as a kill before its first flush leaves it: the file is empty but for the images, the journal has everything."""
+    writer, written = record(folder / "open.h5", flush_each=False)
+    path = folder / "cut.h5"
+    shutil.copy(written.path, path)
+    shutil.copy(journal_of(written.path), journal_of(path))
+    writer.discard()
+    written.path = path
+    return written
+
+
+def assert_same(path: Path, written: Session, lost: tuple[int, ...] = ()) -> None:
+    """Everything measured is in the session at `path`, but for some images."""
+    with SessionReader(path) as read:
+        images = {index: image for index, _, image in read.frames()}
+        assert images.keys() == written.images.keys() - set(lost)
+        for index, image in images.items():
+            assert_array_equal(image, written.images[index])
+        assert_array_equal(read.forces()[1], written.volts)
+        assert_array_equal(read.forces()[2], written.forces)
+        assert read.gaps() == [(500, 3)]
+        assert read.events() == written.events
+        assert list(zip(*(column.tolist() for column in read.positions()), strict=True)) == written.positions
+        assert (3, 380, "no image within 0.5 s") in read.lost_frames()
+        assert read.config_toml.startswith("[run]")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_kill_at_any_instant_loses_nothing_but_the_last_half_second(tmp_path: Path, seed: int) -> None:
+    kill = lost_by_kill(tmp_path / "killed.h5", 100.0, (64, 96), np.random.default_rng(seed).uniform(0.02, 1.0))
+    assert kill.sent > 0
+    assert kill.lost_s <= 0.5
+
+
+@pytest.mark.parametrize("damage", ["none", "not HDF5", "empty tables"])
+def test_all_comes_back_from_the_journal(tmp_path: Path, damage: str) -> None:
+    written = cut_short(tmp_path)
+    if damage == "not HDF5":
+        with written.path.open("r+b") as file:
+            file.write(bytes(2048))
+    before = written.path.read_bytes(), journal_of(written.path).read_bytes()
+    repaired = repair(written.path, tmp_path / "repaired.h5")
+    assert (written.path.read_bytes(), journal_of(written.path).read_bytes()) == before
+    assert (repaired.source, repaired.torn, repaired.cut_bytes, repaired.receipt.frames) == ("journal", 0, 0, 7)
+    assert_same(tmp_path / "repaired.h5", written)
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert (read.state, read.counts().frames_lost) == ("unfinished", 1)
+        assert read.reason == "the run was cut short; repaired from cut.h5, 7 frames kept, 0 images lost"
+    assert not journal_of(tmp_path / "repaired.h5").exists()
+
+
+def test_torn_image_is_a_lost_frame_with_that_reason(tmp_path: Path) -> None:
+    written = cut_short(tmp_path)
+    content = bytearray(written.path.read_bytes())
+    content[content.index(written.images[4].tobytes())] ^= 1
+    end = content.index(written.images[7].tobytes())
+    written.path.write_bytes(content[: end + 5])
+    repaired = repair(written.path, tmp_path / "repaired.h5")
+    assert repaired.torn == 2
+    assert "; 2 images could not be read; no results" in str(repaired)
+    assert_same(tmp_path / "repaired.h5", written, lost=(4, 7))
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert read.lost_frames()[1:] == [
+            (index, 5 + 125 * index, "its image can not be read, the bytes are not those that were recorded") for index in (4, 7)
+        ]
+
+
+def test_results_come_along_where_they_can_be_read(tmp_path: Path) -> None:
+    writer, written = record(tmp_path / "results.h5")
+    writer.write_contact(CONTACT)
+    writer.flush()
+    copied = tmp_path / "cut.h5"
+    shutil.copy(written.path, copied)
+    shutil.copy(journal_of(written.path), journal_of(copied))
+    writer.discard()
+    assert repair(copied, tmp_path / "repaired.h5").results == 6
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        for found, snapshot in zip(read.snapshots(), written.snapshots, strict=True):
+            assert_array_equal(found.ux_px, snapshot.ux_px)
+            assert_array_equal(found.stress_pa, snapshot.stress_pa)
+        assert read.contact() is not None
+        assert read.counts() == COUNTS
+
+
+def test_whole_session_says_so_and_nothing_is_written(session: Session) -> None:
+    repaired = repair(session.path, session.path.with_name("repaired.h5"))
+    assert (repaired.output, repaired.receipt.frames) == (None, 7)
+    assert str(repaired).startswith(f"{session.path}: the session is whole, nothing is to be repaired: 7 frames, 1 lost")
+    assert not session.path.with_name("repaired.h5").exists()
+
+
+@pytest.mark.parametrize("format_version", [4, 3])
+def test_damaged_session_without_a_journal_gives_what_can_be_read(session: Session, tmp_path: Path, format_version: int) -> None:
+    """Of format 4 an image that was altered; before, there were no checksums, and only what can not be read is found."""
+    with h5py.File(session.path, "r+") as file:
+        file.attrs["slipscope_format"] = format_version
+        if format_version == 4:
+            file["/entry/instrument/camera/data"][5, 3, 3] ^= 1  # trigger 6
+        else:
+            file["/entry/triggers/image"][6] = 99
+    repaired = repair(session.path, tmp_path / "repaired.h5")
+    assert (repaired.source, repaired.torn, repaired.results) == ("file", 1, 5)
+    assert_same(tmp_path / "repaired.h5", session, lost=(6,))
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert (read.state, read.reason) == ("done", "the travel is done; repaired, 1 images were lost")
+        assert read.summary() is not None
+
+
+def test_what_can_not_be_repaired_says_why(tmp_path: Path) -> None:
+    written = cut_short(tmp_path)
+    with pytest.raises(UserError, match=r"cut\.h5: a repair never changes the session itself; give another name"):
+        repair(written.path, written.path)
+    with pytest.raises(UserError, match="there is no such session"):
+        repair(tmp_path / "absent.h5", tmp_path / "repaired.h5")
+    (tmp_path / "repaired.h5").write_bytes(b"mine")
+    with pytest.raises(UserError, match="a session of that name exists"):
+        repair(written.path, tmp_path / "repaired.h5")
+    journal_of(written.path).unlink()
+    written.path.write_bytes(bytes(5000))
+    with pytest.raises(UserError, match="not an HDF5 file"):
+        repair(written.path, tmp_path / "other.h5")
+    assert (tmp_path / "repaired.h5").read_bytes() == b"mine"
+
+
+def test_journal_of_a_stranger_gives_a_sentence_and_no_file(tmp_path: Path) -> None:
+    strange = [("__init__", 1), ("frame", 1), ("event", [], {}, 3), ("samples", -5), ("samples", 0, 1, 2), ("gap", 0, 10**15, "x")]
+    for n, words in enumerate([*strange, ("session", {})]):
+        writer = make_writer(tmp_path / "s.h5", overwrite=True)
+        writer._journal.note(*words)
+        shutil.copy(tmp_path / "s.h5", tmp_path / f"{n}.h5")
+        shutil.copy(journal_of(tmp_path / "s.h5"), journal_of(tmp_path / f"{n}.h5"))
+        writer.discard()
+        with pytest.raises(UserError, match="what its journal holds makes no session"):
+            repair(tmp_path / f"{n}.h5", tmp_path / "repaired.h5")
+        assert not list(tmp_path.glob("repaired*"))
+
+
+def test_failed_repair_leaves_no_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = cut_short(tmp_path)
+    monkeypatch.setattr("app.session.writer.shutil.disk_usage", lambda _: type("usage", (), {"free": 0}))
+    with pytest.raises(OSError, match="the disk is full"):
+        repair(written.path, tmp_path / "repaired.h5")
+    assert not list(tmp_path.glob("repaired*"))
