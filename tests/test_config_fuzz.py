@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -83,9 +84,14 @@ def test_monsters_are_refused_briefly(tmp_path: Path, text: str, sentence: str) 
 def test_a_session_given_as_settings_is_not_read_whole(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     with path.open("wb") as file:
-        file.truncate(1 << 33)
-    with pytest.raises(ConfigError, match="not a TOML file"):
-        load(path)
+        file.truncate(1 << 26)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ConfigError, match="not a TOML file"):
+            load(path)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 23
+    finally:
+        tracemalloc.stop()
 
 
 def test_settings_of_a_session_that_are_none_are_told() -> None:
