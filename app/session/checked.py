@@ -155,7 +155,7 @@ def _open(path: Path, what: str) -> h5py.File:
     except OSError as error:
         cause = str(error)
         if "signature not found" in cause:
-            raise UserError(f"{path}: not an HDF5 file; give a {what} that SlipScope wrote") from None
+            raise UserError(f"{path}: can not be read, it is not an HDF5 file; give a {what} that SlipScope wrote") from None
         if "truncated file" in cause:
             raise UserError(f"{path}: the file is cut short, as by a copy that was broken off; copy it again from where it came") from None
         if "lock" in cause:
