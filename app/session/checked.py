@@ -147,7 +147,7 @@ def _is_of(dataset: h5py.Dataset, wanted: str) -> bool:
 
 def _open(path: Path, what: str) -> h5py.File:
     if not path.is_file():
-        raise UserError(f"{path}: there is no such {what}; check the name")
+        raise UserError(f"{path}: there is no such {what} to read; check the name")
     try:
         with path.open("rb") as opened:
             opened.read(1)
