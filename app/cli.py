@@ -109,16 +109,29 @@ def replay(
         str | None,
         typer.Option(metavar="1|max|NUMBER", help="Seconds of the experiment per second; 1 in the window, else max.", show_default=False),
     ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Analyse with another setting; may be repeated.", show_default=False),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="ANALYSIS.h5", help="The new results; else SESSION-analysis.h5.", show_default=False),
+    ] = None,
+    overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Send a saved session through the same analysis again and compare, frame by frame and bit by bit.
+    """Send a saved session through the same analysis again and compare, frame by frame and bit by bit; or analyse it anew.
 
-    The session is only read; a picture is drawn beside it if there is none. No device is needed, and none can be moved.
+    With --set or -o every frame is analysed with these settings into a second file beside the session: settings, versions, computer,
+    results; its images stay where they are. The session itself is only read, and no device is needed, nor can one be moved. A picture is
+    drawn beside each if there is none.
+
+    Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o sample7-box32.h5`
     """
     with plain_errors(as_json):
         from app.commands import experiment
 
-        raise typer.Exit(experiment.replay(session, headless, pace, as_json))
+        raise typer.Exit(experiment.replay(session, headless, pace, output, overrides or (), overwrite, as_json))
 
 
 @app.command()

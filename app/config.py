@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -24,6 +25,14 @@ if TYPE_CHECKING:
 
 
 BENCHES = Path(__file__).parent / "benches"
+ANALYSED = (  # tables and options that do not say what was measured but what is made of it
+    "sample",
+    "dic",
+    "stress",
+    "camera.pixel",
+    *(f"forces.{of}_{sensor}" for of in ("sensitivity", "stiffness") for sensor in ("normal", "shear")),
+    *(f"forces.{name}" for name in ("stiffness_uncertainty", "sign", "zero", "coupling")),
+)
 
 
 class ConfigError(ValueError):
@@ -309,6 +318,36 @@ def parse_override(text: str) -> tuple[str, str, Any]:
     return table, name, value
 
 
+def revised(config: Config, overrides: Sequence[str]) -> Config:
+    """The settings of a recorded experiment, with others for its analysis.
+
+    Raises
+    ------
+    ConfigError
+        An override is not allowed, or says what was measured and not how it is analysed.
+    """
+    data: dict[str, Any] = msgspec.to_builtins(config)
+    _override(data, overrides)
+    new = from_data(data, "--set")
+    for table, (kind, _) in options(Config).items():
+        for key in options(kind):
+            was, asked = (getattr(getattr(each, table), key) for each in (config, new))
+            if was != asked and not {table, f"{table}.{key}"} & set(ANALYSED):
+                raise ConfigError(
+                    f"--set: {table}.{key} is {_toml_value(was)} in the session, as it was measured; what an analysis may change is "
+                    + ", ".join(ANALYSED)
+                )
+    return new
+
+
+def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
+    for text in overrides:
+        table, name, value = parse_override(text)
+        content = data.setdefault(table, {})
+        if isinstance(content, dict):
+            content[name] = value
+
+
 def _decode(content: bytes) -> str:
     """Text of a settings file; Windows shells write UTF-16 when they redirect output."""
     return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
@@ -332,7 +371,7 @@ def bench_text(name: str) -> str:
     return (BENCHES / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) -> Config:
+def load(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
     """Settings from a TOML file, a bench that comes with the program, or the defaults, with ``table.key=value`` overrides on top.
 
     Raises
@@ -355,9 +394,5 @@ def load(path: Path | None = None, overrides: list[str] | tuple[str, ...] = ()) 
             raise ConfigError(sentence) from None
         except ValueError as error:
             raise ConfigError(f"{path}: not a TOML file: {error}") from None
-    for text in overrides:
-        table, name, value = parse_override(text)
-        content = data.setdefault(table, {})
-        if isinstance(content, dict):
-            content[name] = value
+    _override(data, overrides)
     return from_data(data, where)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 import shutil
 from collections.abc import Callable
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +18,9 @@ from app.devices import is_unreal, make_bench, sources_of
 from app.engine.run import Run
 from app.errors import UserError
 from app.sections import Config
+from app.session.versions import versions
 from app.session.writer import RESERVE_BYTES, SessionWriter
 from drivers.bench import Bench
-
-
-def versions() -> dict[str, str]:
-    """What this program runs on, for the session's record."""
-    packages = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
-    return {"python": platform.python_version(), "platform": platform.platform(), **{name: metadata.version(name) for name in packages}}
 
 
 def expected_bytes(config: Config) -> int:
@@ -124,6 +117,7 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
             grid_x_px=grid_x_px,
             grid_y_px=grid_y_px,
             versions=versions(),
+            compression=config.recording.compression,
             overwrite=overwrite,
         )
 

@@ -1,11 +1,13 @@
-"""A saved session through the very same pipeline, frame for frame as it was analysed live. No device is involved, nor could be."""
+"""A saved session through the very same pipeline, frame for frame as it was analysed. No device is involved, nor could be."""
 
 from __future__ import annotations
 
 import dataclasses
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +16,14 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
-from app.config import from_record, tracking
+from app.config import from_record, revised, tracking
 from app.engine.feed import Feed
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
+from app.engine.series import Series
 from app.errors import UserError
 from app.playback import Browser, Playback
-from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot, without_fields
+from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot
 from app.sections import Config
 from app.session.reader import SessionReader
 
@@ -58,15 +61,15 @@ class Replay:
     ----------
     pace : float or None
         Seconds of the experiment per second; None: as fast as the machine.
+    overrides : sequence of str
+        ``table.key=value`` of settings that are not those of the session.
     """
 
-    def __init__(self, path: Path, *, pace: float | None) -> None:
+    def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
-            self.config: Config = from_record(session.config_toml, f"{path}: settings")
+            self.config: Config = revised(from_record(session.config_toml, f"{path}: settings"), overrides)
             self._recorded_counts = session.counts()
-            self._analysed = session.analysed_frames()
-        if not self._analysed:
-            raise UserError(f"{path}: no frame of this session was analysed; there is nothing to replay")
+            self._frames = self._frames_of(session)
         self.path = path
         self.title = f"replay of {path.name}"
         self.pixel_m = self.config.camera.pixel * 1e-6
@@ -76,12 +79,14 @@ class Replay:
         self._pipeline = Pipeline(self.config, (self.config.camera.height, self.config.camera.width))
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._history: History | None = None
-        self._snapshots: list[Snapshot] = []
+        self._snapshots = Series()
+        self._phase = ""
         self._latest_image: NDArray[Any] | None = None
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._state, self._reason, self._preparing = "idle", "", ""
         self._outcome: Outcome | None = None
+        self._recorded: Iterator[Snapshot] = iter(())
         self._identical = 0
         self._first_difference = ""
 
@@ -102,7 +107,12 @@ class Replay:
     @property
     def frame_count(self) -> int:
         """Frames that there are to replay."""
-        return len(self._analysed)
+        return len(self._frames)
+
+    @property
+    def can_browse(self) -> bool:
+        """Whether any frame can be looked at."""
+        return True
 
     @property
     def is_browsing(self) -> bool:
@@ -144,7 +154,7 @@ class Replay:
 
     def snapshots_since(self, n: int) -> list[Snapshot]:
         """The snapshots after the first `n`; only the newest one still holds its fields."""
-        return self._snapshots[n:]
+        return self._snapshots.since(n)
 
     def force_history(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """About `n` points so far: samples, P and Q in newtons."""
@@ -158,13 +168,13 @@ class Replay:
         return Health(
             state=self._state,
             reason=self._reason or self._preparing or ("it stands; Space goes on" if self.playback.is_paused else ""),
-            phase=str(self._snapshots[-1].phase) if done else "",
+            phase=self._phase,
             counts=self._count(),
             queue_fill=0.0,
             queue_seconds=0.0,
             disk_free_bytes=-1,  # nothing is written
             sample=self._history.end if self._history else 0,
-            progress=1.0 if self._outcome else done / len(self._analysed),
+            progress=1.0 if self._outcome else done / len(self._frames),
         )
 
     def comparison(self) -> Comparison:
@@ -174,56 +184,81 @@ class Replay:
     def _count(self) -> Counts:
         recorded = self._recorded_counts
         done = len(self._snapshots)
-        return dataclasses.replace(recorded, frames_analysed=done, frames_skipped=max(0, recorded.frames_received - len(self._analysed)))
+        return replace(recorded, frames_analysed=done, frames_skipped=max(0, recorded.frames_received - len(self._frames)))
+
+    def _frames_of(self, session: SessionReader) -> list[int]:
+        """Trigger numbers of the frames to play, in order."""
+        analysed, _ = session.analysed_frames(), session.images_path  # which may be in another file
+        if not analysed:
+            raise UserError(f"{session.path}: no frame of this session was analysed; give -o ANALYSIS.h5 to do so now")
+        return analysed
 
     def _play(self) -> None:
         process = psutil.Process()
         cpu, wall, peak = process.cpu_times(), time.monotonic(), 0
-        failed = False
+        outcome = None
         try:
             self._preparing = "compiling the image correlation"
             compile_kernels(tracking(self.config))
             self._preparing = ""
-            with SessionReader(self.path) as session:
+            with closing(self._pipeline), SessionReader(self.path) as session:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)
                 phases = [(event.sample, Phase(event.text)) for event in session.events() if event.kind == "phase"]
                 positions = zip(*(column.tolist() for column in session.positions()), strict=True)
                 feed = Feed(self._history, sensor_chain(self.config), session.forces()[1], positions, phases)
-                for number, (index, recorded) in enumerate(zip(self._analysed, session.snapshots(), strict=True)):
-                    if not self.playback.wait_for_turn(recorded.sample / self.sample_rate_hz):
+                self._begin(session)
+                for number, index in enumerate(self._frames):
+                    _, sample, image = session.frame(index)
+                    if not self.playback.wait_for_turn(sample / self.sample_rate_hz):
                         break
-                    self._play_frame(session, feed, index, recorded)
+                    feed.up_to(sample)
+                    snapshot = self._pipeline.step(index, sample, image, self._history.conditions(sample))
+                    self._take(session, number, snapshot, image)
+                    self._show(snapshot, image)
                     if number % 16 == 0:
                         peak = max(peak, process.memory_info().rss)
-            self._reason = self._reason or f"all {len(self._snapshots)} analysed frames were replayed"
-        except Exception as error:
-            failed, self._reason = True, f"replay of {self.path.name}: {error}"
-        finally:
-            self._pipeline.close()
+            self._reason = self._reason or f"all {len(self._snapshots)} {self._done}"
             used = process.cpu_times()
             resources = {
                 "peak_memory_mib": round(max(peak, process.memory_info().rss) / 2**20, 1),
                 "cpu_s": round(used.user + used.system - cpu.user - cpu.system, 2),
                 "wall_s": round(time.monotonic() - wall, 2),
             }
-            summary = None if failed else summarise(self.config, self._snapshots, self.contact(), self._pipeline.notes)
-            self._outcome = Outcome("failed" if failed else "done", self._reason, self._count(), summary, resources)
+            summary = summarise(self.config, self._snapshots.since(0), self.contact(), self._pipeline.notes)
+            outcome = self._end(Outcome("done", self._reason, self._count(), summary, resources))
+        except Exception as error:
+            self._reason = f"replay of {self.path.name}: {error}"
+            self._give_up()
+        finally:
+            self._outcome = outcome or Outcome("failed", self._reason, self._count(), None, {})
             self._state = self._outcome.state
             self._ended.set()
 
-    def _play_frame(self, session: SessionReader, feed: Feed, index: int, recorded: Snapshot) -> None:
-        _, sample, image = session.frame(index)
-        feed.up_to(sample)
-        assert self._history is not None
-        snapshot = self._pipeline.step(index, sample, image, self._history.conditions(sample))
-        unlike = difference(snapshot, recorded, besides=session.lacking | {"stress_field_pa"})
+    _done = "analysed frames were replayed"
+
+    def _begin(self, session: SessionReader) -> None:
+        """What must be done before the first frame."""
+        self._recorded = session.snapshots()
+
+    def _take(self, session: SessionReader, number: int, snapshot: Snapshot, image: NDArray[Any]) -> None:
+        """The result of the next frame: compare it with what was recorded."""
+        unlike = difference(snapshot, next(self._recorded), besides=session.lacking | {"stress_field_pa"})
         if not unlike:
             self._identical += 1
         elif not self._first_difference:
-            self._first_difference = f"frame {index}: {unlike}"
+            self._first_difference = f"frame {snapshot.frame}: {unlike}"
+
+    def _end(self, outcome: Outcome) -> Outcome:
+        """How it ended, once everything is done."""
+        return outcome
+
+    def _give_up(self) -> None:
+        """It failed: leave nothing half done."""
+
+    def _show(self, snapshot: Snapshot, image: NDArray[Any]) -> None:
+        """Let the window see a frame."""
         self._latest_image = image
-        if self._snapshots:
-            self._snapshots[-1] = without_fields(self._snapshots[-1])
+        self._phase = str(snapshot.phase)
         self._snapshots.append(snapshot)
 
 

@@ -29,8 +29,16 @@ class Event:
     """Something that happened at a sample: a change of phase, a limit, a stop."""
 
     sample: int
-    kind: str  # "phase", "reference", "gap", "import", "stop", "error"
+    kind: str  # "phase", "reference", "gap", "import", "analysis", "stop", "error"
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The session that holds the images of a further analysis: the name of its file and when it was made."""
+
+    session: str
+    started: str
 
 
 @dataclass(frozen=True, slots=True)

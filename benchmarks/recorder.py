@@ -89,7 +89,7 @@ def main(folder: Path, seconds: float) -> None:
     )
     rate = RATE_HZ / DIVISOR
     failures: list[str] = []
-    recorder = Recorder(writer, int(QUEUE_S * rate * images[0].nbytes), FLUSH_S, sender_waits=False, on_failure=failures.append)
+    recorder = Recorder(writer, QUEUE_S, rate * images[0].nbytes, FLUSH_S, sender_waits=False, on_failure=failures.append)
     measured = Measured(recorder, writer)
     thread = threading.Thread(target=measured.work)
     thread.start()

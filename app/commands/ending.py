@@ -32,6 +32,17 @@ def report_replay(source: Any, outcome: Outcome, session: Path, as_json: bool) -
     return _report(outcome, "replay", session, picture, as_json, {"comparison": extra})
 
 
+def report_analysis(source: Any, outcome: Outcome, as_json: bool) -> dict[str, Any]:
+    """As of a run, with what the session held beside what was found now."""
+    from app.report.summary import compared_rows, plain
+
+    made = source.output if outcome.state == "done" else None
+    picture = _draw(made, as_json) if made else None
+    if not as_json and outcome.summary and source.recorded_summary:
+        print_rows(f"{source.path.name} and {source.output.name}", compared_rows(source.recorded_summary, outcome.summary))
+    return _report(outcome, "analysis", made, picture, as_json, {"source": str(source.path), "recorded": plain(source.recorded_summary)})
+
+
 def _report(
     outcome: Outcome, what: str, session: Path | None, picture: Path | None, as_json: bool, extra: dict[str, Any]
 ) -> dict[str, Any]:

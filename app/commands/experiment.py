@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from app.commands.ending import report_replay, report_run
+from app.commands.ending import report_analysis, report_replay, report_run
 from app.commands.names import check_session_and_picture, mark_of, new_session_name, next_free, parse_pace
 from app.commands.terminal import DONE, FAILED, Bar, print_json, say
 from app.config import load
@@ -138,32 +138,52 @@ def run(
     return FAILED if ended and ended[-1]["state"] == "failed" else DONE
 
 
-def replay(session: Path, headless: bool, pace: str | None, as_json: bool) -> int:
-    """Replay a session and report it; the exit code."""
+def replay(
+    session: Path,
+    headless: bool,
+    pace: str | None,
+    output: Path | None,
+    overrides: Sequence[str],
+    overwrite: bool,
+    as_json: bool,
+) -> int:
+    """Replay a session, or analyse it once more into `output` where that or other settings are asked, and report it; the exit code."""
     problem = window_problem(headless)
-    speed = parse_pace(pace or ("1" if problem is None else "max"))
+    once_more = output is not None or bool(overrides)
+    speed = parse_pace(pace or ("1" if problem is None and not once_more else "max"))
+    from app.reanalysis import Reanalysis
     from app.replay import make_replay
 
     made: list[Any] = []
 
     def make() -> Any:
-        made.append(make_replay(session, pace=speed))
+        """The first analysis has the name that was asked; further ones in the same window never replace anything."""
+        if not once_more:
+            return make_replay(session, pace=speed)
+        asked = output or session.with_stem(f"{session.stem}-analysis")
+        first = output is not None and not made
+        path = asked if first else next_free(asked)
+        check_session_and_picture(path, overwrite and first)
+        return Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite and first)
+
+    def make_and_keep() -> Any:
+        made.append(make())
         return made[-1]
 
     if problem is not None:
-        source = make()
+        source = make_and_keep()
         _say_why_headless(problem, as_json)
         _follow(source, as_json)
     else:
-        make_replay(session, pace=speed)  # a session that can not be replayed is refused here, not in a window
-        _in_window(make, autostart=True)
+        make()  # a session that can not be replayed is refused here, not in a window
+        _in_window(make_and_keep, autostart=True)
         for replayed in made:
             _let_end(replayed)
     source = next((replayed for replayed in reversed(made) if replayed.outcome() is not None), None)
     if source is None:
         return DONE
     outcome: Outcome = source.outcome()
-    data = report_replay(source, outcome, session, as_json)
+    data = report_analysis(source, outcome, as_json) if once_more else report_replay(source, outcome, session, as_json)
     if as_json:
         print_json(data)
     return FAILED if outcome.state == "failed" else DONE

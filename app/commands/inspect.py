@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from app.commands.terminal import DONE, output, print_json, print_rows
+from app.commands.terminal import DONE, FAILED, output, print_json, print_rows, say
 from app.config import from_record
 from app.sections import Config
 
+if TYPE_CHECKING:
+    from app.session.receipt import Receipt
 
-def info(session: Path, as_json: bool) -> int:
-    """Print what a session holds; the exit code."""
+
+def info(session: Path, as_json: bool, verify: bool = False) -> int:
+    """Print what a session holds, and with `verify` the receipt of reading it back; the exit code, 1 if it is not as it was recorded."""
     from app.report.summary import Row, counts_rows, plain, resources_rows, summary_rows
+    from app.session.journal import has_journal
     from app.session.reader import SessionReader
 
+    receipt, fault = _read_back(session) if verify else (None, "")
     with SessionReader(session) as reader:
         config = from_record(reader.config_toml, f"{session}: settings")
         summary, counts = reader.summary(), reader.counts()
@@ -35,10 +40,11 @@ def info(session: Path, as_json: bool) -> int:
             "summary": summary,
             "resources": reader.resources,
             "versions": reader.versions,
+            "has_journal": has_journal(session),
         }
     if as_json:
-        print_json(plain(data))
-        return DONE
+        print_json(plain(data | ({"receipt": receipt, "fault": fault} if verify else {})))
+        return FAILED if fault else DONE
     rows = [
         Row("format", "", f"SlipScope session, version {data['format']}"),
         Row("state", "", f"{data['state']}" + (f": {data['reason']}" if data["reason"] else "")),
@@ -55,7 +61,24 @@ def info(session: Path, as_json: bool) -> int:
         output().print(f"note: {note}")
     changed = changed_settings(config)
     print_rows("settings other than the defaults", [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")])
-    return DONE
+    if data["has_journal"]:
+        output().print(f"`slipscope repair {session} -o REPAIRED.h5` brings back what its journal holds")
+    if receipt:
+        output().print(str(receipt))
+    if fault:
+        say(fault)
+    return FAILED if fault else DONE
+
+
+def _read_back(session: Path) -> tuple[Receipt | None, str]:
+    """The receipt of a session, or why it is not as it was recorded."""
+    from app.session.journal import has_journal, journal_of
+    from app.session.receipt import NotAsRecordedError, verify
+
+    try:
+        return verify(session, journal_of(session) if has_journal(session) else None), ""
+    except NotAsRecordedError as error:
+        return None, str(error)
 
 
 def changed_settings(config: Config) -> dict[str, Any]:

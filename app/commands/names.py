@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 
 from app.errors import UserError
+from app.session.journal import journal_of
 
 
 def parse_pace(text: str) -> float | None:
@@ -36,9 +37,9 @@ def new_session_name(now: datetime) -> Path:
 
 
 def next_free(session: Path) -> Path:
-    """`session`, or the first of ``name-2``, ``name-3`` ... for which neither a session nor a picture exists."""
+    """`session`, or the first of ``name-2``, ``name-3`` ... for which neither a session nor its picture or journal exists."""
     candidate, number = session, 1
-    while candidate.exists() or picture_of(candidate).exists():
+    while any(path.exists() for path in (candidate, picture_of(candidate), journal_of(candidate))):
         number += 1
         candidate = session.with_stem(f"{session.stem}-{number}")
     return candidate
@@ -86,7 +87,7 @@ def check_session_and_picture(session: Path, overwrite: bool) -> None:
     picture = picture_of(session)
     if picture == session:
         raise UserError(f"{session}: the session would have the name of its own picture; choose another ending, such as .h5")
-    for path, what in ((session, "session"), (picture, "picture")):
+    for path, what in ((session, "session"), (picture, "picture"), (journal_of(session), "journal of a session that was cut short")):
         check_writable(path)
         if path.exists() and not overwrite:
             raise UserError(f"{path}: a {what} of that name exists; choose another name or give --overwrite")

@@ -9,25 +9,26 @@ from app.engine.history import History
 from app.engine.pipeline import Pipeline
 from app.engine.priority import give_way
 from app.engine.recorder import Recorder
-from app.results import Event, Snapshot, without_fields
+from app.engine.series import Series
+from app.results import Event
 from drivers.protocols import Frame
 
 POLL_S = 0.1
 
 
 class Analyst:
-    """Steps the pipeline frame by frame and keeps the series; only the newest snapshot keeps its fields.
+    """Steps the pipeline frame by frame and keeps the series.
 
     Attributes
     ----------
-    snapshots : list of Snapshot
-        One per analysed frame; grows at its end only.
+    series : Series
+        One snapshot per analysed frame.
     reference_taken : threading.Event
         Set once the reference image is in place.
     """
 
     def __init__(self, pipeline: Pipeline, history: History, recorder: Recorder, frames: LatestChannel[Frame]) -> None:
-        self.snapshots: list[Snapshot] = []
+        self.series = Series()
         self.reference_taken = threading.Event()
         self._pipeline = pipeline
         self._history = history
@@ -56,7 +57,5 @@ class Analyst:
         if self._pipeline.reference_frame == frame.index:
             self._recorder.event(Event(frame.sample, "reference", f"frame {frame.index}"))
             self.reference_taken.set()
-        if self.snapshots:
-            self.snapshots[-1] = without_fields(self.snapshots[-1])
-        self.snapshots.append(snapshot)
+        self.series.append(snapshot)
         self._recorder.snapshot(snapshot)

@@ -6,14 +6,13 @@ import threading
 from collections.abc import Callable
 
 from app.engine.experiment import ExperimentFailed
-from app.engine.recorder import RecorderFull
 from app.errors import UserError
 from drivers.errors import DeviceError
 
 
 def sentence(who: str, error: Exception) -> str:
     """The reason a run ends with: what was meant for people as it is, anything else with its kind."""
-    if isinstance(error, DeviceError | ExperimentFailed | RecorderFull | UserError):
+    if isinstance(error, DeviceError | ExperimentFailed | UserError):
         return str(error)
     return f"{who}: {type(error).__name__}: {error}"
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from app.results import Phase
 
 KEPT_SECONDS = 60.0  # full-rate forces kept for frames still to be analysed; far longer than any queue before the analysis
+MOST_MEANS = 4096  # an even number; twice the points of a plot
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,8 @@ class Conditions:
 class History:
     """Forces, stage positions and phases on the sample clock; written by one thread, read by any.
 
-    The forces are kept in a ring (the last minute at full rate) and as one mean per block (the whole run, for plots).
+    The last minute is kept at full rate in a ring, with the positions that go with it; for plots of the whole run there is one mean per
+    block, or per second block, per fourth ... in a long run.
     """
 
     def __init__(self, sample_rate_hz: float, exposure_samples: int) -> None:
@@ -40,8 +42,10 @@ class History:
         self._ring = np.full((int(KEPT_SECONDS * sample_rate_hz), 2), np.nan)
         self._end = 0
         self._means: list[tuple[int, float, float]] = []
+        self._blocks, self._every = 0, 1
         self._position_samples: list[int] = []
         self._positions: list[float] = []
+        self._start_m = 0.0
         self._phase_samples: list[int] = []
         self._phases: list[Phase] = []
         self._ended = False
@@ -63,11 +67,24 @@ class History:
             end = first + len(forces)
             self._ring[np.arange(first, end) % len(self._ring)] = forces
             if len(forces):
-                self._means.append((first + len(forces) // 2, float(forces[:, 0].mean()), float(forces[:, 1].mean())))
+                self._add_mean(first + len(forces) // 2, forces)
+            if not self._positions:
+                self._start_m = position_m
             self._position_samples.append(position_sample)
             self._positions.append(position_m)
+            if self._position_samples[0] < end - 2 * len(self._ring):  # a ring's at a time
+                old = bisect_left(self._position_samples, end - len(self._ring)) - 1
+                del self._position_samples[:old], self._positions[:old]
             self._end = end
             self._changed.notify_all()
+
+    def _add_mean(self, sample: int, forces: NDArray[np.float64]) -> None:
+        if self._blocks % self._every == 0:
+            self._means.append((sample, float(forces[:, 0].mean()), float(forces[:, 1].mean())))
+        self._blocks += 1
+        if len(self._means) > MOST_MEANS:
+            del self._means[1::2]
+            self._every *= 2
 
     def begin(self, phase: Phase, sample: int) -> None:
         """From `sample` on the experiment is in `phase`."""
@@ -123,7 +140,7 @@ class History:
             s0, s1 = self._position_samples[before], self._position_samples[after]
             x0, x1 = self._positions[before], self._positions[after]
         share = (sample - s0) / (s1 - s0) if s1 > s0 else 0.0
-        return x0 + (x1 - x0) * min(1.0, max(0.0, share)) - self._positions[0]
+        return x0 + (x1 - x0) * min(1.0, max(0.0, share)) - self._start_m
 
     def block_means(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """About `n` points of the whole run for a plot: samples, P, Q (means over a block, every k-th block)."""

@@ -36,32 +36,37 @@ class SessionSink(Protocol):
     def close(self) -> None: ...
 
 
-class RecorderFull(RuntimeError):
-    """The disk is slower than the bench and the queue has no room left."""
-
-
 class Recorder:
     """Hands measurements from any thread to the sink, which only `work` touches.
 
     Parameters
     ----------
-    capacity_bytes : int
-        Data that may wait.
+    queue_s, bytes_per_s : float
+        Seconds of data that may wait, and how much a second of it is.
     sender_waits : bool
         True where the sources wait for the disk (free-running simulation).
     on_failure : callable
-        Told one sentence, once, when the sink can not be written any more.
+        Told one sentence when the sink can not be written any more, or when the queue is full. It must stop what moves: after a full
+        queue all senders wait for the disk, so that whatever was measured until everything stood is recorded.
     """
 
     def __init__(
-        self, sink: SessionSink, capacity_bytes: int, flush_interval_s: float, *, sender_waits: bool, on_failure: Callable[[str], None]
+        self,
+        sink: SessionSink,
+        queue_s: float,
+        bytes_per_s: float,
+        flush_interval_s: float,
+        *,
+        sender_waits: bool,
+        on_failure: Callable[[str], None],
     ) -> None:
+        self.queue_s = queue_s
         self.frames_recorded = 0
         self.peak_memory_bytes = 0
         self._sink = sink
         self._flush_interval_s = flush_interval_s
         self._on_failure = on_failure
-        self._queue: LosslessChannel[Callable[[], None]] = LosslessChannel(capacity_bytes, sender_waits=sender_waits)
+        self._queue: LosslessChannel[Callable[[], None]] = LosslessChannel(int(queue_s * bytes_per_s), sender_waits=sender_waits)
 
     @property
     def fill(self) -> float:
@@ -132,16 +137,16 @@ class Recorder:
             self._on_failure(f"recorder: the session can not be written: {error}; everything flushed before is safe")
 
     def _put(self, write: Callable[[], None], nbytes: int) -> None:
-        """Queue one write.
-
-        Raises
-        ------
-        RecorderFull
-            The queue is full and the sources can not wait.
-        """
+        """Queue one write; where there is no room for it, name the end and wait for the disk."""
         try:
-            self._queue.put(write, nbytes)
-        except ChannelFull as error:
-            raise RecorderFull(f"recorder: the disk is too slow, {error}; what was recorded is safe") from None
+            try:
+                self._queue.put(write, nbytes)
+            except ChannelFull:
+                self._on_failure(
+                    f"recorder: the disk is slower than the data, {self.queue_s:g} s of it wait and the queue holds no more;"
+                    " record to a faster disk, or fewer frames by a larger camera.divisor; a larger recording.queue bridges longer pauses"
+                )
+                self._queue.sender_waits = True
+                self._queue.put(write, nbytes)
         except ChannelClosed:
             pass  # the failure has been told already; the run is ending

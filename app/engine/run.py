@@ -42,6 +42,8 @@ from drivers.protocols import Frame, TriggerTrain
 
 REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
 HURRIED_S = 0.2  # of frames kept for the analysis during the drive: one that takes a little longer than a frame loses none
+FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
+FIELD_BYTES, SAMPLE_BYTES = 21, 32  # of a grid point's results, and of a sample's forces and volts
 UNHURRIED_S = 1.5  # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
 
 
@@ -102,6 +104,7 @@ class Run:
         self._exposure = exposure_samples(config)
         self._pipeline = Pipeline(config, (config.camera.height, config.camera.width))
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
+        self._queue_s = max(config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz)
         self._experiment = Experiment(config)
         self._history = History(self.sample_rate_hz, self._exposure)
         self._intake = Intake(config, bench, self._history, patient=free_running)
@@ -153,8 +156,8 @@ class Run:
         return self._workers.receiver.latest_image if self._workers else None
 
     def snapshots_since(self, n: int) -> list[Snapshot]:
-        """The snapshots after the first `n`; only the newest one still holds its fields."""
-        return self._workers.analyst.snapshots[n:] if self._workers else []
+        """The snapshots after the first `n`; of all but the newest the fields are gone (`app.engine.series`)."""
+        return self._workers.analyst.series.since(n) if self._workers else []
 
     def force_history(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """About `n` points of the whole run: samples, P and Q in newtons."""
@@ -173,7 +176,7 @@ class Run:
             phase=str(self._experiment.phase) if under_way else "",
             counts=self._count(),
             queue_fill=self._workers.recorder.fill if self._workers else 0.0,
-            queue_seconds=self.config.recording.queue,
+            queue_seconds=self._queue_s,
             disk_free_bytes=disk_free,
             sample=self._history.end,
             progress=1.0 if self._outcome else self._progress,
@@ -245,13 +248,18 @@ class Run:
         summary = summarise(self.config, series, self.contact(), self._pipeline.notes) if series else None
         return Outcome("failed" if self._ending.failed else "done", self._ending.reason, self._count(), summary, resources)
 
+    def _bytes_per_s(self) -> float:
+        """What a second of the run is for the disk at most: images, forces and volts, and the results of every frame."""
+        frame = self.config.camera.width * self.config.camera.height * self._bench.camera.dtype.itemsize
+        results = FIELD_BYTES * len(self.grid_x_px) * len(self.grid_y_px)
+        return self.sample_rate_hz * ((frame + results) / self._train.divisor + SAMPLE_BYTES)
+
     def _record_run(self, sink: SessionSink) -> None:
         """From the first sample to the last byte on disk."""
-        frame_bytes = self.config.camera.width * self.config.camera.height * self._bench.camera.dtype.itemsize
-        bytes_per_s = frame_bytes * self.sample_rate_hz / self._train.divisor
         recorder = Recorder(
             sink,
-            int(max(self.config.recording.queue * bytes_per_s, 4 * frame_bytes)),
+            self._queue_s,
+            self._bytes_per_s(),
             self.config.recording.flush_interval,
             sender_waits=self._free_running,
             on_failure=lambda reason: self._ending.call(reason, failed=True),
@@ -368,7 +376,7 @@ class Run:
             frames_received=workers.receiver.received if workers else 0,
             frames_recorded=workers.recorder.frames_recorded if workers else 0,
             frames_lost=workers.receiver.lost if workers else 0,
-            frames_analysed=len(workers.analyst.snapshots) if workers else 0,
+            frames_analysed=len(workers.analyst.series) if workers else 0,
             frames_skipped=self._to_analysis.skipped,
             samples=self._history.end - self._intake.samples_lost,
             samples_lost=self._intake.samples_lost,

@@ -67,7 +67,7 @@ class Tractions:
         )
 
         self._frames = self._uncovered = self._doubtful = 0
-        self._refusals: list[str] = []
+        self._refused, self._refusal = 0, ""
         self._reach = PEAK_REACH * hertz_radius_m
         self._problem: InversionProblem | None = None
         self._last: F64 | None = None
@@ -80,8 +80,8 @@ class Tractions:
     def notes(self) -> list[str]:
         """What limits the tractions of the run so far."""
         n, said = self._frames, []
-        if self._refusals:
-            said.append(f"shear traction: {len(self._refusals)} of {n} frames were not inverted; the first: {self._refusals[0]}")
+        if self._refused:
+            said.append(f"shear traction: {self._refused} of {n} frames were not inverted; the first: {self._refusal}")
         if self._uncovered > OFTEN * n:
             said.append(f"shear traction: in {self._uncovered} of {n} frames the field does not cover the contact; widen it")
         if self._doubtful > OFTEN * n:
@@ -111,7 +111,7 @@ class Tractions:
         try:
             found = self._profile.solve(rings)
         except ValueError as error:
-            self._refusals.append(str(error))
+            self._refused, self._refusal = self._refused + 1, self._refusal or str(error)
             return {}
         self._uncovered += not found.is_covered
         self._doubtful += not found.is_converged
@@ -149,7 +149,7 @@ def _at(values: F64, places: tuple[Any, Any]) -> F64:
 
 def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[dict[str, float], tuple[str, ...]]:
     """What the summary of a drive says of the local friction law and of Young's modulus, by its names there, and notes."""
-    measured = [s for s in drive if s.stress_pa.size]
+    measured = [s for s in drive if math.isfinite(s.stress_force_n)]
     if not measured:
         return {}, ()
     sample, pixel_m = config.sample, config.camera.pixel * 1e-6
@@ -159,9 +159,10 @@ def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[dict[str, floa
     )
     noise = float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6)) if len(Q) > 8 else FORCE_NOISE_N
     noise = max(noise, 0.01 * FORCE_NOISE_N)
+    is_ringed = np.array([s.ring_radius_m.size > 0 for s in measured])  # a long series keeps the rings of some
     n = max(len(s.ring_radius_m) for s in measured)
     radii, ux, sd = (
-        np.array([np.pad(getattr(s, name), (0, n - len(getattr(s, name))), constant_values=np.nan) for s in measured])
+        np.array([np.pad(getattr(s, name), (0, n - len(getattr(s, name))), constant_values=np.nan) for s in measured])[is_ringed]
         for name in ("ring_radius_m", "ring_ux_m", "ring_sd_m")
     )
     thickness = sample.thickness * 1e-3 or math.inf
@@ -169,8 +170,8 @@ def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[dict[str, floa
         np.nanmedian(radii, axis=0),
         ux,
         sd,
-        P,
-        Q,
+        P[is_ringed],
+        Q[is_ringed],
         E=sample.young_modulus * 1e6,
         nu=sample.poisson,
         R=sample.lens_radius * 1e-3,

@@ -19,9 +19,10 @@ from app.config import exposure_samples, pixel_type, to_toml, tracking
 from app.engine.feed import Feed
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
-from app.live import versions
-from app.results import Counts, Event, Outcome, Phase, Snapshot, without_fields
+from app.engine.series import Series
+from app.results import Counts, Event, Outcome, Phase, Snapshot
 from app.sections import Config
+from app.session.versions import versions
 from app.session.writer import LONGEST_GAP_S, SessionWriter
 
 FLUSH_EVERY = 16  # frames
@@ -108,6 +109,7 @@ def _create(config: Config, measured: Measurements, pipeline: Pipeline, output: 
         grid_x_px=pipeline.grid.x_px,
         grid_y_px=pipeline.grid.y_px,
         versions=versions(),
+        compression=config.recording.compression,
         overwrite=True,
     )
 
@@ -143,7 +145,7 @@ def _write_frames(
 ) -> tuple[Counts, list[Snapshot]]:
     history = History(float(config.forces.sample_rate), exposure_samples(config))
     feed = Feed(history, sensor_chain(config), measured.volts, measured.positions, measured.phases)
-    snapshots: list[Snapshot] = []
+    series = Series()
     lost = 0
     for number, (index, sample, image) in enumerate(frames):
         if isinstance(image, str):
@@ -156,11 +158,11 @@ def _write_frames(
             if pipeline.reference_frame == index:
                 writer.append_event(Event(sample, "reference", f"frame {index}"))
             writer.append_snapshot(snapshot)
-            snapshots.append(without_fields(snapshot))
+            series.append(snapshot)
         if number % FLUSH_EVERY == 0:
             writer.flush()
         on_frame(index)
-    received, samples = len(snapshots), int(np.isfinite(measured.volts).all(axis=1).sum())
+    received, samples = len(series), int(np.isfinite(measured.volts).all(axis=1).sum())
     counts = Counts(
         triggers=received + lost,
         frames_received=received,
@@ -170,4 +172,4 @@ def _write_frames(
         samples=samples,
         samples_lost=len(measured.volts) - samples,
     )
-    return counts, snapshots
+    return counts, series.since(0)

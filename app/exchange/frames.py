@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -104,7 +105,7 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Frame]:
         name = files[i].name if names is None else names[i]
         path = by_name.pop(name, table.path.parent / name)
         frame.reason = table.texts["reason"][i] if "reason" in table.texts else ""
-        if name and path.is_file():
+        if name and os.path.isfile(path):  # False also of a name that no disk can hold
             frame.path = path
         else:
             frame.reason = frame.reason or (f"'{name}' is not there" if name else f"no file is named in {table.path.name}")

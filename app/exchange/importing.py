@@ -116,15 +116,21 @@ def _settings(sources: Sources, first: NDArray[Any], table: Table | None, forces
 
 def _place(frames: list[Frame], table: Table | None, config: Config) -> None:
     """Give each frame its sample."""
-    at = None if table is None else clock_samples(table, float(config.forces.sample_rate))
+    at = None if table is None else _samples(table, config)
     for i, frame in enumerate(frames):
         frame.sample = frame.index * config.camera.divisor if at is None else round(float(at[i]))
+
+
+def _samples(table: Table, config: Config) -> NDArray[np.float64]:
+    """The sample of each row; of images without times that of their number."""
+    at = clock_samples(table, float(config.forces.sample_rate))
+    return table.numbers.get("frame", np.arange(table.rows, dtype=np.float64)) * config.camera.divisor if at is None else at
 
 
 def _measurements(
     config: Config, frames: list[Frame], table: Table | None, forces: Table | None, sources: Sources, remarks: list[str]
 ) -> Measurements:
-    exposure, rate = exposure_samples(config), float(config.forces.sample_rate)
+    exposure = exposure_samples(config)
     volts = np.empty((0, 2)) if forces is None else _volts(config, forces)
     end = max(len(volts), frames[-1].sample + exposure)
     volts = np.concatenate([volts, np.full((end - len(volts), 2), np.nan)])
@@ -138,9 +144,7 @@ def _measurements(
     stage = np.full(len(ends), np.nan)
     for found in (forces, table):
         if found is not None and found.has("stage_m") and np.isfinite(found.numbers["stage_m"]).any():
-            at = clock_samples(found, rate)
-            assert at is not None
-            known = np.isfinite(found.numbers["stage_m"])
+            at, known = _samples(found, config), np.isfinite(found.numbers["stage_m"])
             middle = exposure / 2 if found is table else 0.0
             stage = np.interp(np.array(ends), at[known] + middle, found.numbers["stage_m"][known])
             break
@@ -183,7 +187,7 @@ def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
         if frame.phase and (not phases or frame.phase != phases[-1][1]):
             if frame.phase not in tuple(Phase):
                 raise UserError(f"metadata: phase '{frame.phase}' of frame {frame.index} is not known; there are {', '.join(Phase)}")
-            began = frame.phase_sample if frame.phase_sample >= 0 else frame.sample
+            began = frame.phase_sample if 0 <= frame.phase_sample <= frame.sample else frame.sample
             phases.append((began if phases else 0, Phase(frame.phase)))
     if phases and Phase.REFERENCE not in [phase for _, phase in phases]:
         raise UserError("metadata: no frame is of phase reference; name one, or give --reference")
@@ -240,9 +244,9 @@ def _rise(shear: NDArray[np.float64], rate: float) -> int:
     rest = np.median(mean[: max(1, int(np.argmax(np.abs(mean) > 0.5 * np.abs(mean[top]))))][:20])
     noise = float(np.nanstd(np.diff(shear)) / np.sqrt(2 * width))
     height = abs(mean[top] - rest)
-    if top < 2 or height < RISE * noise:
+    shares = np.abs(mean[: top + 1] - rest) / max(height, 1e-300)
+    if top < 2 or height < RISE * noise or shares.min() >= FOOT[0]:
         raise UserError(f"import: Q does not rise after the reference (by {height:.3g} N at most); say where the drive begins with --drive")
-    shares = np.abs(mean[: top + 1] - rest) / height
     feet = []
     for level in FOOT:
         below = int(np.flatnonzero(shares < level)[-1])

@@ -39,6 +39,7 @@ FRAMES = {
 ON_THE_CLOCK = 0.01  # of a sample: a time this near to one is its
 HOLE = 1.9  # between rows further apart than this many usual distances nothing was measured
 LONGEST_S = 3600.0  # without a row
+SPARSEST, SPARE = 1000, 1 << 22  # samples for each row, and beyond: a table of few rows must not take all memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +131,10 @@ def clock_samples(table: Table, rate_hz: float) -> F64 | None:
         raise UserError(
             f"{table.path}: {name} of row {row + 1} comes {steps[row] / rate_hz:.4g} s after the one before (or the start);"
             f" count from the start of the recording, with pauses of {LONGEST_S:g} s at most"
+        )
+    if at[-1] > SPARSEST * table.rows + SPARE:
+        raise UserError(
+            f"{table.path}: {table.rows} rows over {at[-1]:.4g} samples at {rate_hz:g} Hz found; give a lower --rate, or fewer hours"
         )
     near = np.rint(at)
     return np.where(np.abs(at - near) < ON_THE_CLOCK, near, at)

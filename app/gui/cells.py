@@ -8,6 +8,8 @@ from app.gui.numbers import NOT_KNOWN, Cell, Tone, disk_text, grouped, measured,
 from app.results import Counts, Health, Outcome, Phase, Snapshot, Summary
 from app.sections import Config
 
+QUEUE_WARNS = 0.5  # share of the recorder's queue from which the operator is told
+
 
 def readouts(normal_n: float, shear_n: float, newest: Snapshot | None) -> tuple[Cell, ...]:
     """The numbers of this instant: P, Q, Q/P, delta, c."""
@@ -26,6 +28,9 @@ def readouts(normal_n: float, shear_n: float, newest: Snapshot | None) -> tuple[
 def operator_sentence(health: Health, outcome: Outcome | None, normal_n: float, newest: Snapshot | None, config: Config) -> str:
     """One sentence: what goes on now, or why it ended."""
     reason = outcome.reason if outcome is not None else health.reason
+    if outcome is None and health.state == "running" and health.queue_fill > QUEUE_WARNS:
+        behind = f"the recorder is {queue_cell(health).value} s behind"
+        return f"The disk is slower than the data: {behind}; with a full queue the run can not go on."
     if reason:
         return reason[0].upper() + reason[1:]
     if health.state != "running":
@@ -40,15 +45,21 @@ def operator_sentence(health: Health, outcome: Outcome | None, normal_n: float, 
 
 
 def health_cells(counts: Counts) -> tuple[Cell, ...]:
-    """The account of triggers, frames and samples; a loss is red."""
+    """The account of triggers, frames and samples; a loss is red, an analysis that skips more than half of the frames amber."""
     lost = Tone.BAD if counts.frames_lost else Tone.NEUTRAL
     samples_lost = Tone.BAD if counts.samples_lost else Tone.NEUTRAL
+    skipped = counts.frames_skipped / max(1, counts.frames_received)
     return (
         Cell("triggers", grouped(counts.triggers)),
         Cell("frames received", grouped(counts.frames_received)),
         Cell("recorded", grouped(counts.frames_recorded)),
         Cell("analysed", grouped(counts.frames_analysed)),
-        Cell("skipped live", grouped(counts.frames_skipped)),
+        Cell(
+            "skipped live",
+            grouped(counts.frames_skipped),
+            detail=f"{skipped:.0%}" if counts.frames_skipped else "",
+            tone=Tone.WARN if skipped > 0.5 else Tone.NEUTRAL,
+        ),
         Cell("frames lost", grouped(counts.frames_lost), tone=lost),
         Cell("samples", grouped(counts.samples)),
         Cell("samples lost", grouped(counts.samples_lost), tone=samples_lost),
@@ -89,7 +100,7 @@ def state_tone(state: str) -> Tone:
 
 def queue_cell(health: Health) -> Cell:
     """How full the recorder's queue is, in seconds of data."""
-    tone = Tone.BAD if health.queue_fill > 0.8 else Tone.WARN if health.queue_fill > 0.5 else Tone.GOOD
+    tone = Tone.BAD if health.queue_fill > 0.8 else Tone.WARN if health.queue_fill > QUEUE_WARNS else Tone.GOOD
     return Cell("recorder queue", f"{health.queue_fill * health.queue_seconds:.1f} of {health.queue_seconds:.1f}", "s", tone=tone)
 
 

@@ -183,6 +183,8 @@ class HealthStrip(QFrame):
         if self.queue.property("tone") != str(view.queue.tone):
             self.queue.setProperty("tone", str(view.queue.tone))
             self.queue.style().polish(self.queue)
+            is_calm = view.queue.tone in (Tone.NEUTRAL, Tone.GOOD)
+            self.queue_text.setStyleSheet("" if is_calm else f"color: {theme.TONES[view.queue.tone]}; font-weight: 700;")
         self.progress.setValue(round(1000 * view.progress))
         self.progress_text.setText(f"{100 * view.progress:.0f} %")
 

@@ -5,11 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QPushButton, QSlider
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QPushButton, QSlider, QStyle
 
 from app.gui.source import PlaybackSource
 
 PACES: dict[str, float | None] = {"0.1 x": 0.1, "0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "5 x": 5.0, "10 x": 10.0, "max": None}
+
+
+class FrameSlider(QSlider):
+    """A slider that goes where it is pressed."""
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Go to the place under the pointer, and follow it from there."""
+        if event.button() is Qt.MouseButton.LeftButton:
+            self.setValue(QStyle.sliderValueFromPosition(self.minimum(), self.maximum(), int(event.position().x()), self.width()))
+        super().mousePressEvent(event)
 
 
 class PlaybackBar(QFrame):
@@ -22,7 +33,7 @@ class PlaybackBar(QFrame):
         self.setObjectName("panel")
         self._source: PlaybackSource | None = None
         self.play, self.forward, self.back = QPushButton("Pause"), QPushButton("▸|"), QPushButton("|◂")
-        self.pace, self.slider, self.place = QComboBox(), QSlider(Qt.Orientation.Horizontal), QLabel("")
+        self.pace, self.slider, self.place = QComboBox(), FrameSlider(Qt.Orientation.Horizontal), QLabel("")
         self.play.setToolTip("Space")
         self.forward.setToolTip("the next frame (right arrow); while it stands at the newest one, that is analysed")
         self.back.setToolTip("the frame before (left arrow)")
@@ -81,6 +92,8 @@ class PlaybackBar(QFrame):
         source = self._source
         if source is None:
             return
+        for widget in (self.back, self.slider):
+            widget.setEnabled(source.can_browse)
         self.play.setText("Play" if source.playback.is_paused else "Pause")
         if not self.slider.isSliderDown():
             self.slider.blockSignals(True)
@@ -94,7 +107,7 @@ class PlaybackBar(QFrame):
             source.playback.pause()
             if way > 0 and not source.is_browsing:
                 source.playback.step()
-            else:
+            elif source.can_browse:
                 source.browser.show(min(max(source.place + way, 0), source.frame_count - 1))
 
         self._do(act)

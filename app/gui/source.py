@@ -43,6 +43,10 @@ class PlaybackSource(Protocol):
         """Frames that there are to replay."""
 
     @property
+    def can_browse(self) -> bool:
+        """Whether any frame can be looked at yet."""
+
+    @property
     def is_browsing(self) -> bool:
         """Whether a recorded frame is looked at."""
 

@@ -76,6 +76,13 @@ def summary_rows(summary: Summary) -> list[Row]:
     ]
 
 
+def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
+    """What two analyses of one experiment come down to, where they differ in what is shown."""
+    pairs = zip(summary_rows(recorded), summary_rows(now), strict=True)
+    rows = [Row(a.label, a.symbol, f"{a.value} -> {b.value}") for a, b in pairs if a.value != b.value]
+    return rows or [Row("the same in all digits shown", "", "")]
+
+
 def counts_rows(counts: Counts) -> list[Row]:
     """The fate of every trigger and every sample."""
     c = counts

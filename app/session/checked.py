@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 from app.errors import UserError
+from app.session.journal import has_journal
 from app.session.layout import IMAGE, TEXT
 from app.session.texts import read_texts
 
@@ -23,6 +24,7 @@ SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond the size of the
 LARGEST_CHUNK_BYTES = 1 << 28  # a chunk is decompressed as a whole
 NUMBER = "number"  # any plain integer or float
 _BUILT_IN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
+_COPY = "use a copy of it if there is one"
 _DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError, NotImplementedError)
 
 
@@ -44,6 +46,7 @@ class CheckedFile:
         self.path, self._what = path, what
         self._file = _open(path, what)
         self._bytes = path.stat().st_size
+        self._places: dict[str, Any] = {"": self._file}
         self._datasets: dict[str, h5py.Dataset] = {}
 
     def close(self) -> None:
@@ -114,23 +117,30 @@ class CheckedFile:
 
     def damaged(self, path: str, found: str) -> UserError:
         """The error that says so."""
-        return UserError(f"{self.path}: the {self._what} is damaged at {path}: {found}; use a copy of it if there is one")
+        return UserError(f"{self.path}: the {self._what} is damaged at {path}: {found}; {_remedy(self.path, _COPY)}")
 
     def _place(self, path: str) -> Any:
         """What lies at a path; None for nothing. Only hard links are followed: they can not leave the file."""
         with self.reading(path):
-            place: Any = self._file
+            place, at = self._places[""], ""
             for part in path.strip("/").split("/"):
-                if not isinstance(place, h5py.Group) or not place.id.links.exists(part.encode()):
-                    return None
-                if place.id.links.get_info(part.encode()).type != h5py.h5l.TYPE_HARD:
-                    raise ValueError("it is a link to elsewhere")
-                place = place[part]
+                at += f"/{part}"
+                if at not in self._places:
+                    self._places[at] = _inside(place, part)
+                place = self._places[at]
             return place
 
     def _check_claim(self, dataset: h5py.Dataset, shape: tuple[int, ...]) -> None:
         if math.prod(shape) * max(1, dataset.dtype.itemsize) > self._bytes + SLACK_BYTES:
             raise ValueError(f"it claims the shape {dataset.shape} in a file of {self._bytes} bytes")
+
+
+def _inside(group: Any, name: str) -> Any:
+    if not isinstance(group, h5py.Group) or not group.id.links.exists(name.encode()):
+        return None
+    if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+        raise ValueError("it is a link to elsewhere")
+    return group[name]
 
 
 def _is_of(dataset: h5py.Dataset, wanted: str) -> bool:
@@ -148,6 +158,7 @@ def _is_of(dataset: h5py.Dataset, wanted: str) -> bool:
 def _open(path: Path, what: str) -> h5py.File:
     if not path.is_file():
         raise UserError(f"{path}: there is no such {what} to read; check the name")
+    another = _remedy(path, f"give a {what} that SlipScope wrote")
     try:
         with path.open("rb") as opened:
             opened.read(1)
@@ -155,16 +166,22 @@ def _open(path: Path, what: str) -> h5py.File:
     except OSError as error:
         cause = str(error)
         if "signature not found" in cause:
-            raise UserError(f"{path}: can not be read, it is not an HDF5 file; give a {what} that SlipScope wrote") from None
+            raise UserError(f"{path}: can not be read, it is not an HDF5 file; {another}") from None
         if "truncated file" in cause:
-            raise UserError(f"{path}: the file is cut short, as by a copy that was broken off; copy it again from where it came") from None
+            again = _remedy(path, "copy it again from where it came")
+            raise UserError(f"{path}: the file is cut short, as by a kill or a copy that was broken off; {again}") from None
         if "lock" in cause:
             raise UserError(f"{path}: another program is writing to it; wait for its end") from None
         cause = os.strerror(error.errno) if error.errno else cause
-        raise UserError(f"{path}: the {what} can not be read: {cause}") from None
+        raise UserError(f"{path}: the {what} can not be read: {cause}; {_remedy(path, _COPY)}") from None
     except _DAMAGE as error:
-        raise UserError(f"{path}: the {what} is damaged at its beginning: {error}; use a copy of it if there is one") from None
+        raise UserError(f"{path}: the {what} is damaged at its beginning: {error}; {_remedy(path, _COPY)}") from None
     if file.userblock_size or file.id.get_create_plist().get_sizes() != (8, 8):
         file.close()
-        raise UserError(f"{path}: HDF5, but not as SlipScope writes it; give a {what} that SlipScope wrote")
+        raise UserError(f"{path}: HDF5, but not as SlipScope writes it; {another}")
     return file
+
+
+def _remedy(path: Path, otherwise: str) -> str:
+    """What to do with a file that can not be read: its journal, where it has one, brings a session back."""
+    return f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds" if has_journal(path) else otherwise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -77,6 +78,15 @@ def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Sequence[
     column[start:end] = values
 
 
+GZIP_LEVEL = 1  # noise, which most of an image is, gains nothing from more
+
+
+def stored(dataset: h5py.Dataset, array: NDArray[Any]) -> bytes | NDArray[Any]:
+    """A chunk as it lies in the file: as it is, or deflated where the dataset is compressed."""
+    array = np.ascontiguousarray(array)
+    return array if dataset.compression is None else zlib.compress(array.data, GZIP_LEVEL)
+
+
 def append_chunks(datasets: list[h5py.Dataset], arrays: list[NDArray[Any]]) -> int:
     """Row at which the arrays, one for each dataset, were added as one chunk each; on failure none of them was."""
     for dataset, array in zip(datasets, arrays, strict=True):
@@ -88,7 +98,7 @@ def append_chunks(datasets: list[h5py.Dataset], arrays: list[NDArray[Any]]) -> i
     try:
         for dataset, array in zip(datasets, arrays, strict=True):
             dataset.resize(row + 1, axis=0)
-            dataset.id.write_direct_chunk((row, 0, 0), np.ascontiguousarray(array))
+            dataset.id.write_direct_chunk((row, 0, 0), stored(dataset, array))
     except BaseException:
         for dataset in datasets:
             dataset.resize(row, axis=0)
@@ -97,9 +107,14 @@ def append_chunks(datasets: list[h5py.Dataset], arrays: list[NDArray[Any]]) -> i
 
 
 def make_group(
-    file: h5py.File, group: Group, sizes: Mapping[str, int], values: Mapping[str, Any], image: np.dtype[Any] | None = None
+    file: h5py.File,
+    group: Group,
+    sizes: Mapping[str, int],
+    values: Mapping[str, Any],
+    image: np.dtype[Any] | None = None,
+    compression: str = "none",
 ) -> None:
-    """Make a group with all its datasets, growing ones empty, the others holding their values."""
+    """Make a group with all its datasets, growing ones empty, the others holding their values; `compression` is that of the images."""
     made = file.create_group(group.path)
     made.attrs["NX_class"] = group.nx_class
     if group.signal:
@@ -108,7 +123,8 @@ def make_group(
     if group.auxiliary_signals:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
     for item in layout.items_of(group.path):
-        dataset = _make_dataset(file, item, sizes, values, image)
+        filters = {"compression": "gzip", "compression_opts": GZIP_LEVEL} if (item.dtype, compression) == (layout.IMAGE, "gzip") else {}
+        dataset = _make_dataset(file, item, sizes, values, image, filters)
         dataset.attrs["long_name"] = item.meaning
         if item.unit:
             dataset.attrs["units"] = item.unit
@@ -117,7 +133,12 @@ def make_group(
 
 
 def _make_dataset(
-    file: h5py.File, item: Item, sizes: Mapping[str, int], values: Mapping[str, Any], image: np.dtype[Any] | None
+    file: h5py.File,
+    item: Item,
+    sizes: Mapping[str, int],
+    values: Mapping[str, Any],
+    image: np.dtype[Any] | None,
+    filters: Mapping[str, Any],
 ) -> h5py.Dataset:
     dtype: Any = h5py.string_dtype() if item.dtype == layout.TEXT else image if item.dtype == layout.IMAGE else np.dtype(item.dtype)
     growing = [side in GROWING for side in item.shape]
@@ -130,7 +151,7 @@ def _make_dataset(
     maxshape = tuple(None if grows else side for side, grows in zip(shape, growing, strict=True))
     chunks = (item.rows, *(side or 32 for side in shape[1:]))
     fill = np.nan if np.issubdtype(dtype, np.floating) else None
-    return file.create_dataset(item.path, shape, dtype, maxshape=maxshape, chunks=chunks, fillvalue=fill)
+    return file.create_dataset(item.path, shape, dtype, maxshape=maxshape, chunks=chunks, fillvalue=fill, **filters)
 
 
 def storable(text: str) -> str:

@@ -24,12 +24,18 @@ SUFFIX = ".journal"
 _MAGIC = b"SlipScope journal 1\n"
 _HEAD = struct.Struct("<cII")  # kind, bytes of the payload, CRC-32 of the payload
 _FIRST = struct.Struct("<q")
+_LONGEST_WORDS = 1 << 24  # bytes; the settings and the grid of a session have a hundredth of it
 _WORDS, _SAMPLES = b"W", b"S"  # a JSON list: what, values...; or a number, volts and newtons in binary
 
 
 def journal_of(session: Path) -> Path:
     """Where the journal of a session lies."""
     return session.with_name(session.name + SUFFIX)
+
+
+def has_journal(session: Path) -> bool:
+    """Whether beside a session lies a journal that `slipscope repair` can begin with."""
+    return journal_of(session).is_file() and next(records(journal_of(session)))[0] == "session"
 
 
 class Journal:
@@ -97,9 +103,13 @@ def records(path: Path) -> Iterator[tuple[Any, ...]]:
 
 def _decoded(kind: bytes, payload: bytes) -> tuple[Any, ...] | None:
     """A record as `records` gives it; None where it is none."""
-    if kind == _WORDS:
-        return tuple(json.loads(payload))
-    if kind != _SAMPLES or (len(payload) - _FIRST.size) % 32:
-        return None
-    volts, forces = np.frombuffer(payload, "<f8", offset=_FIRST.size).reshape(2, -1, 2)
-    return "samples", _FIRST.unpack_from(payload)[0], volts, forces
+    try:
+        if kind == _WORDS and len(payload) <= _LONGEST_WORDS:
+            words = json.loads(payload)
+            return tuple(words) if isinstance(words, list) and words and isinstance(words[0], str) else None
+        if kind == _SAMPLES:
+            volts, forces = np.frombuffer(payload, "<f8", offset=_FIRST.size).reshape(2, -1, 2)
+            return "samples", _FIRST.unpack_from(payload)[0], volts, forces
+    except (ValueError, TypeError, RecursionError):
+        pass
+    return None

@@ -1,8 +1,8 @@
 """The session file on one page: every group and dataset with its shape, unit and meaning. Writer and reader know no other names.
 
 A session is one HDF5 file in NeXus style. ``/@default`` leads to the load curve: shear force against stage displacement.
-Nothing is compressed, so every HDF5 reader opens it. Row ``n`` of the forces is sample ``n`` of the DAQ clock; missing samples
-are NaN and listed in `gaps`. Every trigger has a row in `triggers`, which is the truth about what was recorded.
+Nothing is compressed (but the images by gzip, if asked), so every HDF5 reader opens it. Row ``n`` of the forces is sample ``n`` of the
+DAQ clock; missing samples are NaN and listed in `gaps`. Every trigger has a row in `triggers`, which is the truth about what was recorded.
 """
 
 from __future__ import annotations
@@ -67,6 +67,7 @@ GROUPS = (
     Group("/entry/run", "NXcollection", "how the run ended"),
     Group("/entry/settings", "NXcollection", "what the run was asked to do"),
     Group("/entry/versions", "NXcollection", "what it ran on"),
+    Group("/entry/source", "NXcollection", "the session that holds the images; only in a further analysis of one"),
     Group("/entry/clock", "NXcollection", "the DAQ sample clock and the camera triggers cut from it"),
     Group("/entry/instrument", "NXinstrument", "the bench"),
     Group("/entry/instrument/camera", "NXdetector", "the triggered camera"),
@@ -84,7 +85,7 @@ GROUPS = (
     Group("/entry/summary", "NXcollection", "what the experiment comes down to; absent in an unfinished or failed run"),
     Group("/entry/counts", "NXcollection", "the account of the run; absent in an unfinished one"),
 )
-LATER = frozenset({"/entry/contact", "/entry/profile", "/entry/summary", "/entry/counts"})  # not made at the start
+LATER = frozenset({"/entry/source", "/entry/contact", "/entry/profile", "/entry/summary", "/entry/counts"})  # not in every session
 
 ITEMS = (
     Item("/entry/title", (), TEXT, "", "what this is, for a reader"),
@@ -95,8 +96,10 @@ ITEMS = (
     Item("/entry/run/reason", (), TEXT, "", "one sentence: why it ended"),
     Item("/entry/run/resources", (), TEXT, "", "memory, processor and wall time of the run, as JSON"),
     Item("/entry/settings/toml", (), TEXT, "", "the settings used, complete"),
-    Item("/entry/versions/name", ("programs",), TEXT, "", "program or library"),
-    Item("/entry/versions/version", ("programs",), TEXT, "", "its version"),
+    Item("/entry/versions/name", ("programs",), TEXT, "", "program, library, or the computer, its processor and system"),
+    Item("/entry/versions/version", ("programs",), TEXT, "", "its version, or what it is"),
+    Item("/entry/source/session", (), TEXT, "", "name of its file, which lies beside this one", since=4),
+    Item("/entry/source/start_time", (), TEXT, "", "its start_time, which tells it from others of that name", since=4),
     Item("/entry/clock/sample_rate", (), "float64", "Hz", "rate of the DAQ sample clock, the only time base"),
     Item("/entry/clock/first_trigger", (), "int64", "samples", "sample of trigger 0"),
     Item("/entry/clock/divisor", (), "int64", "samples", "samples from one trigger to the next"),
@@ -107,7 +110,13 @@ ITEMS = (
     Item("/entry/instrument/actuator/position", ("positions",), "float64", "m", "position of the stage, in its own coordinate"),
     Item("/entry/triggers/index", ("triggers",), "int64", "1", "trigger number, from 0"),
     Item("/entry/triggers/sample", ("triggers",), "int64", "samples", "sample on which the exposure started"),
-    Item("/entry/triggers/image", ("triggers",), "int64", "1", "row of its image in camera/data; -1: the frame was lost"),
+    Item(
+        "/entry/triggers/image",
+        ("triggers",),
+        "int64",
+        "1",
+        "row of its image in camera/data (of the source, if any); -1: it was lost",
+    ),
     Item("/entry/triggers/reason", ("triggers",), TEXT, "", "why the frame was lost; empty where it was received"),
     Item("/entry/triggers/analysed", ("triggers",), "uint8", "1", "1: analysed during the run; 0: not"),
     Item("/entry/triggers/checksum", ("triggers",), "uint32", "1", "CRC-32 of its image, row by row; 0 where the frame was lost", since=4),
@@ -118,7 +127,7 @@ ITEMS = (
     Item("/entry/gaps/first", ("gaps",), "int64", "samples", "first missing sample"),
     Item("/entry/gaps/count", ("gaps",), "int64", "samples", "how many are missing"),
     Item("/entry/events/sample", ("events",), "int64", "samples", "when it happened"),
-    Item("/entry/events/kind", ("events",), TEXT, "", "phase, reference, gap, import, stop or error"),
+    Item("/entry/events/kind", ("events",), TEXT, "", "phase, reference, gap, import, analysis, stop or error"),
     Item("/entry/events/text", ("events",), TEXT, "", "what happened"),
     Item("/entry/results/frame", ("results",), "int64", "1", "trigger number of the frame, in the order of analysis"),
     Item("/entry/results/sample", ("results",), "int64", "samples", "sample on which its exposure started"),

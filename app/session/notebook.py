@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.results import ContactResult, Event, Phase, Summary
+from app.results import ContactResult, Event, Phase, Source, Summary
+from app.session.analyses import analyses_of
 from app.session.reader import SessionReader
 from app.toml import parse_toml
 
@@ -197,6 +198,21 @@ class Session:
     def lost_frames(self) -> list[tuple[int, int, str]]:
         """Trigger number, sample and reason of each frame that was lost."""
         return self._reader.lost_frames()
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Name -> version of the program and libraries that made the results, and the computer they were made on."""
+        return self._reader.versions
+
+    @property
+    def source(self) -> Source | None:
+        """Of a further analysis: the session that holds the images. None where they are in this file."""
+        return self._reader.source
+
+    @cached_property
+    def analyses(self) -> list[Path]:
+        """Files beside this session with other results of the same images (`slipscope replay --set`), each a `Session`."""
+        return analyses_of(self._reader.path)
 
     @property
     def sample_rate_hz(self) -> float:

@@ -12,13 +12,14 @@ from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
+from zlib import crc32
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.results import ContactResult, Counts, Event, Phase, Snapshot, Summary
+from app.results import ContactResult, Counts, Event, Phase, Snapshot, Source, Summary
 from app.session import layout
 from app.session.checked import CheckedFile
 from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION, NO_ROW, TEXT
@@ -59,6 +60,15 @@ class SessionReader:
     def close(self) -> None:
         """Let go of the file. May be called twice."""
         self._file.close()
+        if (images := self.__dict__.get("_images", self)) is not self:
+            images.close()
+
+    @cached_property
+    def source(self) -> Source | None:
+        """The session that holds the images of a further analysis; None where they are in this file."""
+        if not self._file.has("/entry/source"):
+            return None
+        return Source(self._text("/entry/source/session"), self._text("/entry/source/start_time"))
 
     @cached_property
     def lacking(self) -> frozenset[str]:
@@ -108,6 +118,11 @@ class SessionReader:
         """Type of a pixel."""
         dtype: np.dtype[Any] = self._dataset("/entry/instrument/camera/data").dtype
         return dtype
+
+    @cached_property
+    def compression(self) -> str:
+        """How the images in this file are compressed: "none" or "gzip"."""
+        return "gzip" if self._dataset("/entry/instrument/camera/data").compression == "gzip" else "none"
 
     @cached_property
     def grid_x_px(self) -> NDArray[np.float64]:
@@ -164,6 +179,13 @@ class SessionReader:
         volts = np.column_stack([table["normal_sensor"], table["shear_sensor"]])
         return 0, volts, np.column_stack([table["normal_force"], table["shear_force"]])
 
+    def stretches(self) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+        """First sample, volts and newtons of the forces between the gaps; an empty one at the end if they end with a gap."""
+        start, volts, forces = self.forces()
+        for first, count in [*self.gaps(), (len(volts), 0)]:
+            yield start, volts[start:first], forces[start:first]
+            start = first + count
+
     def gaps(self) -> list[tuple[int, int]]:
         """First sample and length of each gap in the forces."""
         table = self._table("/entry/gaps")
@@ -198,8 +220,19 @@ class SessionReader:
         if index not in self._frame_rows:
             raise UserError(f"{self.path}: there is no image of trigger {index} in this session; `slipscope info` lists what there is")
         row = self._frame_rows[index]
-        image = self._row("/entry/instrument/camera/data", int(self._triggers["image"][row]))
+        image = self._images._row("/entry/instrument/camera/data", self.image_row(index))
+        if self._images is not self and crc32(image.data) != self._triggers["checksum"][row]:
+            raise UserError(f"{self._images.path}: the image of trigger {index} is not the one that was analysed; use a whole copy of it")
         return index, int(self._triggers["sample"][row]), image
+
+    @property
+    def images_path(self) -> Path:
+        """The file that holds the images: this one, or the source."""
+        return self._images.path
+
+    def image_row(self, index: int) -> int:
+        """Row of the image of trigger `index` in the file that holds the images."""
+        return int(self._triggers["image"][self._frame_rows[index]])
 
     def analysed_frames(self) -> list[int]:
         """Trigger numbers of the frames analysed during the run, in that order."""
@@ -216,8 +249,7 @@ class SessionReader:
 
     def snapshots(self) -> Iterator[Snapshot]:
         """What was found on each analysed frame, in order."""
-        for i in range(len(self._results["frame"])):
-            yield self.snapshot(i)
+        yield from map(self.snapshot, range(len(self._results["frame"])))
 
     def snapshot(self, i: int) -> Snapshot:
         """What was found on the `i`-th analysed frame."""
@@ -233,21 +265,21 @@ class SessionReader:
 
     def contact(self) -> ContactResult | None:
         """The apparent contact; None where it was not measured."""
-        if not self._has("/entry/contact"):
+        if not self._file.has("/entry/contact"):
             return None
         values = {attribute: self._value(f"/entry/{name}") for name, attribute in layout.CONTACT.items()}
         return ContactResult(**values)
 
     def summary(self) -> Summary | None:
         """What the experiment comes down to; None in a run that was not finished or failed."""
-        if not self._has("/entry/summary"):
+        if not self._file.has("/entry/summary"):
             return None
         held = {name: attribute for name, attribute in layout.SUMMARY.items() if _ITEMS[f"/entry/summary/{name}"].since <= self.format}
         return Summary(**{attribute: self._value(f"/entry/summary/{name}") for name, attribute in held.items()})
 
     def counts(self) -> Counts:
         """The account of the run; of a session cut short, of what is in the file."""
-        if self._has("/entry/counts"):
+        if self._file.has("/entry/counts"):
             return Counts(**{field.name: int(self._read(f"/entry/counts/{field.name}")) for field in dataclasses.fields(Counts)})
         triggers, frames, analysed = len(self._triggers["index"]), len(self._frame_rows), len(set(self.analysed_frames()))
         samples, lost = len(self._table("/entry/forces")["normal_force"]), sum(count for _, count in self.gaps())
@@ -261,6 +293,22 @@ class SessionReader:
             samples=samples - lost,
             samples_lost=lost,
         )
+
+    @cached_property
+    def _images(self) -> SessionReader:
+        """The session that holds the images: this one, or the one beside it that was analysed once more."""
+        if self.source is None:
+            return self
+        with self._file.reading("/entry/source/session"):
+            path = self.path.with_name(self.source.session)
+        if not path.is_file():
+            raise UserError(f"{self.path}: its images are in {path.name}, which does not lie beside it; put both into one folder")
+        held = SessionReader(path)
+        found = (held.source, held.started, held.frame_shape, held.frame_dtype)
+        if found != (None, self.source.started, self.frame_shape, self.frame_dtype):
+            held.close()
+            raise UserError(f"{self.path}: {path.name} is not the session that was analysed; put that one beside it")
+        return held
 
     @cached_property
     def _triggers(self) -> dict[str, NDArray[Any]]:
@@ -308,9 +356,6 @@ class SessionReader:
             if item.group not in layout.LATER and item.since <= self.format:
                 self._dataset(item.path)
 
-    def _has(self, group: str) -> bool:
-        return self._file.has(group)
-
     def _dataset(self, path: str) -> h5py.Dataset:
         item = _ITEMS[path]
         return self._file.dataset(path, item.shape, item.dtype)
@@ -345,9 +390,8 @@ class SessionReader:
 
     def _table(self, group: str) -> dict[str, NDArray[Any]]:
         """The columns of a group, cut to the shortest: a program that was killed may have lengthened only some."""
-        columns = {
-            item.name: self._read(item.path) for item in layout.items_of(group) if len(item.shape) == 1 and item.since <= self.format
-        }
+        held = [item for item in layout.items_of(group) if len(item.shape) == 1 and item.since <= self.format]
+        columns = {item.name: self._read(item.path) for item in held}
         rows = min(len(column) for column in columns.values())
         return {name: column[:rows] for name, column in columns.items()}
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
+from app.session.checked import CheckedFile
 from app.session.journal import records
 from app.session.reader import SessionReader
 
@@ -21,11 +22,16 @@ _FORCES = ("normal_sensor", "shear_sensor", "normal_force", "shear_force")
 _SLAB = 1 << 18  # samples read at a time
 
 
+class NotAsRecordedError(UserError):
+    """A session that can be read, but does not hold what was recorded."""
+
+
 @dataclass(frozen=True, slots=True)
 class Receipt:
     """The account of a session that was read back to the last byte.
 
     `checksum` is one over all images and forces, the same at any later time; `seconds` is how long the reading took.
+    `checked` is False of a session of format 3 or older: its images have no checksums to be held against.
     """
 
     frames: int
@@ -35,12 +41,14 @@ class Receipt:
     bytes: int
     checksum: str
     seconds: float
+    checked: bool
 
     def __str__(self) -> str:
         """One sentence for the person at the bench."""
+        how = "as they were written" if self.checked else "without checksums to hold them against"
         return (
             f"{self.frames} frames, {self.frames_lost} lost, {self.samples} samples, {self.gaps} gaps, {self.bytes / 1e6:.1f} MB"
-            f" read back as they were written in {self.seconds:.1f} s; checksum {self.checksum}"
+            f" read back {how} in {self.seconds:.1f} s; checksum {self.checksum}"
         )
 
 
@@ -72,11 +80,13 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
 
     Raises
     ------
+    NotAsRecordedError
+        What was found is not what was written; the sentence says where.
     UserError
-        It can not be read, or what was found is not what was written; the sentence says where.
+        It can not be read.
     """
     began = time.monotonic()
-    with SessionReader(session) as reader, h5py.File(session, "r") as file:
+    with SessionReader(session) as reader, closing(CheckedFile(session, "session")) as file:
         found = _Account(dict.fromkeys(reader.triggers()["index"].tolist()))
         found.frames |= {index: crc32(np.ascontiguousarray(image).data) for index, _, image in reader.frames()}
         found.gaps, found.positions, found.events = len(reader.gaps()), len(reader.positions()[0]), len(reader.events())
@@ -85,10 +95,14 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
         held = {} if reader.format < 4 else checksums(reader, file)
     wrong = [index for index, checksum in held.items() if found.frames[index] != checksum]
     if wrong:
-        raise UserError(f"{session}: {_numbered('image', wrong)} not as recorded; `slipscope repair` makes a session of the others")
+        raise NotAsRecordedError(
+            f"{session}: {_numbered('image', wrong)} not as recorded; `slipscope repair` makes a session of the others"
+        )
     told = _told(journal, found.samples) if journal else found
     if told != found:
-        raise UserError(f"{session}: {_difference(found, told)}; the journal is kept, `slipscope repair` makes a whole session of both")
+        raise NotAsRecordedError(
+            f"{session}: {_difference(found, told)}; the journal is kept, `slipscope repair` makes a whole session of both"
+        )
     bits = np.array([*(checksum or 0 for checksum in found.frames.values()), *found.forces], np.uint32)
     return Receipt(
         frames=sum(checksum is not None for checksum in found.frames.values()),
@@ -98,21 +112,24 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
         bytes=session.stat().st_size,
         checksum=f"{crc32(bits.data):08x}",
         seconds=round(time.monotonic() - began, 2),
+        checked=reader.format >= 4,
     )
 
 
-def checksums(reader: SessionReader, file: h5py.File) -> dict[int, int]:
+def checksums(reader: SessionReader, file: CheckedFile) -> dict[int, int]:
     """Trigger number -> CRC-32 of the image as it was recorded, of the frames received."""
-    triggers, column = reader.triggers(), file["/entry/triggers/checksum"][()]
+    triggers, column = reader.triggers(), file.read(file.dataset("/entry/triggers/checksum", ("triggers",), "uint32"))
     return {int(t["index"]): int(checksum) for t, checksum in zip(triggers, column, strict=False) if t["received"]}
 
 
-def _slabs(file: h5py.File) -> Iterator[NDArray[np.float64]]:
+def _slabs(file: CheckedFile) -> Iterator[NDArray[np.float64]]:
     """The forces as they are stored, a part at a time."""
-    columns = [file[f"/entry/forces/{name}"] for name in _FORCES]
+    columns = [file.dataset(f"/entry/forces/{name}", ("samples",), "float64") for name in _FORCES]
     rows = min(len(column) for column in columns)
     for start in range(0, rows, _SLAB):
-        yield np.stack([column[start : min(start + _SLAB, rows)] for column in columns])
+        with file.reading("/entry/forces"):
+            slab = np.stack([column[start : min(start + _SLAB, rows)] for column in columns])
+        yield slab
 
 
 def _told(journal: Path, most: int) -> _Account:
@@ -128,6 +145,8 @@ def _told(journal: Path, most: int) -> _Account:
                 told.skip(min(first + count, most + 1))
                 told.events += 1
             case "frame", (int(index), _, _, _, int(checksum)):
+                told.frames[index] = checksum
+            case "source_frame", (int(index), _, _, int(checksum)):
                 told.frames[index] = checksum
             case "lost_frame", (int(index), _, _):
                 told.frames[index] = None

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import struct
+import math
+import zlib
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 from zlib import crc32
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.results import Event, Outcome
-from app.session.journal import journal_of, records
+from app.results import Event, Outcome, Source
+from app.session.checked import CheckedFile
+from app.session.journal import has_journal, journal_of, records
 from app.session.layout import UNFINISHED
 from app.session.reader import SessionReader
 from app.session.receipt import Receipt, checksums, verify
@@ -24,7 +25,8 @@ from app.session.writer import SessionWriter
 
 FLUSH_FRAMES = 256  # of small tables that wait in memory
 _UNREADABLE = "its image can not be read, the bytes are not those that were recorded"
-_NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, struct.error)  # of a stranger's journal
+_MOST_MISSING = 1 << 22  # samples of a journal's gaps: a line of a stranger's could ask for terabytes of them
+_NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)  # of a stranger's journal
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ def repair(session: Path, output: Path, *, overwrite: bool = False, progress: Ca
     if output.absolute() == session.absolute() or (output.exists() and output.samefile(session)):
         raise UserError(f"{output}: a repair never changes the session itself; give another name")
     journal = journal_of(session)
-    source = "journal" if journal.is_file() and next(records(journal))[0] == "session" else "file"
+    source = "journal" if has_journal(session) else "file"
     with suppress(UserError), SessionReader(session) as reader:
         if reader.state != UNFINISHED or source == "file":
             receipt = verify(session, journal if source == "journal" else None)
@@ -85,18 +87,24 @@ def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, .
     _, header = next(told)
     header |= {"frame_dtype": np.dtype(header["frame_dtype"]), "frame_shape": tuple(header["frame_shape"])}
     header |= {name: np.asarray(header[name], np.float64) for name in ("grid_x_px", "grid_y_px")}
+    header |= {name: int(header[name]) for name in ("exposure_samples", "divisor", "first_trigger")}
+    header |= {name: float(header[name]) for name in ("sample_rate_hz", "pixel_m")}
+    header |= {"source": Source(**header["source"]) if header["source"] else None}
     writer = SessionWriter.create(output, **header, overwrite=overwrite)
     frames: set[int] = set()
     torn = count = cut = 0
     try:
         for what, *values in told:
-            if what == "frame":
+            if what in ("frame", "source_frame"):
                 frames.add(values[0])
             torn += what == "lost_frame" and values[2] == _UNREADABLE
             if what == "end":
                 cut = values[0]
                 break
-            getattr(writer, _TOLD[what])(*([Event(*values)] if what == "event" else values))
+            method, kinds = _TOLD[what]
+            if not all(_is_of(value, kind) for value, kind in zip(values, kinds, strict=True)):
+                raise ValueError(f"a {what} is not one")
+            getattr(writer, method)(*([Event(*values)] if what == "event" else values))
             count += 1
             if count % FLUSH_FRAMES == 0:
                 writer.flush()
@@ -109,59 +117,83 @@ def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, .
     return Repaired(session, output, source, torn, cut, results, writer.receipt)
 
 
-_TOLD = {
-    "samples": "append_samples",
-    "gap": "append_gap",
-    "frame": "append_frame",
-    "lost_frame": "append_lost_frame",
-    "position": "append_position",
-    "event": "append_event",
+_TOLD: dict[str, tuple[str, tuple[type, ...]]] = {  # record -> method of the writer and what it takes
+    "samples": ("append_samples", (int, np.ndarray, np.ndarray)),
+    "gap": ("append_gap", (int, int, str)),
+    "frame": ("append_frame", (int, int, np.ndarray)),
+    "source_frame": ("append_source_frame", (int, int, int, int)),
+    "lost_frame": ("append_lost_frame", (int, int, str)),
+    "position": ("append_position", (int, float)),
+    "event": ("append_event", (int, str, str)),
 }
+
+
+def _is_of(value: Any, kind: type) -> bool:
+    return isinstance(value, kind) and not (isinstance(value, int) and abs(value) >= 1 << 62)
 
 
 def _told_by_journal(session: Path, journal: Path, progress: Callable[[float], None]) -> Iterator[tuple[Any, ...]]:
     """What the writer was told, with the images by their place in the session, whether HDF5 can open that or not."""
-    size = session.stat().st_size
+    size = room = session.stat().st_size
+    end = missing = 0
     with session.open("rb") as file:
         for what, *values in records(journal):
             if what == "session":
                 header: dict[str, Any] = values[0]
                 shape, dtype = header["frame_shape"], np.dtype(header["frame_dtype"])
+                longest = math.prod(shape) * dtype.itemsize if header["compression"] == "gzip" else None
                 yield what, dict(header)
             elif what == "frame":
                 index, sample, place, nbytes, checksum = values
-                image = _image_at(file, place, nbytes, size, checksum)
+                image = _image_at(file, place, nbytes, size, checksum, longest)
                 progress(min(1.0, place / max(1, size)))
+                room -= nbytes if image else 0
+                if room < 0:
+                    raise ValueError("it names more images than the session has room for")
                 if image is None:
                     yield "lost_frame", index, sample, _UNREADABLE
                 else:
                     yield what, index, sample, np.frombuffer(image, dtype).reshape(shape)
             else:
+                if what in ("samples", "gap"):
+                    first, count = values[0], len(values[1]) if what == "samples" else values[1]
+                    missing += first - end + (count if what == "gap" else 0)
+                    end = first + count
+                if missing > _MOST_MISSING:
+                    raise ValueError(f"{missing} samples are missing")
                 yield what, *values
 
 
-def _image_at(file: BinaryIO, place: int, nbytes: int, size: int, checksum: int) -> bytes | None:
-    """The bytes at a place of a file; None where they are not there or not those that were recorded."""
+def _image_at(file: BinaryIO, place: int, nbytes: int, size: int, checksum: int, longest: int | None) -> bytes | None:
+    """The image at a place of a file; None where it is not there or not the one that was recorded.
+
+    `longest` is the size of one that was compressed, None of one that was not.
+    """
     if not 0 <= place <= place + nbytes <= size:
         return None
     file.seek(place)
     image = file.read(nbytes)
+    if longest is not None:
+        with suppress(zlib.error):
+            image = zlib.decompressobj().decompress(image, longest)
     return image if crc32(image) == checksum else None
 
 
 def _told_by_file(session: Path, progress: Callable[[float], None]) -> Iterator[tuple[Any, ...]]:
     """What a session without a journal can tell of itself."""
-    with SessionReader(session) as reader, h5py.File(session, "r") as file:
+    with SessionReader(session) as reader, closing(CheckedFile(session, "session")) as file:
         names = ("config_toml", "sample_rate_hz", "frame_shape", "frame_dtype", "exposure_samples", "divisor", "first_trigger", "pixel_m")
-        header = {name: getattr(reader, name) for name in (*names, "grid_x_px", "grid_y_px", "versions", "started")}
-        yield "session", header
-        yield from _forces_of(reader)
+        header = {name: getattr(reader, name) for name in (*names, "grid_x_px", "grid_y_px", "versions", "started", "compression")}
+        yield "session", header | {"source": asdict(reader.source) if reader.source else None}
+        for stretch in reader.stretches():
+            yield "samples", *stretch
         held = checksums(reader, file) if reader.format >= 4 else {}
-        triggers = reader.triggers()
+        triggers, _ = reader.triggers(), reader.images_path  # of an analysis they are in another file
         for n, (index, sample, received, _, reason) in enumerate(triggers.tolist()):
             image = _frame_of(reader, index) if received else None
             if image is not None and held.get(index) in (None, crc32(image.data)):
-                yield "frame", index, sample, image
+                own = ("frame", index, sample, image)
+                yield ("source_frame", index, sample, reader.image_row(index), held[index]) if reader.source else own
             else:
                 yield "lost_frame", index, sample, _UNREADABLE if received else reason
             progress((n + 1) / len(triggers))
@@ -169,14 +201,6 @@ def _told_by_file(session: Path, progress: Callable[[float], None]) -> Iterator[
             yield "position", sample, position
         for event in reader.events():
             yield "event", event.sample, event.kind, event.text
-
-
-def _forces_of(reader: SessionReader) -> Iterator[tuple[Any, ...]]:
-    """The samples between the gaps; the writer makes the gaps again where they are left out."""
-    start, volts, forces = reader.forces()
-    for first, count in [*reader.gaps(), (len(volts), 0)]:
-        yield "samples", start, volts[start:first], forces[start:first]
-        start = first + count
 
 
 def _frame_of(reader: SessionReader, index: int) -> NDArray[Any] | None:
@@ -189,7 +213,7 @@ def _frame_of(reader: SessionReader, index: int) -> NDArray[Any] | None:
 def _copy_results(session: Path, writer: SessionWriter, frames: set[int], torn: int) -> int:
     """How many analysed frames had their results copied; none where HDF5 can not read them any more. Tells how the run ended, too."""
     copied, state, outcome = 0, UNFINISHED, None
-    with suppress(UserError), SessionReader(session) as reader:
+    with suppress(UserError, ValueError), SessionReader(session) as reader:  # ValueError: results that do not fit the images
         for snapshot in reader.snapshots():
             if snapshot.frame in frames:
                 writer.append_snapshot(snapshot)

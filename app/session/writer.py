@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from io import FileIO
 from pathlib import Path
 from typing import Any, Self
@@ -26,17 +26,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import UserError
-from app.results import ContactResult, Event, Outcome, Snapshot
+from app.results import ContactResult, Event, Outcome, Snapshot, Source
 from app.session import layout
 from app.session.columns import Table, append_chunks, make_group, storable
-from app.session.journal import Journal, journal_of
+from app.session.files import abandon, new_files
+from app.session.journal import Journal
 from app.session.layout import GROUPS, LATER, NO_ROW
 from app.session.receipt import Receipt, verify
 
 RESERVE_BYTES = 32 << 20  # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if it can not
 LONGEST_GAP_S = 3600.0  # the missing samples are written as NaN; more than this is a wrong sample number, not a gap
-_LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark that would lock the file after a kill
 
 
 class SessionWriter:
@@ -86,6 +85,8 @@ class SessionWriter:
         grid_y_px: NDArray[np.float64],
         versions: Mapping[str, str],
         started: str = "",
+        source: Source | None = None,
+        compression: str = "none",
         overwrite: bool = False,
     ) -> Self:
         """A new session at `path`, ready to record.
@@ -102,6 +103,10 @@ class SessionWriter:
             Name -> version of the programs and libraries in use.
         started : str
             Time of day, ISO 8601; now if it is not given.
+        source : Source, optional
+            The session beside it that holds the images; then they are named by `append_source_frame`, not recorded.
+        compression : str
+            Of the images: "none" or "gzip".
 
         Raises
         ------
@@ -149,15 +154,20 @@ class SessionWriter:
             "grid_y_px": np.asarray(grid_y_px).tolist(),
             "versions": dict(versions),
             "started": started,
+            "source": dataclasses.asdict(source) if source else None,
+            "compression": compression,
         }
-        journal, file = _new_files(path, overwrite)
+        journal, file = new_files(path, overwrite)
         try:
             file.attrs.update(
                 {"NX_class": "NXroot", "default": "entry", "creator": "SlipScope", layout.FORMAT_ATTRIBUTE: layout.FORMAT_VERSION}
             )
             for group in GROUPS:
                 if group.path not in LATER:
-                    make_group(file, group, sizes, values, frame_dtype)
+                    make_group(file, group, sizes, values, frame_dtype, compression)
+            if source is not None:
+                named = {"/entry/source/session": source.session, "/entry/source/start_time": source.started}
+                make_group(file, next(group for group in GROUPS if group.path == "/entry/source"), {}, named)
             file["/entry"].attrs["default"] = "results"
             journal.note("session", header)
             writer = cls(path, file, journal, sample_rate_hz)
@@ -226,11 +236,19 @@ class SessionWriter:
         checksum = crc32(image.data)
         row = append_chunks([self._images], [image])
         try:
-            place = self._images.id.get_chunk_info_by_coord((row, 0, 0)).byte_offset
-            self._journal.note("frame", index, sample, place, image.nbytes, checksum)
+            chunk = self._images.id.get_chunk_info_by_coord((row, 0, 0))
+            self._journal.note("frame", index, sample, chunk.byte_offset, chunk.size, checksum)
         except BaseException:
             self._images.resize(row, axis=0)
             raise
+        self._add_frame(index, sample, row, checksum)
+
+    def append_source_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
+        """Record that the image of trigger `index` lies in that row of the source, with that CRC-32."""
+        self._journal.note("source_frame", index, sample, row, checksum)
+        self._add_frame(index, sample, row, checksum)
+
+    def _add_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
         self._trigger_rows[index] = len(self._triggers)
         self._triggers.append(index=index, sample=sample, image=row, reason="", analysed=0, checksum=checksum)
 
@@ -320,7 +338,7 @@ class SessionWriter:
             self._file.flush()
         except (OSError, RuntimeError) as error:
             cause = re.search("error message = '([^']*)'", str(error))  # of many lines by HDF5
-            self._give_up()
+            abandon(self._file, self._on_disk, self._journal)
             found = cause[1] if cause else " ".join(str(error).split())
             raise OSError(f"{self._path}: it can not be written: {found}; `slipscope repair` brings back everything") from error
         os.fsync(self._on_disk.fileno())
@@ -345,14 +363,6 @@ class SessionWriter:
         self.receipt = verify(self._path, self._journal.path)
         self._journal.path.unlink()
 
-    def _give_up(self) -> None:
-        """Close everything; what HDF5 still holds goes to nowhere: without room for it, its close would end the whole program."""
-        with suppress(Exception), open(os.devnull, "r+b") as nowhere:
-            os.dup2(nowhere.fileno(), self._file.id.get_vfd_handle())
-        for thing in (self._file, self._on_disk, self._journal):
-            with suppress(Exception):
-                thing.close()
-
     def discard(self) -> None:
         """Let go of the session and remove it, with its journal."""
         with ExitStack() as closing:
@@ -367,25 +377,6 @@ class SessionWriter:
 
     def _write_text(self, path: str, text: str) -> None:
         self._file[path][()] = storable(text)
-
-
-def _new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
-    """An empty journal and an empty session."""
-    if not overwrite:
-        for existing in (path, journal_of(path)):
-            if existing.exists():
-                raise UserError(f"{existing}: a session of that name exists; choose another name or ask to overwrite it")
-    try:
-        file = h5py.File(path, "w" if overwrite else "x", libver=_LIBVER)  # first: it is refused while another program records there
-        try:
-            return Journal(journal_of(path), overwrite=overwrite), file
-        except BaseException:
-            file.close()
-            path.unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        cause = os.strerror(error.errno) if error.errno else str(error)
-        raise UserError(f"{path}: the session can not be made there: {cause}; choose another folder or name") from None
 
 
 def _now() -> str:

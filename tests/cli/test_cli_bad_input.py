@@ -120,6 +120,13 @@ def test_a_further_run_in_the_same_window_takes_the_next_free_name(tmp_path: Pat
     asked.touch()
     (tmp_path / "a-2.png").touch()
     assert next_free(asked) == tmp_path / "a-3.h5"
+    (tmp_path / "a-3.h5.journal").touch()
+    assert next_free(asked) == tmp_path / "a-4.h5"
+
+
+def test_a_journal_that_was_left_behind_is_not_written_over(slipscope: Command, tmp_path: Path) -> None:
+    (tmp_path / "mine.h5.journal").touch()
+    refused(slipscope("run", "--headless", "-o", "mine.h5"), "mine.h5.journal", "journal of a session that was cut short", "--overwrite")
 
 
 def test_an_error_nobody_thought_of_is_one_sentence_too(slipscope: Command, monkeypatch: pytest.MonkeyPatch) -> None:

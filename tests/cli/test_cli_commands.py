@@ -71,6 +71,42 @@ def test_replay_keeps_a_picture_that_exists(slipscope: Command, session: Path) -
     assert "frames gave the recorded results to the bit" in result.stdout
 
 
+def test_replay_with_another_setting_makes_a_second_file_and_replays_it(slipscope: Command, session: Path) -> None:
+    before = session.read_bytes()
+    result = slipscope("replay", session, "--headless", "--set", "dic.box=26")
+    made = session.with_name("session-analysis.h5")
+    assert result.exit_code == 0, result.output
+    assert f"session: {made}" in result.stdout
+    assert "->" in result.stdout  # what the session held, and what was found now
+    assert (session.read_bytes(), made.with_suffix(".png").exists()) == (before, True)
+    again = json.loads(slipscope("replay", made, "--headless", "--json").stdout)
+    assert again["comparison"]["frames"] == again["comparison"]["identical"] > 30
+    data = json.loads(slipscope("replay", session, "--headless", "--set", "dic.box=26", "--json").stdout)
+    assert (Path(data["session"]).name, Path(data["source"]).name) == ("session-analysis-2.h5", "session.h5")
+    assert data["summary"] == again["summary"]
+    assert data["recorded"]["normal_force_n"] == data["summary"]["normal_force_n"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--set", "run.travel=9"), "run.travel is 22.0 in the session, as it was measured"),
+        (("--set", "dic.bocks=9"), "unknown key 'dic.bocks'"),
+        (("-o", "session.h5"), "exists"),
+        (("-o", "session.h5", "--overwrite"), "this is the session itself, which is never changed"),
+        (("-o", "no/such/folder.h5"), "does not exist"),
+    ],
+)
+def test_what_a_replay_can_not_do_is_said_before_it_begins(
+    slipscope: Command, session: Path, options: tuple[str, ...], sentence: str
+) -> None:
+    before = session.read_bytes()
+    result = slipscope("replay", session, "--headless", *options)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert sentence in result.stderr
+    assert session.read_bytes() == before
+
+
 def test_info_tells_what_the_session_holds(slipscope: Command, session: Path, recorded: tuple[Path, Result]) -> None:
     data = json.loads(slipscope("info", session, "--json").stdout)
     ran = json.loads(recorded[1].stdout)

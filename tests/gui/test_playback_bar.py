@@ -36,6 +36,8 @@ class Pages:
 class ScriptedReplay(ScriptedRun):
     """A run of which any frame can be looked at."""
 
+    can_browse = True
+
     def __init__(self):
         super().__init__(width=480, height=360)
         self.playback, self.browser, self.frame_count = Hands(), Pages(), 330
@@ -91,11 +93,25 @@ def test_keys_and_slider_move_through_the_frames(shown, qtbot):
     assert source.browser.number == 200
     bar.slider.setValue(30)
     assert source.browser.number == 30
+    qtbot.mouseClick(bar.slider, Qt.MouseButton.LeftButton, pos=bar.slider.rect().center())
+    assert abs(source.browser.number - 164) <= 2  # the middle of 330
     bar.pace.textActivated.emit("0.25 x")
     assert source.playback.pace == 0.25
     bar.toggle()
     assert (source.playback.calls[-1], source.browser.number) == ("resume", None)
     assert bar.slider.focusPolicy() == Qt.FocusPolicy.NoFocus  # the arrows belong to the frames
+
+
+def test_where_no_frame_can_be_looked_at_yet_the_slider_is_off(shown):
+    source = ScriptedReplay().at(200)
+    source.can_browse = False
+    bar = shown(source).playback
+    assert not bar.slider.isEnabled()
+    bar.go_back()
+    assert source.browser.number is None
+    source.can_browse = True
+    bar.refresh()
+    assert bar.slider.isEnabled()
 
 
 def test_the_window_shows_the_frame_that_is_looked_at(shown, qtbot):

@@ -173,6 +173,15 @@ def test_losses_are_red() -> None:
 def test_a_filling_queue_changes_colour(run: ScriptedRun, fill: float, tone: Tone) -> None:
     cell = queue_cell(replace(run.health(), queue_fill=fill))
     assert (cell.tone, cell.value) == (tone, f"{4 * fill:.1f} of 4.0")
+    reading = read(run.at(50), 0)
+    sentence = resolve(scene_of(run), replace(reading, health=replace(reading.health, queue_fill=fill)), None).sentence
+    assert (f"the recorder is {4 * fill:.1f} of 4.0 s behind" in sentence) is (tone is not Tone.GOOD)
+
+
+@pytest.mark.parametrize(("skipped", "detail", "tone"), [(0, "", Tone.NEUTRAL), (20, "20%", Tone.NEUTRAL), (60, "60%", Tone.WARN)])
+def test_an_analysis_that_lags_is_told(skipped: int, detail: str, tone: Tone) -> None:
+    cell = {cell.name: cell for cell in health_cells(Counts(frames_received=100, frames_skipped=skipped))}["skipped live"]
+    assert (cell.detail, cell.tone) == (detail, tone)
 
 
 def test_an_unknown_phase_does_not_upset_the_window(run: ScriptedRun) -> None:

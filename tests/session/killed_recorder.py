@@ -53,7 +53,7 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
         grid_y_px=np.arange(3.0),
         versions={},
     )
-    recorder = Recorder(writer, int(QUEUE_S * rate * shape[0] * shape[1]), FLUSH_S, sender_waits=False, on_failure=sys.exit)
+    recorder = Recorder(writer, QUEUE_S, rate * shape[0] * shape[1], FLUSH_S, sender_waits=False, on_failure=sys.exit)
     threading.Thread(target=recorder.work, daemon=True).start()
     began = time.monotonic()
     for n in range(1 << 30):

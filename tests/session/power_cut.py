@@ -18,7 +18,7 @@ from unittest.mock import patch
 import h5py
 import numpy as np
 
-from app.session import journal, writer
+from app.session import files, journal
 
 PAGE = 4096
 
@@ -58,7 +58,7 @@ class Disk:
             return h5py.File(patches.enter_context(Traced(path, "x+")), "w", **how)
 
         with ExitStack() as patches:
-            patches.enter_context(patch.object(writer, "h5py", SimpleNamespace(File=open_file)))
+            patches.enter_context(patch.object(files, "h5py", SimpleNamespace(File=open_file)))
             patches.enter_context(patch.object(journal, "FileIO", Traced))
             patches.enter_context(patch.object(os, "fsync", sync))
             yield

@@ -297,3 +297,45 @@ def test_the_command_tells_what_was_assumed(few: Path, tmp_path: Path, capsys: p
     assert "no settings" in said
     with SessionReader(tmp_path / "c.h5") as session:
         assert np.diff(session.grid_x_px)[0] == 20
+
+
+@pytest.mark.parametrize(("name", "head", "cells"), [("metadata", "sample,stage_um", "1"), ("forces", "sample,P_N,Q_N", "0.03,0.01")])
+def test_a_few_rows_over_hours_are_refused(few: Path, tmp_path: Path, name: str, head: str, cells: str) -> None:
+    """Every sample between them takes memory: a table of a hundred bytes could take all there is."""
+    rows = [f"{n * 3_500_000},{cells}" for n in range(7)]
+    (tmp_path / "table.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    with pytest.raises(UserError, match=r"table\.csv: 7 rows over 2\.1e\+07 samples at 1000 Hz found; give a lower --rate"):
+        imported(tmp_path / "new.h5", few, **{name: tmp_path / "table.csv"}, **KNOWN)
+    assert not (tmp_path / "new.h5").exists()
+
+
+def test_a_name_that_no_disk_can_hold_and_a_phase_out_of_this_world(few: Path, tmp_path: Path) -> None:
+    rows = [
+        f"{125 * n},{phase},{began},{name}"
+        for n, (phase, began, name) in enumerate(
+            [("reference", "0", few / "shot 17.png"), ("drive", "1e300", few / "shot 18.png"), ("drive", "", "x" * 5000)]
+        )
+    ]
+    (tmp_path / "table.csv").write_text("\n".join(["sample,phase,phase_sample,file", *rows]), encoding="utf-8")
+    imported(tmp_path / "new.h5", few, metadata=tmp_path / "table.csv", **KNOWN)
+    with SessionReader(tmp_path / "new.h5") as session:
+        assert session.lost_frames() == [(2, 250, f"'{'x' * 5000}' is not there")]
+        assert [(event.sample, event.text) for event in session.events() if event.kind == "phase"][:2] == [(0, "reference"), (125, "drive")]
+
+
+def test_stage_of_images_without_times_belongs_to_their_numbers(few: Path, tmp_path: Path) -> None:
+    rows = [f"{n},{2.5 * n},{few / f'shot {17 + n}.png'}" for n in (0, 1, 2, 3)]
+    (tmp_path / "table.csv").write_text("\n".join(["frame,stage_um,file", *rows]), encoding="utf-8")
+    imported(tmp_path / "new.h5", few, metadata=tmp_path / "table.csv", **KNOWN)
+    with SessionReader(tmp_path / "new.h5") as session:
+        samples, metres = session.positions()
+    exposure = 10
+    np.testing.assert_allclose(metres, 2.5e-6 * np.clip((samples - exposure / 2) / KNOWN["divisor"], 0, 3), atol=1e-12)
+
+
+def test_forces_that_never_rest_do_not_tell_where_the_drive_begins(few: Path, tmp_path: Path) -> None:
+    q = np.concatenate([np.full(150, 0.4), np.full(150, -0.4), np.full(400, 1.0)])
+    rows = [f"{n},0.03,{value}" for n, value in enumerate(np.tile(q, 2))]
+    (tmp_path / "forces.csv").write_text("\n".join(["sample,P_N,Q_N", *rows]), encoding="utf-8")
+    with pytest.raises(UserError, match=r"Q does not rise after the reference .* say where the drive begins with --drive"):
+        imported(tmp_path / "new.h5", few, forces=tmp_path / "forces.csv", **KNOWN)

@@ -6,6 +6,7 @@ import errno
 from io import FileIO
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -162,3 +163,17 @@ def test_journal_of_a_lost_session_is_not_overwritten_unasked(tmp_path: Path) ->
         make_writer(tmp_path / "new.h5")
     assert not (tmp_path / "new.h5").exists()
     make_writer(tmp_path / "new.h5", overwrite=True).close()
+
+
+NONE = [b"", b"7", b"[]", b"{}", b'{"a": 12}', b"[1]", b"[[], 2]", b"[" * 10**5, b'"\xff"', b"[" + b"9" * 5000 + b"]"]
+
+
+@pytest.mark.parametrize("payload", NONE, ids=range(len(NONE)))
+@pytest.mark.parametrize("kind", [b"W", b"S", b"?"])
+def test_record_with_the_right_checksum_that_is_none_ends_the_journal(tmp_path: Path, kind: bytes, payload: bytes) -> None:
+    make_journal(tmp_path / "j")
+    record_ = journal_module._HEAD.pack(kind, len(payload), crc32(payload)) + payload
+    with (tmp_path / "j").open("ab") as file:
+        file.write(record_)
+    *found, end = records(tmp_path / "j")
+    assert (len(found), end) == (6, ("end", len(record_)))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+import struct
 from pathlib import Path
+from zlib import crc32
 
 import h5py
 import numpy as np
@@ -13,7 +16,7 @@ from numpy.testing import assert_array_equal
 from session_material import CONTACT, COUNTS, Session, make_writer, record
 
 from app.errors import UserError
-from app.session.journal import journal_of
+from app.session.journal import journal_of, records
 from app.session.reader import SessionReader
 from app.session.repair import repair
 
@@ -144,6 +147,7 @@ def test_what_can_not_be_repaired_says_why(tmp_path: Path) -> None:
 
 def test_journal_of_a_stranger_gives_a_sentence_and_no_file(tmp_path: Path) -> None:
     strange = [("__init__", 1), ("frame", 1), ("event", [], {}, 3), ("samples", -5), ("samples", 0, 1, 2), ("gap", 0, 10**15, "x")]
+    strange += [("position", 5, "x"), ("event", 10**30, "phase", "x"), ("lost_frame", 0, 2**64, "x"), ("source_frame", 0, 0, -1, "x")]
     for n, words in enumerate([*strange, ("session", {})]):
         writer = make_writer(tmp_path / "s.h5", overwrite=True)
         writer._journal.note(*words)
@@ -153,6 +157,43 @@ def test_journal_of_a_stranger_gives_a_sentence_and_no_file(tmp_path: Path) -> N
         with pytest.raises(UserError, match="what its journal holds makes no session"):
             repair(tmp_path / f"{n}.h5", tmp_path / "repaired.h5")
         assert not list(tmp_path.glob("repaired*"))
+
+
+@pytest.mark.parametrize(
+    ("hostile", "found"),
+    [
+        ([["gap", 1003, 3_000_000, "x"], ["gap", 3_001_003, 3_000_000, "x"]], "6000003 samples are missing"),
+        ([["samples", 0]], "makes no session"),
+        ([["frame", n, n] for n in range(8, 5000)], "names more images than the session has room for"),
+    ],
+)
+def test_journal_can_not_ask_for_more_than_there_was(tmp_path: Path, hostile: list[list[object]], found: str) -> None:
+    """A few bytes of a stranger's journal could fill the disk."""
+    path = cut_short(tmp_path).path
+    image = next(record[3:] for record in records(journal_of(path)) if record[0] == "frame")
+    with journal_of(path).open("ab") as file:
+        for words in hostile:
+            payload = json.dumps([*words, *(image if words[0] == "frame" else ())]).encode()
+            file.write(struct.pack("<cII", b"W", len(payload), crc32(payload)) + payload)
+    with pytest.raises(UserError, match=found):
+        repair(path, tmp_path / "repaired.h5")
+    assert not list(tmp_path.glob("repaired*"))
+
+
+def test_results_that_do_not_fit_do_not_keep_the_images_from_coming_back(tmp_path: Path) -> None:
+    writer, written = record(tmp_path / "open.h5")
+    writer.flush()
+    path = tmp_path / "cut.h5"
+    shutil.copy(written.path, path)
+    shutil.copy(journal_of(written.path), journal_of(path))
+    writer.discard()
+    with h5py.File(path, "r+") as file:
+        for name in ("ux", "uy", "ux_errors", "uy_errors", "zncc", "status"):
+            kind = file[f"/entry/fields/{name}"].dtype
+            del file[f"/entry/fields/{name}"]
+            file.create_dataset(f"/entry/fields/{name}", (6, 3, 3), kind)
+    repaired = repair(path, tmp_path / "repaired.h5")
+    assert (repaired.receipt.frames, repaired.results) == (7, 2)  # those before the reference have no field
 
 
 def test_failed_repair_leaves_no_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,8 +17,10 @@ from session_material import CONTACT, OUTCOME, Session, make_writer, record
 from spoiled import ask
 
 from app.errors import UserError
+from app.session.journal import journal_of
 from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION
 from app.session.reader import SessionReader
+from app.session.repair import repair
 
 
 def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:
@@ -182,6 +185,30 @@ def test_bad_file_is_refused_with_a_sentence(session: Session, spoil: Callable[[
     spoil(session.path)
     with pytest.raises(UserError, match=f"session\\.h5: .*{sentence}"):
         ask(session.path)
+
+
+def _zeroed(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.write(bytes(2048))
+
+
+@pytest.mark.parametrize("spoil", [_cut, _text, _zeroed, _missing_dataset, _unknown_phase])
+def test_what_can_not_be_read_leads_to_its_journal(tmp_path: Path, spoil: Callable[[Path], None]) -> None:
+    """Only to one that a repair can begin with, else it would lead back here."""
+    writer, written = record(tmp_path / "open.h5")
+    path = tmp_path / "cut.h5"
+    shutil.copy(written.path, path)
+    shutil.copy(journal_of(written.path), journal_of(path))
+    writer.discard()
+    spoil(path)
+    sentence = f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds"
+    with pytest.raises(UserError, match=re.escape(sentence) + "$"):
+        ask(path)
+    frames = repair(path, tmp_path / "repaired.h5").receipt.frames
+    assert 0 < frames <= 7 if spoil is _cut else frames == (0 if spoil is _text else 7)
+    journal_of(path).write_bytes(b"SlipScope journal 1\nnone")
+    with pytest.raises(UserError, match=r"(of it if there is one|where it came|SlipScope wrote)$"):
+        ask(path)
 
 
 def test_broken_resources_are_told(session: Session) -> None:

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
 from nexusformat import nexus
 from numpy.testing import assert_array_equal
-from session_material import Session
+from session_material import CONTACT, OUTCOME, Session, make_writer
 
-from app.results import Snapshot, Summary
+from app.results import Snapshot, Source, Summary
 from app.session import layout
 
 
 def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
+    assert_laid_out(session.path, without="/entry/source")
+
+
+def test_a_further_analysis_names_its_source(tmp_path: Path) -> None:
+    writer = make_writer(tmp_path / "b.h5", source=Source("a.h5", "2026-11-21T12:00:00+00:00"))
+    writer.write_contact(CONTACT)
+    writer.finish(OUTCOME)
+    writer.close()
+    assert_laid_out(tmp_path / "b.h5", without="nothing")
+
+
+def assert_laid_out(path: Path, without: str) -> None:
     found: dict[str, h5py.Dataset] = {}
     groups: dict[str, str] = {}
 
@@ -23,13 +37,15 @@ def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
         else:
             groups[f"/{name}"] = thing.attrs["NX_class"]
 
-    with h5py.File(session.path, "r") as file:
+    with h5py.File(path, "r") as file:
         file.visititems(look)
         assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 4
     kinds = {layout.TEXT: "O", layout.IMAGE: "u"}
-    expected = {i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning) for i in layout.ITEMS}
+    expected = {
+        i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning) for i in layout.ITEMS if i.group != without
+    }
     assert found == expected
-    assert groups == {group.path: group.nx_class for group in layout.GROUPS}
+    assert groups == {group.path: group.nx_class for group in layout.GROUPS if group.path != without}
 
 
 def test_every_number_has_a_unit_and_no_text_has() -> None:

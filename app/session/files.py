@@ -1,0 +1,53 @@
+"""The two files of a session while it is recorded: made together, and let go of where HDF5 can not go on."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from io import FileIO
+from pathlib import Path
+
+import h5py
+
+from app.errors import UserError
+from app.session.journal import Journal, journal_of
+
+METADATA_BYTES = 1 << 19  # and no chunks: HDF5's caches would grow for the first hours of a run
+_LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark that would lock the file after a kill
+
+
+def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
+    """An empty journal and an empty session.
+
+    Raises
+    ------
+    UserError
+        One of that name exists and `overwrite` was not asked, or they can not be made there.
+    """
+    if not overwrite:
+        for existing in (path, journal_of(path)):
+            if existing.exists():
+                raise UserError(f"{existing}: a session of that name exists; choose another name or ask to overwrite it")
+    try:
+        file = h5py.File(path, "w" if overwrite else "x", libver=_LIBVER, rdcc_nbytes=0)  # first: refused while another program records
+        try:
+            cache = file.id.get_mdc_config()
+            cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = True, *3 * [METADATA_BYTES]
+            file.id.set_mdc_config(cache)
+            return Journal(journal_of(path), overwrite=overwrite), file
+        except BaseException:
+            file.close()
+            path.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        cause = os.strerror(error.errno) if error.errno else str(error)
+        raise UserError(f"{path}: the session can not be made there: {cause}; choose another folder or name") from None
+
+
+def abandon(file: h5py.File, on_disk: FileIO, journal: Journal) -> None:
+    """Close a session as it is; what HDF5 still holds goes to nowhere: without room for it, its close would end the whole program."""
+    with suppress(Exception), open(os.devnull, "r+b") as nowhere:
+        os.dup2(nowhere.fileno(), file.id.get_vfd_handle())
+    for thing in (file, on_disk, journal):
+        with suppress(Exception):
+            thing.close()

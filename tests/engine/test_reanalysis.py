@@ -1,0 +1,246 @@
+"""A session analysed once more: the same settings give the same bits, others a second file that tells where it comes from."""
+
+import hashlib
+import math
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from app import config, live
+from app.config import ConfigError
+from app.errors import UserError
+from app.reanalysis import Reanalysis
+from app.replay import difference, make_replay
+from app.session import Session
+from app.session.reader import SessionReader
+from app.session.repair import repair
+from app.session.writer import SessionWriter
+
+SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=15", "dic.threads=1")
+FAULTS = ('sim.faults=["lost-trigger 40 2", "lost-trigger 61 9", "daq-overflow 5500 60"]', "forces.on_overflow=continue")
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "a.h5"
+    run = live.make_run(config.load(None, (*SMALL, *FAULTS)), path, pace=None)
+    run.start()
+    assert run.wait(100).state == "done"
+    return path
+
+
+@pytest.fixture(scope="module")
+def once_more(recorded):
+    """Another analysis of it."""
+    outcome, path = analysed(recorded, "b.h5", "dic.box=28")
+    assert outcome.state == "done"
+    return path
+
+
+@pytest.fixture
+def other(once_more, session):
+    """Another analysis, beside the session."""
+    return shutil.copy(once_more, session.with_name("b.h5"))
+
+
+@pytest.fixture
+def session(recorded, tmp_path):
+    return shutil.copy(recorded, tmp_path / "a.h5")
+
+
+def analysed(session, name, *overrides, **options):
+    """The outcome of another analysis, and its file."""
+    analysis = Reanalysis(session, session.with_name(name), pace=None, overrides=overrides, **options)
+    analysis.start()
+    return analysis.wait(PATIENCE_S), analysis.output
+
+
+def replayed(path):
+    replay = make_replay(path, pace=None)
+    replay.start()
+    assert replay.wait(PATIENCE_S).state == "done"
+    return replay.comparison()
+
+
+def test_the_same_settings_give_the_same_bits_and_the_session_is_not_touched(session):
+    before = hashlib.sha256(session.read_bytes()).digest()
+    outcome, path = analysed(session, "again.h5")
+    assert outcome.state == "done"
+    assert hashlib.sha256(session.read_bytes()).digest() == before
+    with SessionReader(session) as old, SessionReader(path) as new:
+        pairs = list(zip(old.snapshots(), new.snapshots(), strict=True))
+        assert len(pairs) > 20
+        assert [difference(a, b) for a, b in pairs] == [""] * len(pairs)
+        for a, b in zip(old.forces()[1:], new.forces()[1:], strict=True):
+            np.testing.assert_array_equal(a, b)
+        assert new.gaps() == old.gaps() == [(5500, 60)]
+        assert new.lost_frames() == old.lost_frames()
+        assert [lost[0] for lost in new.lost_frames()] == [40, 41, 61, 62]  # to the last trigger
+        np.testing.assert_array_equal(new.triggers()["index"], old.triggers()["index"])
+        assert new.counts() == old.counts() == outcome.counts
+        assert new.contact().centre_px == old.contact().centre_px
+        kept = [event for event in new.events() if event.kind != "analysis"]
+        assert sorted(kept, key=str) == sorted(old.events(), key=str)
+    assert path.stat().st_size < session.stat().st_size / 3  # the images are not there twice
+
+
+def test_other_settings_make_another_set_of_results_that_says_how_it_came_about(session):
+    outcome, path = analysed(session, "box.h5", "dic.box=28", "sample.young_modulus=3")
+    assert outcome.state == "done"
+    with Session(session) as old, Session(path) as new:
+        assert new.settings["dic"]["box"] == 28
+        assert new.settings["sample"]["young_modulus"] == 3
+        assert new.settings["run"] == old.settings["run"]
+        assert new.versions["slipscope"]
+        assert new.versions["computer"]
+        assert new.source.session == "a.h5"
+        assert old.source is None
+        assert old.analyses == [path]
+        assert len(new.results) == len(old.results)
+        assert not np.array_equal(new.fields[-1].ux_m, old.fields[-1].ux_m, equal_nan=True)
+        assert [event.text for event in new.events if event.kind == "analysis"] == [
+            "a.h5 once more, with dic.box=28, sample.young_modulus=3"
+        ]
+        np.testing.assert_array_equal(new.frames[50], old.frames[50])
+        with pytest.raises(UserError, match="frame 40 was lost"):
+            new.frames[40]
+    comparison = replayed(path)
+    assert comparison.all_identical
+    assert comparison.frames == outcome.counts.frames_analysed
+
+
+def test_forces_follow_the_constants_of_the_sensors(session):
+    with SessionReader(session) as old:
+        forces = config.from_record(old.config_toml, "").forces
+        before = old.forces()[2]
+    twice = [f"forces.stiffness_{name}={2 * getattr(forces, f'stiffness_{name}')}" for name in ("normal", "shear")]
+    _, path = analysed(session, "stiff.h5", *twice)
+    with SessionReader(path) as new:
+        np.testing.assert_allclose(new.forces()[2], 2 * before, rtol=1e-12)
+
+
+def test_an_analysis_of_an_analysis_refers_to_the_images_too(other):
+    outcome, second = analysed(other, "c.h5", "dic.step=12")
+    assert outcome.state == "done"
+    with SessionReader(second) as reader:
+        settings = config.from_record(reader.config_toml, "")
+        assert (settings.dic.box, settings.dic.step) == (28, 12)
+        assert reader.source.session == "a.h5"
+    assert replayed(second).all_identical
+
+
+def test_frames_that_were_not_analysed_in_the_run_are_now(session, tmp_path):
+    with h5py.File(session, "r+") as file:
+        for name in ("results", "rings", "stress"):
+            for column in file[f"entry/{name}"].values():
+                column.resize(10, axis=0)
+    outcome, path = analysed(session, "all.h5")
+    with SessionReader(session) as old, SessionReader(path) as new:
+        assert len(old.analysed_frames()) == 10
+        assert new.analysed_frames() == [int(n) for n in old.triggers()["index"][old.triggers()["received"]]]
+    assert outcome.counts.frames_skipped == 0
+
+
+@pytest.mark.parametrize("setting", ["run.travel=3", "camera.divisor=250", "forces.sample_rate=2000", "sim.seed=7", "limits.travel=1000"])
+def test_what_was_measured_can_not_be_changed(session, setting):
+    with pytest.raises(ConfigError, match=f"--set: {setting.split('=')[0]} is .* in the session, as it was measured"):
+        analysed(session, "b.h5", setting)
+    assert not session.with_name("b.h5").exists()
+
+
+def test_the_session_itself_is_never_the_output(session, other):
+    for asked in ("a.h5", f"../{session.parent.name}/a.h5"):
+        with pytest.raises(UserError, match="this is the session itself"):
+            Reanalysis(other, session.with_name("x").parent / asked, pace=None, overwrite=True)
+    with pytest.raises(UserError, match="this is the session itself"):
+        Reanalysis(other, other, pace=None, overwrite=True)
+
+
+def test_it_lies_beside_its_session(session, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    with pytest.raises(UserError, match="lies beside its session"):
+        Reanalysis(session, tmp_path / "elsewhere/b.h5", pace=None)
+
+
+def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(session, other, tmp_path):
+    session.rename(tmp_path / "moved.h5")
+    with Session(other) as analysis:
+        assert len(analysis.results) > 20
+        assert analysis.fields[-1].ux_m.shape
+        with pytest.raises(UserError, match=r"b\.h5: its images are in a\.h5, which does not lie beside it"):
+            analysis.frames[0]
+    with pytest.raises(UserError, match="does not lie beside it"):
+        make_replay(other, pace=None)
+
+
+def test_another_session_of_that_name_is_not_taken_for_it(session, other):
+    with h5py.File(session, "r+") as file:
+        file["entry/start_time"][()] = "2001-01-01T00:00:00+00:00"
+    with pytest.raises(UserError, match=r"a\.h5 is not the session that was analysed"):
+        make_replay(other, pace=None)
+
+
+def test_an_image_that_has_changed_is_not_taken_for_the_one_that_was_analysed(session, other):
+    with h5py.File(session, "r+") as file:
+        file["entry/instrument/camera/data"][7, 100, 100] += 1
+    with SessionReader(other) as reader:
+        reader.frame(6)
+        with pytest.raises(UserError, match="the image of trigger 7 is not the one that was analysed"):
+            reader.frame(7)
+
+
+@pytest.mark.parametrize("name", ["../a.h5", "/etc/passwd", "", "..", "b.h5"])
+def test_a_strangers_analysis_leads_to_no_file_elsewhere(session, other, name):
+    (session.parent / "in").mkdir()
+    other = other.rename(session.parent / "in" / "b.h5")
+    with h5py.File(other, "r+") as file:
+        file["entry/source/session"][()] = name
+    with SessionReader(other) as reader, pytest.raises(UserError, match=r"does not lie beside it|is damaged|is not the session"):
+        reader.frame(0)
+
+
+def test_one_that_is_stopped_holds_what_was_done_until_then(session):
+    analysis = Reanalysis(session, session.with_name("b.h5"), pace=None)
+    analysis.playback.pause()
+    for _ in range(43):
+        analysis.playback.step()
+    analysis.start()
+    while len(analysis.snapshots_since(0)) < 43:
+        assert analysis.wait(0.01) is None
+    assert not analysis.can_browse
+    analysis.request_stop("enough")
+    outcome = analysis.wait(PATIENCE_S)
+    assert (outcome.state, outcome.reason) == ("done", "enough")
+    assert analysis.can_browse
+    with SessionReader(analysis.output) as reader:
+        assert reader.analysed_frames() == [n for n in range(45) if n not in (40, 41)]
+        assert reader.counts() == outcome.counts
+        assert len(reader.triggers()) == outcome.counts.triggers == 45
+        assert math.isnan(reader.summary().mu_d)
+    analysis.browser.show(42)
+    assert analysis.browsed().frame == 44
+    analysis.browser.close()
+
+
+def test_a_full_disk_fails_by_name_and_leaves_nothing(session, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(SessionWriter, "append_snapshot", full)
+    outcome, _path = analysed(session, "b.h5")
+    assert outcome.state == "failed"
+    assert "No space left on device" in outcome.reason
+    assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
+
+
+def test_one_that_was_cut_short_is_repaired(session, tmp_path, monkeypatch):
+    monkeypatch.setattr(SessionWriter, "close", lambda writer: [f.close() for f in (writer._file, writer._on_disk, writer._journal)])
+    monkeypatch.setattr(SessionWriter, "finish", lambda writer, outcome: writer.flush())
+    analysed(session, "b.h5")
+    monkeypatch.undo()
+    repaired = repair(session.with_name("b.h5"), session.with_name("c.h5"))
+    assert repaired.torn == 0
+    assert replayed(session.with_name("c.h5")).all_identical

@@ -1,0 +1,71 @@
+"""`slipscope info --verify` prints the receipt of a session, or says what is not as it was recorded."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import pytest
+from session_material import Session, record
+
+from app.commands.inspect import info
+from app.errors import UserError
+from app.session.journal import journal_of
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_whole_session_gives_its_receipt(session: Session, capsys: Capture) -> None:
+    assert info(session.path, as_json=False, verify=True) == 0
+    assert "7 frames, 1 lost, 1003 samples, 1 gaps, 0.7 MB read back as they were written" in capsys.readouterr().out
+    assert info(session.path, as_json=True, verify=True) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (data["receipt"]["frames"], data["receipt"]["checked"], data["fault"], data["has_journal"]) == (7, True, "", False)
+    assert info(session.path, as_json=True) == 0
+    assert "receipt" not in json.loads(capsys.readouterr().out)
+
+
+def test_altered_image_is_named(session: Session, capsys: Capture) -> None:
+    with h5py.File(session.path, "r+") as file:
+        file["/entry/instrument/camera/data"][5, 3, 3] ^= 1  # trigger 6
+    assert info(session.path, as_json=False) == 0
+    assert info(session.path, as_json=False, verify=True) == 1
+    said = capsys.readouterr().err
+    assert said == f"slipscope: {session.path}: image 6 is not as recorded; `slipscope repair` makes a session of the others\n"
+    assert info(session.path, as_json=True, verify=True) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert (data["receipt"], "image 6 is not" in data["fault"]) == (None, True)
+
+
+def test_older_session_has_nothing_to_be_held_against(session: Session, capsys: Capture) -> None:
+    with h5py.File(session.path, "r+") as file:
+        file.attrs["slipscope_format"] = 3
+    assert info(session.path, as_json=False, verify=True) == 0
+    assert "read back without checksums to hold them against" in capsys.readouterr().out
+
+
+def test_unfinished_session_is_held_against_its_journal(tmp_path: Path, capsys: Capture) -> None:
+    writer, written = record(tmp_path / "open.h5", flush_each=False)
+    path = tmp_path / "cut.h5"
+    shutil.copy(written.path, path)
+    shutil.copy(journal_of(written.path), journal_of(path))
+    writer.discard()
+    assert info(path, as_json=False, verify=True) == 1
+    said = capsys.readouterr()
+    assert f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds" in said.out
+    assert "frames 0, 1, 2, 3, 4 and 3 more are not as recorded; the journal is kept" in said.err
+
+
+def test_what_can_not_be_read_is_refused(session: Session) -> None:
+    with h5py.File(session.path, "r+") as file:
+        del file["/entry/forces/shear_force"]
+        how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        how.set_chunk((4096,))
+        how.set_deflate(1)
+        space = h5py.h5s.create_simple((1003,), (h5py.h5s.UNLIMITED,))
+        forces = h5py.Dataset(h5py.h5d.create(file["/entry/forces"].id, b"shear_force", h5py.h5t.IEEE_F64LE, space, how))
+        forces.id.write_direct_chunk((0,), b"no deflated bytes")
+    with pytest.raises(UserError, match="damaged at /entry/forces"):
+        info(session.path, as_json=False, verify=True)
