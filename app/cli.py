@@ -135,12 +135,19 @@ def replay(
 
 
 @app.command()
-def info(session: SessionFile, as_json: JsonFlag = False) -> None:
-    """Print what a session holds: how it ended, frames and samples, phases, results, changed settings."""
+def info(
+    session: SessionFile,
+    verify: Annotated[bool, typer.Option("--verify", help="Read everything back and hold it against its checksums.")] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Print what a session holds: how it ended, frames and samples, phases, results, changed settings, further analyses.
+
+    With --verify exit code 1 if it is not as it was recorded.
+    """
     with plain_errors(as_json):
         from app.commands import inspect
 
-        raise typer.Exit(inspect.info(session, as_json))
+        raise typer.Exit(inspect.info(session, as_json, verify))
 
 
 @app.command()

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 def info(session: Path, as_json: bool, verify: bool = False) -> int:
     """Print what a session holds, and with `verify` the receipt of reading it back; the exit code, 1 if it is not as it was recorded."""
     from app.report.summary import Row, counts_rows, plain, resources_rows, summary_rows
+    from app.session.analyses import analyses_of
     from app.session.journal import has_journal
     from app.session.reader import SessionReader
 
@@ -41,6 +42,8 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
             "resources": reader.resources,
             "versions": reader.versions,
             "has_journal": has_journal(session),
+            "source": reader.source,
+            "analyses": [path.name for path in analyses_of(session)],
         }
     if as_json:
         print_json(plain(data | ({"receipt": receipt, "fault": fault} if verify else {})))
@@ -50,7 +53,8 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         Row("state", "", f"{data['state']}" + (f": {data['reason']}" if data["reason"] else "")),
         Row("started", "", str(data["started"])),
         Row("ended", "", str(data["ended"]) or "not closed in good order"),
-        Row("images", "", "{1} x {0} px".format(*data["frame_shape"])),  # type: ignore[misc]
+        Row("images", "", "{1} x {0} px".format(*data["frame_shape"]) + (f", in {reader.source.session}" if reader.source else "")),  # type: ignore[misc]
+        *([Row("further analyses", "", ", ".join(data["analyses"]))] if data["analyses"] else []),  # type: ignore[arg-type]
         *counts_rows(counts),
         Row("phases", "", ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases) or "none"),
         *(summary_rows(summary) if summary else [Row("summary", "", "none: the run did not come to its end")]),

@@ -84,6 +84,9 @@ def test_replay_with_another_setting_makes_a_second_file_and_replays_it(slipscop
     data = json.loads(slipscope("replay", session, "--headless", "--set", "dic.box=26", "--json").stdout)
     assert (Path(data["session"]).name, Path(data["source"]).name) == ("session-analysis-2.h5", "session.h5")
     assert data["summary"] == again["summary"]
+    told = slipscope("info", session, "--verify", "--json")
+    assert (told.exit_code, json.loads(told.stdout)["analyses"]) == (0, ["session-analysis-2.h5", "session-analysis.h5"])
+    assert ", in session.h5" in slipscope("info", made).stdout
     assert data["recorded"]["normal_force_n"] == data["summary"]["normal_force_n"]
 
 
