@@ -118,6 +118,7 @@ def work(folder: Path) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (4 * LIMIT_BYTES, resource.RLIM_INFINITY))  # so that none takes the machine down
     answers, sys.stdout = sys.stdout, (folder / "output").open("w")
     make_whole(folder)
+    print("ready", file=answers, flush=True)
     for line in sys.stdin:
         seed = int(line)
         outcome, thrown = "read", ""
@@ -187,14 +188,16 @@ def outcomes(seeds: Iterator[int], keep: Path | None) -> Iterator[Case]:
                 command = [sys.executable, __file__, "--worker", str(folder)]
                 (folder / "whole.h5").unlink(missing_ok=True)
                 worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+                assert worker.stdout
+                worker.stdout.readline()  # ready
             assert worker.stdin
             assert worker.stdout
-            worker.stdin.write(f"{seed}\n")
-            worker.stdin.flush()
-            kind = worker.stdout.readline().strip()
             clock = threading.Timer(LIMIT_S, worker.kill)
             clock.start()
             began = time.monotonic()
+            worker.stdin.write(f"{seed}\n")
+            worker.stdin.flush()
+            kind = worker.stdout.readline().strip()
             answer = worker.stdout.readline()
             clock.cancel()
             seconds = time.monotonic() - began
