@@ -120,7 +120,7 @@ def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, .
 _TOLD: dict[str, tuple[str, tuple[type, ...]]] = {  # record -> method of the writer and what it takes
     "samples": ("append_samples", (int, np.ndarray, np.ndarray)),
     "gap": ("append_gap", (int, int, str)),
-    "frame": ("append_frame", (int, int, np.ndarray)),
+    "frame": ("append_frame", (int, int, np.ndarray, int)),
     "source_frame": ("append_source_frame", (int, int, int, int)),
     "lost_frame": ("append_lost_frame", (int, int, str)),
     "position": ("append_position", (int, float)),
@@ -153,7 +153,7 @@ def _told_by_journal(session: Path, journal: Path, progress: Callable[[float], N
                 if image is None:
                     yield "lost_frame", index, sample, _UNREADABLE
                 else:
-                    yield what, index, sample, np.frombuffer(image, dtype).reshape(shape)
+                    yield what, index, sample, np.frombuffer(image, dtype).reshape(shape), checksum
             else:
                 if what in ("samples", "gap"):
                     first, count = values[0], len(values[1]) if what == "samples" else values[1]
@@ -191,9 +191,10 @@ def _told_by_file(session: Path, progress: Callable[[float], None]) -> Iterator[
         triggers, _ = reader.triggers(), reader.images_path  # of an analysis they are in another file
         for n, (index, sample, received, _, reason) in enumerate(triggers.tolist()):
             image = _frame_of(reader, index) if received else None
-            if image is not None and held.get(index) in (None, crc32(image.data)):
-                own = ("frame", index, sample, image)
-                yield ("source_frame", index, sample, reader.image_row(index), held[index]) if reader.source else own
+            found = None if image is None else crc32(image.data)
+            if found is not None and held.get(index) in (None, found):
+                own = ("frame", index, sample, image, found)
+                yield ("source_frame", index, sample, reader.image_row(index), found) if reader.source else own
             else:
                 yield "lost_frame", index, sample, _UNREADABLE if received else reason
             progress((n + 1) / len(triggers))

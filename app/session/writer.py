@@ -219,8 +219,8 @@ class SessionWriter:
         self._gaps.append(first=first, count=count)
         self._events.append(sample=first, kind="gap", text=f"{count} samples lost: {reason}")
 
-    def append_frame(self, index: int, sample: int, image: NDArray[Any]) -> None:
-        """Record the image of trigger `index`, exposed from `sample` on; it is written at once.
+    def append_frame(self, index: int, sample: int, image: NDArray[Any], checksum: int | None = None) -> None:
+        """Record the image of trigger `index`, exposed from `sample` on; it is written at once. `checksum` is its CRC-32, if it is known.
 
         Raises
         ------
@@ -233,7 +233,7 @@ class SessionWriter:
         if free < RESERVE_BYTES + image.nbytes:
             raise OSError(errno.ENOSPC, f"{self._path}: the disk is full, {free / 1e6:.0f} MB are left; make room")
         image = np.ascontiguousarray(image)
-        checksum = crc32(image.data)
+        checksum = crc32(image.data) if checksum is None else checksum
         row = append_chunks([self._images], [image])
         try:
             chunk = self._images.id.get_chunk_info_by_coord((row, 0, 0))
@@ -368,8 +368,7 @@ class SessionWriter:
         with ExitStack() as closing:
             for path in (self._journal.path, self._path):
                 closing.callback(path.unlink, missing_ok=True)
-            for thing in (self._journal, self._on_disk, self._file):
-                closing.callback(thing.close)
+            closing.callback(abandon, self._file, self._on_disk, self._journal)
 
     def _make(self, path: str, values: Mapping[str, Any], **sizes: int) -> None:
         group = next(group for group in GROUPS if group.path == path)
