@@ -87,23 +87,24 @@ def stored(dataset: h5py.Dataset, array: NDArray[Any]) -> bytes | NDArray[Any]:
     return array if dataset.compression is None else zlib.compress(array.data, GZIP_LEVEL)
 
 
-def append_chunks(datasets: list[h5py.Dataset], arrays: list[NDArray[Any]]) -> int:
-    """Row at which the arrays, one for each dataset, were added as one chunk each; on failure none of them was."""
+def append_chunks(datasets: list[h5py.Dataset], arrays: list[NDArray[Any]]) -> tuple[int, list[NDArray[np.uint8]]]:
+    """Row at which the arrays, one for each dataset, were added as one chunk each, and their bytes; on failure none of them was."""
     for dataset, array in zip(datasets, arrays, strict=True):
         if array.shape != dataset.shape[1:] or array.dtype != dataset.dtype:
             raise ValueError(
                 f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but {array.shape} {array.dtype} was given"
             )
     row = int(datasets[0].shape[0])
+    chunks = [np.frombuffer(stored(dataset, array), np.uint8) for dataset, array in zip(datasets, arrays, strict=True)]
     try:
-        for dataset, array in zip(datasets, arrays, strict=True):
+        for dataset, chunk in zip(datasets, chunks, strict=True):
             dataset.resize(row + 1, axis=0)
-            dataset.id.write_direct_chunk((row, 0, 0), stored(dataset, array))
+            dataset.id.write_direct_chunk((row, 0, 0), chunk)
     except BaseException:
         for dataset in datasets:
             dataset.resize(row, axis=0)
         raise
-    return row
+    return row, chunks
 
 
 def make_group(

@@ -15,6 +15,8 @@ import json
 import os
 import re
 import shutil
+from array import array
+from bisect import bisect_left
 from collections.abc import Mapping
 from contextlib import ExitStack
 from io import FileIO
@@ -65,7 +67,7 @@ class SessionWriter:
         self._stress = Table(file, "/entry/stress")
         self._field_frames = Table(file, "/entry/fields")
         self._longest_gap = int(LONGEST_GAP_S * sample_rate_hz)
-        self._trigger_rows: dict[int, int] = {}  # of the frames received
+        self._received, self._received_rows = array("q"), array("q")  # triggers of the frames received, in their order, and their rows
         self._analysed: list[int] = []  # rows of triggers, marked at the next flush
 
     @classmethod
@@ -234,14 +236,21 @@ class SessionWriter:
             raise OSError(errno.ENOSPC, f"{self._path}: the disk is full, {free / 1e6:.0f} MB are left; make room")
         image = np.ascontiguousarray(image)
         checksum = crc32(image.data) if checksum is None else checksum
-        row = append_chunks([self._images], [image])
+        end = self._file.id.get_filesize()
+        row, (chunk,) = append_chunks([self._images], [image])
         try:
-            chunk = self._images.id.get_chunk_info_by_coord((row, 0, 0))
-            self._journal.note("frame", index, sample, chunk.byte_offset, chunk.size, checksum)
+            self._journal.note("frame", index, sample, self._place_of(row, chunk, end), chunk.nbytes, checksum)
         except BaseException:
             self._images.resize(row, axis=0)
             raise
         self._add_frame(index, sample, row, checksum)
+
+    def _place_of(self, row: int, chunk: NDArray[np.uint8], end: int) -> int:
+        """Where in the file an image lies: where the file ended before, as a look shows; HDF5 goes through all images to tell."""
+        self._on_disk.seek(end)
+        if np.array_equal(np.frombuffer(self._on_disk.read(chunk.nbytes), np.uint8), chunk):
+            return end
+        return int(self._images.id.get_chunk_info_by_coord((row, 0, 0)).byte_offset)
 
     def append_source_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
         """Record that the image of trigger `index` lies in that row of the source, with that CRC-32."""
@@ -249,7 +258,8 @@ class SessionWriter:
         self._add_frame(index, sample, row, checksum)
 
     def _add_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
-        self._trigger_rows[index] = len(self._triggers)
+        self._received.append(index)
+        self._received_rows.append(len(self._triggers))
         self._triggers.append(index=index, sample=sample, image=row, reason="", analysed=0, checksum=checksum)
 
     def append_lost_frame(self, index: int, sample: int, reason: str) -> None:
@@ -277,13 +287,14 @@ class SessionWriter:
         OSError
             The field could not be written; the session is as it was before.
         """
-        if snapshot.frame not in self._trigger_rows:
+        place = bisect_left(self._received, snapshot.frame)
+        if self._received[place : place + 1] != array("q", [snapshot.frame]):
             raise ValueError(f"session: results of frame {snapshot.frame} were given, but that frame is not recorded")
         field = NO_ROW
         if snapshot.ux_px.size:
-            field = append_chunks(self._fields, [getattr(snapshot, name) for name in layout.FIELDS.values()])
+            field, _ = append_chunks(self._fields, [getattr(snapshot, name) for name in layout.FIELDS.values()])
             self._field_frames.append(frame=snapshot.frame)
-        self._analysed.append(self._trigger_rows[snapshot.frame])
+        self._analysed.append(self._received_rows[place])
         self._rings.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.RINGS.items()})
         self._stress.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.STRESS.items()})
         row = {name: getattr(snapshot, attribute) for name, attribute in layout.RESULTS.items()}

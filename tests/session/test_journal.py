@@ -51,6 +51,19 @@ def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
     assert end == ("end", 0)
 
 
+def test_places_are_those_that_hdf5_tells(tmp_path: Path) -> None:
+    writer, written = record(tmp_path / "a.h5")
+    for n in range(30):
+        writer.append_frame(100 + n, 12505 + 125 * n, np.full(SHAPE, n, np.uint8))
+        if n % 7 == 0:
+            writer.flush()
+    told = [record[3] for record in records(journal_of(written.path)) if record[0] == "frame"]
+    chunks = [writer._images.id.get_chunk_info_by_coord((row, 0, 0)) for row in range(len(told))]
+    assert told == [chunk.byte_offset for chunk in chunks]
+    assert writer._place_of(3, np.ones(chunks[3].size, np.uint8), 0) == told[3]  # also where it does not lie at the end
+    writer.discard()
+
+
 def test_torn_tail_is_found_and_cut_at_every_byte(tmp_path: Path) -> None:
     ends = make_journal(tmp_path / "j")
     content = (tmp_path / "j").read_bytes()
