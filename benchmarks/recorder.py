@@ -1,4 +1,4 @@
-"""What recording costs at full rate: ``python benchmarks/recorder.py [FOLDER] [SECONDS]``.
+"""What recording costs at full rate: ``python benchmarks/recorder.py [--folder FOLDER] [--seconds 20] [--compression none|gzip]``.
 
 A recorder as in a run, in real time: 1600 x 1200 images at 23.8 frames/s, forces at 1 kHz, a field of 159 x 119 boxes for every frame,
 the journal, a flush to the disk each 0.4 s. Then the reading back at the close, and a repair of the same session as a kill leaves it.
@@ -6,6 +6,7 @@ the journal, a flush to the disk each 0.4 s. Then the reading back at the close,
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import os
 import platform
@@ -18,8 +19,10 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -67,10 +70,16 @@ class Measured:
         self.cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def main(folder: Path, seconds: float) -> None:
+def speckle(seed: int) -> NDArray[np.uint8]:
+    """An image as of the bench, as far as compression goes: blurred grains of a few pixels, and noise of one grey level."""
+    rng = np.random.default_rng(seed)
+    grains = cv2.GaussianBlur(rng.normal(size=SHAPE), (0, 0), 1.6)
+    return np.clip(90 + 35 * grains / grains.std() + rng.normal(size=SHAPE), 0, 255).astype(np.uint8)
+
+
+def main(folder: Path, seconds: float, compression: str) -> None:
     """Record, close, repair, print."""
-    rng = np.random.default_rng(0)
-    images = [rng.integers(0, 256, SHAPE, np.uint8) for _ in range(8)]
+    images = [speckle(seed) for seed in range(8)]
     path, cut = folder / "recorder-benchmark.h5", folder / "recorder-benchmark-cut.h5"
     writer = SessionWriter.create(
         path,
@@ -85,6 +94,7 @@ def main(folder: Path, seconds: float) -> None:
         grid_x_px=np.arange(GRID[1], dtype=float),
         grid_y_px=np.arange(GRID[0], dtype=float),
         versions={},
+        compression=compression,
         overwrite=True,
     )
     rate = RATE_HZ / DIVISOR
@@ -116,7 +126,7 @@ def main(folder: Path, seconds: float) -> None:
 
     print(f"{platform.platform()}, {platform.processor() or platform.machine()}, {datetime.date.today().isoformat()}")
     print(f"python {platform.python_version()}, h5py {h5py.__version__}, HDF5 {h5py.version.hdf5_version}")
-    print(f"{frames} frames in {seconds:.0f} s, {rate:.1f}/s, in {folder}; failures: {failures or 'none'}")
+    print(f"{frames} frames in {seconds:.0f} s, {rate:.1f}/s, compression {compression}, in {folder}; failures: {failures or 'none'}")
     share = measured.cpu_s / seconds
     print(f"recorder: {share:.1%} of a core, {1e3 * measured.cpu_s / frames:.2f} ms CPU per frame with its samples and results")
     times = [end - start for start, end in flushes]
@@ -136,5 +146,10 @@ def main(folder: Path, seconds: float) -> None:
 
 
 if __name__ == "__main__":
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--folder", type=Path)
+    options.add_argument("--seconds", type=float, default=20.0)
+    options.add_argument("--compression", choices=("none", "gzip"), default="none")
+    asked = options.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        main(Path(sys.argv[1] if len(sys.argv) > 1 else temporary), float(sys.argv[2]) if len(sys.argv) > 2 else 20.0)
+        main(asked.folder or Path(temporary), asked.seconds, asked.compression)

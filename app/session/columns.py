@@ -78,13 +78,17 @@ def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Sequence[
     column[start:end] = values
 
 
-GZIP_LEVEL = 1  # noise, which most of an image is, gains nothing from more
+GZIP_LEVEL = 1
 
 
 def stored(dataset: h5py.Dataset, array: NDArray[Any]) -> bytes | NDArray[Any]:
     """A chunk as it lies in the file: as it is, or deflated where the dataset is compressed."""
     array = np.ascontiguousarray(array)
-    return array if dataset.compression is None else zlib.compress(array.data, GZIP_LEVEL)
+    if dataset.compression is None:
+        return array
+    # most of an image is noise: to look for what repeats in it gains 3 % and takes twice the time
+    deflate = zlib.compressobj(GZIP_LEVEL, strategy=zlib.Z_HUFFMAN_ONLY)
+    return deflate.compress(array.data) + deflate.flush()
 
 
 def append_chunks(datasets: list[h5py.Dataset], arrays: list[NDArray[Any]]) -> tuple[int, list[NDArray[np.uint8]]]:
