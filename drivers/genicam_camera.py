@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -21,7 +22,7 @@ _BUFFERED_S = 2.0
 _LIMITS = ("BslResultingAcquisitionFrameRate", "ResultingFrameRate", "ResultingFrameRateAbs", "AcquisitionResultingFrameRate")
 
 
-class GenICamCamera:
+class GenICamCamera(ABC):
     """A camera fired on a line by the DAQ board; see `drivers.protocols.Camera`. A subclass names the library and does what only it can.
 
     Without a trigger line in the settings, trigger and exposure stay as the camera (or its frame grabber) has been set.
@@ -43,39 +44,39 @@ class GenICamCamera:
 
     # ------------------------------------------------------------------ what the library does
 
+    @abstractmethod
     def _claim(self) -> Found:
         """Load the library, find the camera and open it."""
-        raise NotImplementedError
 
-    def _release(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _release(self) -> None: ...
 
-    def _arm(self, buffers: int) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _arm(self, buffers: int) -> None: ...
 
-    def _disarm(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _disarm(self) -> None: ...
 
-    def _receive(self, wait_s: float) -> Delivered | None:
-        raise NotImplementedError
+    @abstractmethod
+    def _receive(self, wait_s: float) -> Delivered | None: ...
 
+    @abstractmethod
     def _first_id(self) -> int | None:
         """Frame id of the first exposure after a start; see `FrameNumbers`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _node(self, name: str, *, to_read: bool = False) -> Any:
         """A feature that the camera has and that can be set, or read; else None."""
-        raise NotImplementedError
 
-    def _value(self, node: Any) -> Any:
-        raise NotImplementedError
+    @abstractmethod
+    def _value(self, node: Any) -> Any: ...
 
-    def _assign(self, node: Any, value: Any) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _assign(self, node: Any, value: Any) -> None: ...
 
+    @abstractmethod
     def _offer(self, node: Any) -> tuple[str, ...]:
         """The choices that a feature has, or its least and largest value and the step."""
-        raise NotImplementedError
 
     # ------------------------------------------------------------------ the life of the device
 
