@@ -6,6 +6,7 @@ import h5py
 import pytest
 from nexusformat import nexus
 from session_material import Session
+from silx.io import nxdata
 
 from app.session import layout
 
@@ -45,7 +46,6 @@ def test_nexpy_finds_the_uncertainty_of_the_signal(session: Session, path: str) 
 
 
 def test_silx_finds_every_plot(session: Session) -> None:
-    nxdata = pytest.importorskip("silx.io.nxdata")
     with h5py.File(session.path, "r") as file:
         default = nxdata.get_default(file)
         assert (default.group.name, default.signal_dataset_name, default.axes_dataset_names) == (
