@@ -18,7 +18,7 @@ from app.session.reader import SessionReader
 from app.session.repair import repair
 from app.session.writer import SessionWriter
 
-SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=15", "dic.threads=1")
+SMALL = ("camera.width=320", "camera.height=240", "camera.pixel=16", "run.normal_force=0.1", "run.travel=15", "dic.threads=1")
 FAULTS = ('sim.faults=["lost-trigger 40 2", "lost-trigger 61 9", "daq-overflow 5500 60"]', "forces.on_overflow=continue")
 PATIENCE_S = 60.0
 
