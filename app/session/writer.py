@@ -37,6 +37,7 @@ from app.session.layout import GROUPS, LATER, NO_ROW
 from app.session.receipt import Receipt, verify
 
 RESERVE_BYTES = 32 << 20  # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if it can not
+LOOK_BYTES = 4096  # of each end of an image
 LONGEST_GAP_S = 3600.0  # the missing samples are written as NaN; more than this is a wrong sample number, not a gap
 
 
@@ -247,10 +248,13 @@ class SessionWriter:
 
     def _place_of(self, row: int, chunk: NDArray[np.uint8], end: int) -> int:
         """Where in the file an image lies: where the file ended before, as a look shows; HDF5 goes through all images to tell."""
-        self._on_disk.seek(end)
-        if np.array_equal(np.frombuffer(self._on_disk.read(chunk.nbytes), np.uint8), chunk):
+        if all(self._lies_at(end + at, chunk[at : at + LOOK_BYTES]) for at in (0, max(0, chunk.nbytes - LOOK_BYTES))):
             return end
         return int(self._images.id.get_chunk_info_by_coord((row, 0, 0)).byte_offset)
+
+    def _lies_at(self, place: int, part: NDArray[np.uint8]) -> bool:
+        self._on_disk.seek(place)
+        return self._on_disk.read(part.nbytes) == part.tobytes()
 
     def append_source_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
         """Record that the image of trigger `index` lies in that row of the source, with that CRC-32."""
