@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from app import cli_files
-from app.cli_options import Headless, JsonFlag, Overwrite, SessionFile, asked, plain_errors
+from app.cli_options import Headless, JsonFlag, Overrides, Overwrite, SessionFile, asked, plain_errors
 
 EPILOG = """
 Examples:
@@ -80,10 +80,7 @@ def run(
     pace: Annotated[
         str, typer.Option(metavar="1|max|NUMBER", help="Simulated seconds per second; max: as fast as the machine. A real bench runs at 1.")
     ] = "1",
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="One setting, over the file's; may be repeated.", show_default=False),
-    ] = None,
+    overrides: Overrides = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -176,10 +173,7 @@ def check(
     move: Annotated[
         float, typer.Option("--move", metavar="UM", help="Let the stage move by so many um at run.velocity, and back.", show_default=False)
     ] = 0.0,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="One setting, over the file's; may be repeated.", show_default=False),
-    ] = None,
+    overrides: Overrides = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Go through a bench and say what works: devices, samples, triggers, frames, sensors, picture. Nothing moves unless it is allowed.

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli_options import JsonFlag, Overwrite, SessionFile, plain_errors
+from app.cli_options import JsonFlag, Overrides, Overwrite, SessionFile, plain_errors
 
 app = typer.Typer()
 
@@ -193,10 +193,7 @@ def import_(
     drive: Annotated[
         int | None, typer.Option(metavar="FRAME", help="First frame of the drive; else from where Q rises.", show_default=False)
     ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="One setting, over the file's; may be repeated.", show_default=False),
-    ] = None,
+    overrides: Overrides = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> None:

@@ -15,6 +15,10 @@ JsonFlag = Annotated[
 Headless = Annotated[
     bool, typer.Option("--headless", help="No window: a progress bar in the terminal. Chosen by itself without a display.")
 ]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="TABLE.KEY=VALUE", help="One setting, over the file's; may be repeated.", show_default=False),
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist. Without it they are never touched.")]
 SessionFile = Annotated[Path, typer.Argument(metavar="SESSION.h5", help="A session that `slipscope run` wrote.", show_default=False)]
 

@@ -18,8 +18,9 @@ from app.devices import is_unreal, make_bench, sources_of
 from app.engine.run import Run
 from app.errors import UserError
 from app.sections import Config
+from app.session.files import RESERVE_BYTES
 from app.session.versions import versions
-from app.session.writer import RESERVE_BYTES, SessionWriter
+from app.session.writer import SessionWriter
 from drivers.bench import Bench
 
 

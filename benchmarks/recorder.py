@@ -134,6 +134,9 @@ def main(folder: Path, seconds: float, compression: str) -> None:
     print(f"flush to the disk: {1e3 * np.median(times):.0f} ms (median), {1e3 * max(times):.0f} ms (longest of {len(times)})")
     print(f"begin of a flush to the end of the next, lost by a power cut: {between:.2f} s at most; queue filled to {fullest:.0%}")
     size = path.stat().st_size
+    with h5py.File(path, "r") as file:
+        share = file["entry/instrument/camera/data"].id.get_storage_size() / (frames * images[0].nbytes)
+    print(f"images in the file: {share:.1%} of their size in memory")
     print(f"close with reading back: {closing:.2f} s, {size / closing / 1e6:.0f} MB/s: {writer.receipt}")
     path.unlink()
     began = time.monotonic()

@@ -86,7 +86,7 @@ def stored(dataset: h5py.Dataset, array: NDArray[Any]) -> bytes | NDArray[Any]:
     array = np.ascontiguousarray(array)
     if dataset.compression is None:
         return array
-    # most of an image is noise: to look for what repeats in it gains 3 % and takes twice the time
+    # most of an image is noise, in which little repeats: to look for it takes longer than all the rest
     deflate = zlib.compressobj(GZIP_LEVEL, strategy=zlib.Z_HUFFMAN_ONLY)
     return deflate.compress(array.data) + deflate.flush()
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
@@ -12,6 +14,7 @@ import h5py
 from app.errors import UserError
 from app.session.journal import Journal, journal_of
 
+RESERVE_BYTES = 32 << 20  # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if it can not
 METADATA_BYTES = 1 << 19  # and no chunks: HDF5's caches would grow for the first hours of a run
 _LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark that would lock the file after a kill
 
@@ -42,6 +45,13 @@ def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
     except OSError as error:
         cause = os.strerror(error.errno) if error.errno else str(error)
         raise UserError(f"{path}: the session can not be made there: {cause}; choose another folder or name") from None
+
+
+def check_room(path: Path, nbytes: int) -> None:
+    """Refuse to write so much to the disk of a session where too little would be left to close it whole; OSError."""
+    free = shutil.disk_usage(path.absolute().parent).free
+    if free < RESERVE_BYTES + nbytes:
+        raise OSError(errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room")
 
 
 def abandon(file: h5py.File, on_disk: FileIO, journal: Journal) -> None:

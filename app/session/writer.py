@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import errno
 import json
 import os
 import re
-import shutil
 from array import array
 from bisect import bisect_left
 from collections.abc import Mapping
@@ -31,12 +29,11 @@ from numpy.typing import NDArray
 from app.results import ContactResult, Event, Outcome, Snapshot, Source
 from app.session import layout
 from app.session.columns import Table, append_chunks, make_group, storable
-from app.session.files import abandon, new_files
+from app.session.files import abandon, check_room, new_files
 from app.session.journal import Journal
 from app.session.layout import GROUPS, LATER, NO_ROW
 from app.session.receipt import Receipt, verify
 
-RESERVE_BYTES = 32 << 20  # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if it can not
 LOOK_BYTES = 4096  # of each end of an image
 LONGEST_GAP_S = 3600.0  # the missing samples are written as NaN; more than this is a wrong sample number, not a gap
 
@@ -232,9 +229,7 @@ class SessionWriter:
         OSError
             It could not be written, or the disk is all but full; the session is as it was before and can be finished.
         """
-        free = shutil.disk_usage(self._path.absolute().parent).free
-        if free < RESERVE_BYTES + image.nbytes:
-            raise OSError(errno.ENOSPC, f"{self._path}: the disk is full, {free / 1e6:.0f} MB are left; make room")
+        check_room(self._path, image.nbytes)
         image = np.ascontiguousarray(image)
         checksum = crc32(image.data) if checksum is None else checksum
         end = self._file.id.get_filesize()
@@ -257,7 +252,8 @@ class SessionWriter:
         return self._on_disk.read(part.nbytes) == part.tobytes()
 
     def append_source_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
-        """Record that the image of trigger `index` lies in that row of the source, with that CRC-32."""
+        """Record that the image of trigger `index` lies in that row of the source, with that CRC-32; OSError on an all but full disk."""
+        check_room(self._path, 0)
         self._journal.note("source_frame", index, sample, row, checksum)
         self._add_frame(index, sample, row, checksum)
 

@@ -14,6 +14,7 @@ from app.errors import UserError
 from app.reanalysis import Reanalysis
 from app.replay import difference, make_replay
 from app.session import Session
+from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader
 from app.session.repair import repair
 from app.session.writer import SessionWriter
@@ -233,6 +234,17 @@ def test_a_full_disk_fails_by_name_and_leaves_nothing(session, monkeypatch):
     outcome, _path = analysed(session, "b.h5")
     assert outcome.state == "failed"
     assert "No space left on device" in outcome.reason
+    assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
+
+
+def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
+    free = iter([1 << 40] * 30 + [RESERVE_BYTES - 1] * 10**6)
+    usage = shutil.disk_usage(session.parent)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=next(free)))
+    outcome, _ = analysed(session, "b.h5")
+    assert outcome.state == "failed"
+    assert "the disk is full" in outcome.reason
+    assert outcome.counts.frames_analysed == 30
     assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
 
 

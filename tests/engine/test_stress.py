@@ -11,9 +11,9 @@ import numpy as np
 
 from app import config, live
 from app.results import Phase
+from app.session.files import RESERVE_BYTES
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
-from app.session.writer import RESERVE_BYTES
 
 SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=60", "dic.threads=1")
 DIVISOR = 125

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import short_run
 from PIL import Image
 
 from app import config, live
@@ -21,19 +22,7 @@ from app.replay import Replay, difference
 from app.results import Phase
 from app.session.reader import SessionReader
 
-SHORT = (
-    "camera.width=400",
-    "camera.height=300",
-    "run.normal_force=0.03",
-    "run.travel=22",
-    "run.background_time=0.5",
-    "run.settle_time=0.3",
-    "run.settle_tolerance=0.1",
-    "run.shear_tolerance=0.2",
-    "sim.force_noise=0.02",
-    "sim.press_time=0.75",
-    "sample.lens_compliance=1.5",
-)
+SHORT = (*short_run.SHORT, "sample.lens_compliance=1.5")
 LOST = 20
 KNOWN: dict[str, Any] = {"pixel_um": 7.04, "rate_hz": 1000, "divisor": 125}
 

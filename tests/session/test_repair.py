@@ -198,7 +198,7 @@ def test_results_that_do_not_fit_do_not_keep_the_images_from_coming_back(tmp_pat
 
 def test_failed_repair_leaves_no_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written = cut_short(tmp_path)
-    monkeypatch.setattr("app.session.writer.shutil.disk_usage", lambda _: type("usage", (), {"free": 0}))
+    monkeypatch.setattr("app.session.files.shutil.disk_usage", lambda _: type("usage", (), {"free": 0}))
     with pytest.raises(OSError, match="the disk is full"):
         repair(written.path, tmp_path / "repaired.h5")
     assert not list(tmp_path.glob("repaired*"))

@@ -20,8 +20,7 @@ from session_material import COUNTS, SHAPE, make_snapshot, make_writer, record
 from app.engine.recorder import Recorder
 from app.errors import UserError
 from app.results import Outcome
-from app.session import columns, layout
-from app.session import writer as writer_module
+from app.session import columns, files, layout
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.repair import repair
@@ -151,7 +150,7 @@ def test_failed_flush_closes_the_session_and_everything_comes_back(tmp_path: Pat
 def test_last_of_the_disk_is_left_to_close_the_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     writer, written = record(tmp_path / "last.h5")
     usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(writer_module.shutil, "disk_usage", lambda _: usage(10**9, 10**9, writer_module.RESERVE_BYTES))
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda _: usage(10**9, 10**9, files.RESERVE_BYTES))
     with pytest.raises(OSError, match="the disk is full, 34 MB are left"):
         writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
     writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
