@@ -173,7 +173,7 @@ class Recording(Section, frozen=True):
 
     flush_interval: Annotated[float, _f("Time between flushes to disk", "s", gt=0, le=0.5)] = 0.4
     queue: Annotated[float, _f("Data the recorder's queue holds before the run ends by name", "s", gt=0, le=60)] = 4.0
-    compression: Annotated[str, _f("Of the images; gzip: a tenth smaller, half a core at full rate", pattern="^(none|gzip)$")] = "none"
+    compression: Annotated[str, _f("Of the images; gzip: a tenth smaller, for 30 ms of processor each", pattern="^(none|gzip)$")] = "none"
 
 
 class Replay(Section, frozen=True):
