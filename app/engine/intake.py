@@ -81,11 +81,12 @@ class Intake:
         else:
             self.samples_lost += block.count
             recorder.gap(block)
-        position, moving = math.nan, False
+        now, position, moving = block.end, math.nan, False
         try:
-            position, moving = self._bench.actuator.position_m(), self._bench.actuator.is_moving()
-        finally:  # an actuator that fails costs no sample
-            now = max(block.end, self.now())  # the stage was read now, which is later than the block where more of them wait
+            stage = self._bench.actuator.position_m(), self._bench.actuator.is_moving()
+            now = max(now, self.now())  # the stage was read now, which is later than the block where more of them wait
+            position, moving = stage
+        finally:  # an actuator that fails, or a board that goes away after the block, costs no sample
             recorder.position(now, position)
             self._history.append(block.first, forces, position, now)
         if isinstance(block, LostSamples):

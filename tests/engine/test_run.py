@@ -203,7 +203,7 @@ def stopped_by_itself(journal):
     return "stop" in journal.calls[journal.calls.index("move_to") :]
 
 
-@pytest.mark.parametrize("culprit", ["forces.read", "camera.read", "actuator.position_m"])
+@pytest.mark.parametrize("culprit", ["forces.read", "forces.backlog", "camera.read", "actuator.position_m"])
 def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path):
     device, method = culprit.split(".")
     journals = []
