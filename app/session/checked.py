@@ -24,6 +24,7 @@ SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond the size of the
 LARGEST_CHUNK_BYTES = 1 << 28  # a chunk is decompressed as a whole
 NUMBER = "number"  # any plain integer or float
 _BUILT_IN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
+_ALTERED = "the bytes are not those that were written"
 _COPY = "use a copy of it if there is one"
 _DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError, NotImplementedError)
 
@@ -92,14 +93,14 @@ class CheckedFile:
                 raise ValueError(f"it is compressed by filter {min(unknown)}, which needs a plug-in; repack it without")
             if place.chunks and math.prod(place.chunks) * place.dtype.itemsize > LARGEST_CHUNK_BYTES:
                 raise ValueError(f"it claims chunks of {place.chunks}")
-            self._check_claim(place, place.shape if place.ndim < 2 else place.shape[1:])
+            self.check_claim(place, place.shape if place.ndim < 2 else place.shape[1:])
         self._datasets[path] = place
         return place
 
     def read(self, dataset: h5py.Dataset) -> Any:
         """All that is in a dataset: an array, or a number or text where it has no shape."""
         with self.reading(dataset.name):
-            self._check_claim(dataset, dataset.shape)
+            self.check_claim(dataset, dataset.shape)
             if dataset.dtype.kind != "O":
                 return dataset[()]
             with self.path.open("rb") as file:
@@ -113,7 +114,8 @@ class CheckedFile:
         except UserError:
             raise
         except _DAMAGE as error:
-            raise self.damaged(path, " ".join(str(error).split()) or type(error).__name__) from error
+            found = " ".join(str(error).split()) or type(error).__name__
+            raise self.damaged(path, _ALTERED if "filter returned failure" in found else found) from error
 
     def damaged(self, path: str, found: str) -> UserError:
         """The error that says so."""
@@ -130,7 +132,8 @@ class CheckedFile:
                 place = self._places[at]
             return place
 
-    def _check_claim(self, dataset: h5py.Dataset, shape: tuple[int, ...]) -> None:
+    def check_claim(self, dataset: h5py.Dataset, shape: tuple[int, ...]) -> None:
+        """Refuse a dataset of which a part of that shape would be more than the file can hold."""
         if math.prod(shape) * max(1, dataset.dtype.itemsize) > self._bytes + SLACK_BYTES:
             raise ValueError(f"it claims the shape {dataset.shape} in a file of {self._bytes} bytes")
 

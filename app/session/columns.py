@@ -91,24 +91,38 @@ def stored(dataset: h5py.Dataset, array: NDArray[Any]) -> bytes | NDArray[Any]:
     return deflate.compress(array.data) + deflate.flush()
 
 
-def append_chunks(datasets: list[h5py.Dataset], arrays: list[NDArray[Any]]) -> tuple[int, list[NDArray[np.uint8]]]:
-    """Row at which the arrays, one for each dataset, were added as one chunk each, and their bytes; on failure none of them was."""
-    for dataset, array in zip(datasets, arrays, strict=True):
-        if array.shape != dataset.shape[1:] or array.dtype != dataset.dtype:
-            raise ValueError(
-                f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but {array.shape} {array.dtype} was given"
-            )
-    row = int(datasets[0].shape[0])
-    chunks = [np.frombuffer(stored(dataset, array), np.uint8) for dataset, array in zip(datasets, arrays, strict=True)]
+def append_image(images: h5py.Dataset, image: NDArray[Any]) -> tuple[int, NDArray[np.uint8]]:
+    """Row at which an image was added, written at once as one chunk, and the bytes of that; on failure it was not added."""
+    _check_fits(images, image)
+    row, chunk = int(images.shape[0]), np.frombuffer(stored(images, image), np.uint8)
     try:
-        for dataset, chunk in zip(datasets, chunks, strict=True):
-            dataset.resize(row + 1, axis=0)
-            dataset.id.write_direct_chunk((row, 0, 0), chunk)
+        images.resize(row + 1, axis=0)
+        images.id.write_direct_chunk((row, 0, 0), chunk)
     except BaseException:
-        for dataset in datasets:
-            dataset.resize(row, axis=0)
+        images.resize(row, axis=0)
         raise
-    return row, chunks
+    return row, chunk
+
+
+def append_fields(columns: list[h5py.Dataset], fields: list[NDArray[Any]]) -> int:
+    """Row at which the fields were added, one to each dataset; on failure none of them was."""
+    for column, field in zip(columns, fields, strict=True):
+        _check_fits(column, field)
+    row = int(columns[0].shape[0])
+    try:
+        for column, field in zip(columns, fields, strict=True):
+            column.resize(row + 1, axis=0)
+            column[row] = field
+    except BaseException:
+        for column in columns:
+            column.resize(row, axis=0)
+        raise
+    return row
+
+
+def _check_fits(dataset: h5py.Dataset, array: NDArray[Any]) -> None:
+    if array.shape != dataset.shape[1:] or array.dtype != dataset.dtype:
+        raise ValueError(f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but {array.shape} {array.dtype} was given")
 
 
 def make_group(
@@ -128,7 +142,11 @@ def make_group(
     if group.auxiliary_signals:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
     for item in layout.items_of(group.path):
-        filters = {"compression": "gzip", "compression_opts": GZIP_LEVEL} if (item.dtype, compression) == (layout.IMAGE, "gzip") else {}
+        filters: dict[str, Any] = {}
+        if item.dtype == layout.IMAGE:  # whose checksum is in triggers
+            filters = {"compression": "gzip", "compression_opts": GZIP_LEVEL} if compression == "gzip" else {}
+        elif item.dtype != layout.TEXT:
+            filters = {"fletcher32": True}
         dataset = _make_dataset(file, item, sizes, values, image, filters)
         dataset.attrs["long_name"] = item.meaning
         if item.unit:

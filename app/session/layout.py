@@ -19,6 +19,7 @@ TEXT = "text"  # variable-length UTF-8
 IMAGE = "image"  # the camera's own dtype
 
 PHASES = tuple(Phase)  # a phase is stored as its place in this list
+FORCES_CHUNK = 4096  # samples
 NO_ROW = -1  # of an image or field that does not exist
 
 
@@ -120,10 +121,10 @@ ITEMS = (
     Item("/entry/triggers/reason", ("triggers",), TEXT, "", "why the frame was lost; empty where it was received"),
     Item("/entry/triggers/analysed", ("triggers",), "uint8", "1", "1: analysed during the run; 0: not"),
     Item("/entry/triggers/checksum", ("triggers",), "uint32", "1", "CRC-32 of its image, row by row; 0 where the frame was lost", since=4),
-    Item("/entry/forces/normal_force", ("samples",), "float64", "N", "normal force P", 4096),
-    Item("/entry/forces/shear_force", ("samples",), "float64", "N", "shear force Q", 4096),
-    Item("/entry/forces/normal_sensor", ("samples",), "float64", "V", "reading of the normal sensor", 4096),
-    Item("/entry/forces/shear_sensor", ("samples",), "float64", "V", "reading of the shear sensor", 4096),
+    Item("/entry/forces/normal_force", ("samples",), "float64", "N", "normal force P", FORCES_CHUNK),
+    Item("/entry/forces/shear_force", ("samples",), "float64", "N", "shear force Q", FORCES_CHUNK),
+    Item("/entry/forces/normal_sensor", ("samples",), "float64", "V", "reading of the normal sensor", FORCES_CHUNK),
+    Item("/entry/forces/shear_sensor", ("samples",), "float64", "V", "reading of the shear sensor", FORCES_CHUNK),
     Item("/entry/gaps/first", ("gaps",), "int64", "samples", "first missing sample"),
     Item("/entry/gaps/count", ("gaps",), "int64", "samples", "how many are missing"),
     Item("/entry/events/sample", ("events",), "int64", "samples", "when it happened"),

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
 from app.session.checked import CheckedFile
 from app.session.journal import records
+from app.session.layout import GROUPS, GROWING, IMAGE, TEXT, items_of
 from app.session.reader import SessionReader
 
 _FORCES = ("normal_sensor", "shear_sensor", "normal_force", "shear_force")
-_SLAB = 1 << 18  # samples read at a time
+_SLAB = 1 << 20  # values read at a time
 
 
 class NotAsRecordedError(UserError):
@@ -31,7 +33,7 @@ class Receipt:
     """The account of a session that was read back to the last byte.
 
     `checksum` is one over all images and forces, the same at any later time; `seconds` is how long the reading took.
-    `checked` is False of a session of format 3 or older: its images have no checksums to be held against.
+    `checked` is False of a session of format 3 or older: it has no checksums to be held against.
     """
 
     frames: int
@@ -87,17 +89,19 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
     """
     began = time.monotonic()
     with SessionReader(session) as reader, closing(CheckedFile(session, "session")) as file:
-        found = _Account(dict.fromkeys(reader.triggers()["index"].tolist()))
-        found.frames |= {index: crc32(np.ascontiguousarray(image).data) for index, _, image in reader.frames()}
+        checked = _read_columns(reader, file)
+        triggers = reader.triggers()
+        found = _Account(dict.fromkeys(triggers["index"].tolist()))
+        images = {index: _checksum_of(reader, index) for index in triggers["index"][triggers["received"]].tolist()}
+        found.frames |= images
+        held = checksums(reader, file)
+        if wrong := [index for index, checksum in images.items() if checksum is None or held.get(index, checksum) != checksum]:
+            raise NotAsRecordedError(
+                f"{session}: {_numbered('image', wrong)} not as recorded; `slipscope repair` makes a session of the others"
+            )
+        for first in range(0, samples_in(file), _SLAB):
+            found.add(forces_of(file, first, first + _SLAB))
         found.gaps, found.positions, found.events = len(reader.gaps()), len(reader.positions()[0]), len(reader.events())
-        for columns in _slabs(file):
-            found.add(columns)
-        held = {} if reader.format < 4 else checksums(reader, file)
-    wrong = [index for index, checksum in held.items() if found.frames[index] != checksum]
-    if wrong:
-        raise NotAsRecordedError(
-            f"{session}: {_numbered('image', wrong)} not as recorded; `slipscope repair` makes a session of the others"
-        )
     told = _told(journal, found.samples) if journal else found
     if told != found:
         raise NotAsRecordedError(
@@ -112,24 +116,64 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
         bytes=session.stat().st_size,
         checksum=f"{crc32(bits.data):08x}",
         seconds=round(time.monotonic() - began, 2),
-        checked=reader.format >= 4,
+        checked=checked,
     )
 
 
 def checksums(reader: SessionReader, file: CheckedFile) -> dict[int, int]:
-    """Trigger number -> CRC-32 of the image as it was recorded, of the frames received."""
+    """Trigger number -> CRC-32 of the image as it was recorded, of the frames received; none of a session of format 3 or older."""
+    if reader.format < 4:
+        return {}
     triggers, column = reader.triggers(), file.read(file.dataset("/entry/triggers/checksum", ("triggers",), "uint32"))
     return {int(t["index"]): int(checksum) for t, checksum in zip(triggers, column, strict=False) if t["received"]}
 
 
-def _slabs(file: CheckedFile) -> Iterator[NDArray[np.float64]]:
-    """The forces as they are stored, a part at a time."""
-    columns = [file.dataset(f"/entry/forces/{name}", ("samples",), "float64") for name in _FORCES]
-    rows = min(len(column) for column in columns)
-    for start in range(0, rows, _SLAB):
-        with file.reading("/entry/forces"):
-            slab = np.stack([column[start : min(start + _SLAB, rows)] for column in columns])
-        yield slab
+def image_of(reader: SessionReader, index: int) -> NDArray[Any] | None:
+    """The image of trigger `index`, in one piece; None where it can not be read."""
+    with suppress(UserError):
+        return np.ascontiguousarray(reader.frame(index)[2])
+    return None
+
+
+def _checksum_of(reader: SessionReader, index: int) -> int | None:
+    image = image_of(reader, index)
+    return None if image is None else crc32(image.data)
+
+
+def samples_in(file: CheckedFile) -> int:
+    """Rows of the forces, by the shortest column."""
+    return min(len(column) for column in _force_columns(file))
+
+
+def forces_of(file: CheckedFile, first: int, end: int) -> NDArray[np.float64]:
+    """The samples from `first` to before `end`, or the last one, as they are stored: rows normal and shear in volts, then in newtons."""
+    with file.reading("/entry/forces"):
+        return np.stack([column[first : min(end, samples_in(file))] for column in _force_columns(file)])
+
+
+def _force_columns(file: CheckedFile) -> list[h5py.Dataset]:
+    return [file.dataset(f"/entry/forces/{name}", ("samples",), "float64") for name in _FORCES]
+
+
+def _read_columns(reader: SessionReader, file: CheckedFile) -> bool:
+    """Read all that grew during the run, but images and texts, which HDF5 holds against its checksums; whether it all has some."""
+    checked = reader.format >= 4
+    for group in GROUPS:
+        items = [item for item in items_of(group.path) if item.shape and item.shape[0] in GROWING and item.since <= reader.format]
+        columns = [file.dataset(item.path, item.shape, item.dtype) for item in items if item.dtype not in (TEXT, IMAGE)]
+        rows = min(map(len, columns), default=0)  # a program that was killed may have lengthened only some
+        for column in columns:
+            checked = checked and column.fletcher32
+            step = max(1, _SLAB // max(1, math.prod(column.shape[1:])))
+            try:
+                with file.reading(column.name):
+                    file.check_claim(column, (rows, *column.shape[1:]))
+                    for first in range(0, rows, step):
+                        column[first : min(first + step, rows)]
+            except UserError as error:
+                remedy = "`slipscope repair` makes a session of what can be read"
+                raise NotAsRecordedError(f"{reader.path}: {column.name} is not as recorded; {remedy}") from error
+    return checked
 
 
 def _told(journal: Path, most: int) -> _Account:

@@ -7,24 +7,25 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.errors import UserError
 from app.results import Event, Outcome, Source
 from app.session.checked import CheckedFile
 from app.session.journal import has_journal, journal_of, records
-from app.session.layout import UNFINISHED
+from app.session.layout import FORCES_CHUNK, UNFINISHED
 from app.session.reader import SessionReader
-from app.session.receipt import Receipt, checksums, verify
+from app.session.receipt import Receipt, checksums, forces_of, image_of, samples_in, verify
 from app.session.writer import SessionWriter
 
 FLUSH_FRAMES = 256  # of small tables that wait in memory
 _UNREADABLE = "its image can not be read, the bytes are not those that were recorded"
+_UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
 _MOST_MISSING = 1 << 22  # samples of a journal's gaps: a line of a stranger's could ask for terabytes of them
 _NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)  # of a stranger's journal
 
@@ -33,14 +34,16 @@ _NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError
 class Repaired:
     """What came of a repair. `output` is None where the session is whole and nothing had to be written.
 
-    `source` is "journal" or "file"; `torn` counts the frames that were recorded and could not be brought back, `cut_bytes` what
-    was left out at the torn end of the journal, `results` the analysed frames; `receipt` is that of the repaired session, or of the whole.
+    `source` is "journal" or "file"; `torn` and `unread` count the frames and samples that were recorded and could not be brought
+    back, `cut_bytes` what was left out at the torn end of the journal, `results` the analysed frames; `receipt` is that of the repaired
+    session, or of the whole.
     """
 
     session: Path
     output: Path | None
     source: str
     torn: int
+    unread: int
     cut_bytes: int
     results: int
     receipt: Receipt
@@ -49,7 +52,7 @@ class Repaired:
         """One sentence."""
         if self.output is None:
             return f"{self.session}: the session is whole, nothing is to be repaired: {self.receipt}"
-        torn = f"{self.torn} images could not be read"
+        torn = f"{self.torn} images and {self.unread} samples could not be read"
         cut = "; what came after the torn end of the journal is lost" if self.cut_bytes else ""
         results = f"results of {self.results} frames" if self.results else "no results, the images must be analysed again"
         return f"{self.output}: brought back from the {self.source}: {self.receipt}; {torn}{cut}; {results}"
@@ -74,7 +77,7 @@ def repair(session: Path, output: Path, *, overwrite: bool = False, progress: Ca
     with suppress(UserError), SessionReader(session) as reader:
         if reader.state != UNFINISHED or source == "file":
             receipt = verify(session, journal if source == "journal" else None)
-            return Repaired(session, None, source, 0, 0, len(reader.analysed_frames()), receipt)
+            return Repaired(session, None, source, 0, 0, 0, len(reader.analysed_frames()), receipt)
     try:
         told = _told_by_journal(session, journal, progress) if source == "journal" else _told_by_file(session, progress)
         return _write(session, output, source, told, overwrite)
@@ -92,12 +95,13 @@ def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, .
     header |= {"source": Source(**header["source"]) if header["source"] else None}
     writer = SessionWriter.create(output, **header, overwrite=overwrite)
     frames: set[int] = set()
-    torn = count = cut = 0
+    torn = unread = count = cut = 0
     try:
         for what, *values in told:
             if what in ("frame", "source_frame"):
                 frames.add(values[0])
             torn += what == "lost_frame" and values[2] == _UNREADABLE
+            unread += values[1] if what == "gap" and values[2] == _UNREADABLE_SAMPLES else 0
             if what == "end":
                 cut = values[0]
                 break
@@ -114,7 +118,7 @@ def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, .
         writer.discard()
         raise
     assert writer.receipt is not None
-    return Repaired(session, output, source, torn, cut, results, writer.receipt)
+    return Repaired(session, output, source, torn, unread, cut, results, writer.receipt)
 
 
 _TOLD: dict[str, tuple[str, tuple[type, ...]]] = {  # record -> method of the writer and what it takes
@@ -185,12 +189,11 @@ def _told_by_file(session: Path, progress: Callable[[float], None]) -> Iterator[
         names = ("config_toml", "sample_rate_hz", "frame_shape", "frame_dtype", "exposure_samples", "divisor", "first_trigger", "pixel_m")
         header = {name: getattr(reader, name) for name in (*names, "grid_x_px", "grid_y_px", "versions", "started", "compression")}
         yield "session", header | {"source": asdict(reader.source) if reader.source else None}
-        for stretch in reader.stretches():
-            yield "samples", *stretch
-        held = checksums(reader, file) if reader.format >= 4 else {}
+        yield from _forces_told(reader, file)
+        held = checksums(reader, file)
         triggers, _ = reader.triggers(), reader.images_path  # of an analysis they are in another file
         for n, (index, sample, received, _, reason) in enumerate(triggers.tolist()):
-            image = _frame_of(reader, index) if received else None
+            image = image_of(reader, index) if received else None
             found = None if image is None else crc32(image.data)
             if found is not None and held.get(index) in (None, found):
                 own = ("frame", index, sample, image, found)
@@ -204,11 +207,23 @@ def _told_by_file(session: Path, progress: Callable[[float], None]) -> Iterator[
             yield "event", event.sample, event.kind, event.text
 
 
-def _frame_of(reader: SessionReader, index: int) -> NDArray[Any] | None:
-    try:
-        return np.ascontiguousarray(reader.frame(index)[2])
-    except UserError:
-        return None
+def _forces_told(reader: SessionReader, file: CheckedFile) -> Iterator[tuple[Any, ...]]:
+    """The samples between the gaps; those in a chunk that can not be read are a gap, too."""
+    missing = np.zeros(samples_in(file), bool)
+    for first, count in reader.gaps():
+        missing[max(0, first) : first + count] = True
+    parts = {*range(0, len(missing), FORCES_CHUNK), *(np.flatnonzero(np.diff(missing)) + 1).tolist(), len(missing)}
+    for first, end in pairwise(sorted(parts)):
+        if missing[first]:
+            continue
+        try:
+            block = forces_of(file, first, end)
+        except UserError:
+            yield "gap", first, end - first, _UNREADABLE_SAMPLES
+        else:
+            yield "samples", first, block[:2].T, block[2:].T
+    if missing.size and missing[-1]:
+        yield "samples", len(missing), np.empty((0, 2)), np.empty((0, 2))
 
 
 def _copy_results(session: Path, writer: SessionWriter, frames: set[int], torn: int) -> int:

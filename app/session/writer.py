@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from app.results import ContactResult, Event, Outcome, Snapshot, Source
 from app.session import layout
-from app.session.columns import Table, append_chunks, make_group, storable
+from app.session.columns import Table, append_fields, append_image, make_group, storable
 from app.session.files import abandon, check_room, new_files
 from app.session.journal import Journal
 from app.session.layout import GROUPS, LATER, NO_ROW
@@ -233,7 +233,7 @@ class SessionWriter:
         image = np.ascontiguousarray(image)
         checksum = crc32(image.data) if checksum is None else checksum
         end = self._file.id.get_filesize()
-        row, (chunk,) = append_chunks([self._images], [image])
+        row, chunk = append_image(self._images, image)
         try:
             self._journal.note("frame", index, sample, self._place_of(row, chunk, end), chunk.nbytes, checksum)
         except BaseException:
@@ -292,7 +292,7 @@ class SessionWriter:
             raise ValueError(f"session: results of frame {snapshot.frame} were given, but that frame is not recorded")
         field = NO_ROW
         if snapshot.ux_px.size:
-            field, _ = append_chunks(self._fields, [getattr(snapshot, name) for name in layout.FIELDS.values()])
+            field = append_fields(self._fields, [getattr(snapshot, name) for name in layout.FIELDS.values()])
             self._field_frames.append(frame=snapshot.frame)
         self._analysed.append(self._received_rows[place])
         self._rings.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.RINGS.items()})

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -121,3 +122,16 @@ def record(path: Path, *, flush_each: bool = True) -> tuple[SessionWriter, Sessi
         if flush_each:
             writer.flush()
     return writer, written
+
+
+def alter(path: Path, dataset: str, row: int) -> None:
+    """Flip one bit of a row of a dataset where it lies on the disk."""
+    with h5py.File(path) as file:
+        column = file[dataset]
+        chunk = column.id.get_chunk_info_by_coord((row - row % column.chunks[0], *[0] * (column.ndim - 1)))
+        place = chunk.byte_offset + (row % column.chunks[0]) * column.dtype.itemsize * int(np.prod(column.chunks[1:]))
+    with path.open("r+b") as raw:
+        raw.seek(place)
+        (byte,) = raw.read(1)
+        raw.seek(place)
+        raw.write(bytes([byte ^ 1]))

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import h5py
 import pytest
-from session_material import Session, record
+from session_material import Session, alter, record
 
 from app.commands.inspect import info
 from app.errors import UserError
 from app.session.journal import journal_of
+from app.session.reader import SessionReader
 
 Capture = pytest.CaptureFixture[str]
 
@@ -39,6 +40,23 @@ def test_altered_image_is_named(session: Session, capsys: Capture) -> None:
     assert (data["receipt"], "image 6 is not" in data["fault"]) == (None, True)
 
 
+COLUMNS = ["forces/shear_force", "triggers/checksum", "results/stick_radius", "rings/ux", "fields/ux", "gaps/first"]
+
+
+@pytest.mark.parametrize("altered", COLUMNS)
+def test_altered_number_is_told_by_its_column(session: Session, capsys: Capture, altered: str) -> None:
+    alter(session.path, f"/entry/{altered}", 0)
+    assert info(session.path, as_json=False, verify=True) == 1
+    told = f"{session.path}: /entry/{altered} is not as recorded; `slipscope repair` makes a session of what can be read"
+    assert capsys.readouterr().err == f"slipscope: {told}\n"
+
+
+def test_altered_force_is_not_given_to_anybody(session: Session) -> None:
+    alter(session.path, "/entry/forces/shear_force", 700)
+    with SessionReader(session.path) as read, pytest.raises(UserError, match="damaged at /entry/forces/shear_force: the bytes are not"):
+        read.forces()
+
+
 def test_older_session_has_nothing_to_be_held_against(session: Session, capsys: Capture) -> None:
     with h5py.File(session.path, "r+") as file:
         file.attrs["slipscope_format"] = 3
@@ -58,7 +76,7 @@ def test_unfinished_session_is_held_against_its_journal(tmp_path: Path, capsys: 
     assert "frames 0, 1, 2, 3, 4 and 3 more are not as recorded; the journal is kept" in said.err
 
 
-def test_what_can_not_be_read_is_refused(session: Session) -> None:
+def test_what_can_not_be_read_is_not_as_recorded(session: Session, capsys: Capture) -> None:
     with h5py.File(session.path, "r+") as file:
         del file["/entry/forces/shear_force"]
         how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
@@ -67,5 +85,5 @@ def test_what_can_not_be_read_is_refused(session: Session) -> None:
         space = h5py.h5s.create_simple((1003,), (h5py.h5s.UNLIMITED,))
         forces = h5py.Dataset(h5py.h5d.create(file["/entry/forces"].id, b"shear_force", h5py.h5t.IEEE_F64LE, space, how))
         forces.id.write_direct_chunk((0,), b"no deflated bytes")
-    with pytest.raises(UserError, match="damaged at /entry/forces"):
-        info(session.path, as_json=False, verify=True)
+    assert info(session.path, as_json=False, verify=True) == 1
+    assert "/entry/forces/shear_force is not as recorded" in capsys.readouterr().err

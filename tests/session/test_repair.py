@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from killed_recorder import lost_by_kill
 from numpy.testing import assert_array_equal
-from session_material import CONTACT, COUNTS, Session, make_writer, record
+from session_material import CONTACT, COUNTS, OUTCOME, Session, alter, make_writer, record
 
 from app.errors import UserError
 from app.session.journal import journal_of, records
@@ -80,7 +80,7 @@ def test_torn_image_is_a_lost_frame_with_that_reason(tmp_path: Path) -> None:
     written.path.write_bytes(content[: end + 5])
     repaired = repair(written.path, tmp_path / "repaired.h5")
     assert repaired.torn == 2
-    assert "; 2 images could not be read; no results" in str(repaired)
+    assert "; 2 images and 0 samples could not be read; no results" in str(repaired)
     assert_same(tmp_path / "repaired.h5", written, lost=(4, 7))
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.lost_frames()[1:] == [
@@ -127,6 +127,29 @@ def test_damaged_session_without_a_journal_gives_what_can_be_read(session: Sessi
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert (read.state, read.reason) == ("done", "the travel is done; repaired, 1 images were lost")
         assert read.summary() is not None
+
+
+def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
+    """One altered bit costs the 4096 samples that share its checksum, less those that were missing before; the others come back."""
+    volts, forces = np.random.default_rng(3).normal(size=(2, 9000, 2))
+    writer = make_writer(tmp_path / "altered.h5")
+    writer.append_samples(0, volts[:4090], forces[:4090])
+    writer.append_samples(4110, volts[4110:8990], forces[4110:8990])
+    writer.append_gap(8990, 10, "overflow")
+    writer.finish(OUTCOME)
+    writer.close()
+    alter(tmp_path / "altered.h5", "/entry/forces/shear_sensor", 5000)
+    repaired = repair(tmp_path / "altered.h5", tmp_path / "repaired.h5")
+    assert (repaired.source, repaired.unread, repaired.receipt.samples) == ("file", 4082, 9000)
+    assert "0 images and 4082 samples could not be read" in str(repaired)
+    volts[4090:8192] = forces[4090:8192] = volts[8990:] = forces[8990:] = np.nan
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert read.gaps() == [(4090, 20), (4110, 4082), (8990, 10)]
+        assert_array_equal(read.forces()[1], volts)
+        assert_array_equal(read.forces()[2], forces)
+        assert [e.text for e in read.events() if e.sample == 4110] == [
+            "4082 samples lost: they can not be read, the bytes are not those that were recorded"
+        ]
 
 
 def test_what_can_not_be_repaired_says_why(tmp_path: Path) -> None:

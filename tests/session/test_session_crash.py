@@ -84,7 +84,7 @@ def test_columns_of_unequal_length_are_cut_to_the_shortest(tmp_path: Path) -> No
 
 
 class _FullDisk:
-    """A dataset that is real but for its direct writes, which fail as those to a full disk do."""
+    """A dataset that is real but for its writes, which fail as those to a full disk do."""
 
     def __init__(self, real: h5py.Dataset) -> None:
         self._real = real
@@ -98,6 +98,8 @@ class _FullDisk:
 
     def write_direct_chunk(self, *_: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
+
+    __setitem__ = write_direct_chunk
 
 
 def test_failed_chunk_leaves_no_phantom(tmp_path: Path) -> None:
