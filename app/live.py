@@ -99,8 +99,8 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
     sources = sources_of(config)
     if pace != 1.0 and not all(is_unreal(source) or source == "replay" for source in sources):
         raise UserError(f"--pace: a bench with a real device runs at pace 1, not {'max' if pace is None else pace}")
-    if pace is None and set(sources) != {"sim"}:
-        raise UserError("--pace: only simulated devices wait for the program, as pace max needs; give a number")
+    if pace is None and not set(sources) <= {"sim", "replay"}:
+        raise UserError("--pace: only simulated and recorded devices wait for the program, as pace max needs; give a number")
 
     def create_sink(
         shape: tuple[int, int], dtype: np.dtype[Any], grid_x_px: NDArray[np.float64], grid_y_px: NDArray[np.float64]

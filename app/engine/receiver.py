@@ -42,28 +42,30 @@ class Receiver:
         self._to_analysis = to_analysis
         self._ending = ending
         self._awaited = (0, time.monotonic())  # the trigger whose answer is awaited, and since when
+        self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
 
     @property
     def answered(self) -> int:
         """Triggers whose fate is known."""
         return self.received + self.lost
 
-    def check(self) -> None:
-        """Give the camera up when a trigger that is long past has had no answer for too long.
+    def is_behind(self) -> bool:
+        """Whether a trigger that is long past has had no answer yet.
 
         Raises
         ------
         DeviceTimeout
-            The camera is silent.
+            It has had none for too long: the camera is silent.
         """
         now = time.monotonic()
         overdue = self._history.end - self._train.sample(self.answered) > 2 * self._train.divisor + self._history.exposure_samples
-        if not overdue or self.answered != self._awaited[0]:
+        if not overdue or self._hands_over or self.answered != self._awaited[0]:
             self._awaited = (self.answered, now)
         elif now - self._awaited[1] > PATIENCE_S:
             raise DeviceTimeout(
                 f"{self._camera.name}: trigger {self.answered} had no answer for {PATIENCE_S:g} s; check the trigger line and the camera"
             )
+        return overdue
 
     def work(self) -> None:
         """Receive until the end; then every trigger without an answer is a named loss."""
@@ -93,5 +95,7 @@ class Receiver:
             return
         self.received += 1
         self.latest_image = answer.image
+        self._hands_over = True
         self._recorder.frame(answer)
         self._to_analysis.put(answer)
+        self._hands_over = False

@@ -40,6 +40,7 @@ from app.sections import Config
 from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
 
+PAUSE_S = 0.001
 REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
 HURRIED_S = 0.2  # of frames kept for the analysis during the drive: one that takes a little longer than a frame loses none
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
@@ -288,7 +289,8 @@ class Run:
         """Read, record, decide, until the experiment or somebody ends it."""
         while not self._ending.is_called.is_set():
             measured = self._intake.take(workers.recorder, workers.analyst.reference_taken.is_set())
-            workers.receiver.check()
+            while workers.receiver.is_behind() and self._free_running and not self._ending.is_called.is_set():
+                time.sleep(PAUSE_S)  # recorded forces would run ahead of what is analysed
             if measured is None:
                 continue
             before = self._experiment.phase

@@ -1,5 +1,7 @@
 """A recorded experiment behind the device protocols, alone and mixed with simulated devices."""
 
+import time
+
 import numpy as np
 import pytest
 from contracts import CameraContract, ForceSourceContract
@@ -132,12 +134,15 @@ def recorded(tmp_path_factory):
     return path, run.wait(100)
 
 
-def again(path, recorded, *sources):
-    """The run of a bench that plays the recorded session in the sources named, at ten times its pace."""
+def again(path, recorded, *sources, sabotage=lambda run: None):
+    """The run of a bench that plays the recorded session in the sources named, as fast as it is analysed."""
     overrides = [*SMALL, f"replay.session={recorded[0]}", *(f"{source}.source=replay" for source in sources)]
-    run = live.make_run(config.load(None, overrides), path, pace=10.0)
+    run = live.make_run(config.load(None, overrides), path, pace=None)
+    sabotage(run)
     run.start()
-    return run.wait(100)
+    outcome = run.wait(100)
+    assert outcome.counts.frames_skipped == 0
+    return outcome
 
 
 def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
@@ -152,6 +157,25 @@ def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
             i: image.tobytes() for i, _, image in first.frames()
         }.items()
     assert outcome.summary.mu_s == pytest.approx(recorded[1].summary.mu_s, rel=0.01)
+
+
+def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr("app.engine.receiver.PATIENCE_S", 0.02)
+    ahead = []
+
+    def slow_down(run):
+        step = run._pipeline.step
+
+        def slowly(index, sample, image, now):
+            time.sleep(0.1 if index > 100 else 0)
+            ahead.append(run._history.end - sample)
+            return step(index, sample, image, now)
+
+        run._pipeline.step = slowly
+
+    outcome = again(tmp_path / "slow.h5", recorded, "forces", "camera", "actuator", sabotage=slow_down)
+    assert (outcome.state, outcome.counts.frames_lost) == ("done", 0), outcome.reason
+    assert max(ahead) < 20 * 125
 
 
 def test_recorded_pictures_and_forces_with_a_simulated_stage(recorded, tmp_path):
