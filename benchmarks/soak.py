@@ -2,11 +2,13 @@
 
     python benchmarks/soak.py virtual [--minutes 30] [--rate 8]      # as fast as the machine, on the clock of the samples
     python benchmarks/soak.py live [--minutes 10] [--rate 23.8] [--window]     # in real time
+    python benchmarks/soak.py live --minutes 1 --disk 20     # to a disk that takes 20 MB/s and no more
 
 The simulated bench at 1600 x 1200, recorded and analysed, driven by 300 um at the velocity that takes so long. Every few seconds it notes
 memory, processor time by thread, and the account of frames. At the end it prints how memory grew after the first minute of the bench's
-clock, what each thread took, and what became of every frame and sample; exits with 1 if one was lost or the session is not what was
-recorded. The last line is the same as JSON. The session, 19 MB for each second at 8 frames/s, is removed; --keep leaves it.
+clock, what each thread took, and what became of every frame and sample; exits with 1 if one was lost, if the session is not what was
+recorded, or if the run did not end as it should: done, or by the name of a disk that is too slow. The last line is the same as JSON.
+The session, 19 MB for each second at 8 frames/s, is removed; --keep leaves it.
 """
 
 from __future__ import annotations
@@ -127,6 +129,7 @@ def main(argv: list[str] | None = None) -> int:
     ask.add_argument("--minutes", type=float)
     ask.add_argument("--rate", type=float)
     ask.add_argument("--window", action="store_true", help="with the window, offscreen where there is no screen")
+    ask.add_argument("--disk", type=float, metavar="MB/s", help="what the disk takes at most")
     ask.add_argument("--folder", type=Path, help="for the session")
     ask.add_argument("--keep", action="store_true")
     ask.add_argument("--set", action="append", default=[])
@@ -149,6 +152,8 @@ def main(argv: list[str] | None = None) -> int:
 def soak(asked: argparse.Namespace, config: settings.Config, path: Path) -> int:
     """Make the run, tell what came of it; 1 where something was lost."""
     run = live.make_run(config, path, pace=None if asked.mode == "virtual" else 1.0)
+    if asked.disk:
+        slow_down(run, asked.disk * 1e6)
     watch = Watch(run)
     watching = threading.Thread(target=watch.work, name="soak", daemon=True)
     began = time.monotonic()
@@ -158,8 +163,29 @@ def soak(asked: argparse.Namespace, config: settings.Config, path: Path) -> int:
     for name, value in found.items():
         print(f"{name:44s} {value}")
     print(json.dumps(found))
-    whole = not (found["frames_lost"] or found["samples_lost"]) and outcome.state == "done" and found["receipt"] != "none"
-    return 0 if whole else 1
+    whole = not (found["frames_lost"] or found["samples_lost"]) and found["receipt"] != "none"
+    as_it_should = outcome.reason.startswith("recorder: the disk is slower than the data") if asked.disk else outcome.state == "done"
+    return 0 if whole and as_it_should else 1
+
+
+def slow_down(run: Run, bytes_per_s: float) -> None:
+    """Let the disk take no more than that: each image is written when those before it would have been."""
+    create = run._create_sink
+
+    def slowed(*about: Any) -> Any:
+        sink = create(*about)
+        append, free_at = sink.append_frame, time.monotonic()
+
+        def slowly(index: int, sample: int, image: np.ndarray) -> None:
+            nonlocal free_at
+            free_at = max(free_at, time.monotonic()) + image.nbytes / bytes_per_s
+            time.sleep(max(0.0, free_at - time.monotonic()))
+            append(index, sample, image)
+
+        sink.append_frame = slowly  # type: ignore[method-assign]
+        return sink
+
+    run._create_sink = slowed
 
 
 def alone(run: Run, watching: threading.Thread) -> Outcome:

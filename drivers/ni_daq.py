@@ -74,6 +74,7 @@ class NiForces:
         self._inputs: list[Any] = []  # tasks: the two sensors, then the counter of exposures
         self._trigger: Any = None
         self._next = self._margin = self._count = 0
+        self._waiting = 0  # samples, when `backlog` was last asked: they are read at once
 
     # ------------------------------------------------------------------ open and close
 
@@ -228,7 +229,7 @@ class NiForces:
         with self._lock:
             if not self._inputs or self._trigger or self._is_gone:
                 raise DeviceFault(f"{self.name}: a start was asked, it is not open, or runs already, or is gone; open it, or stop it first")
-            self._next = self._margin = self._count = 0
+            self._next = self._margin = self._count = self._waiting = 0
             try:
                 with self._ni("a start"):
                     self._trigger = self._make_trigger(train)
@@ -260,7 +261,8 @@ class NiForces:
         from nidaqmx.errors import DaqError
         from nidaqmx.stream_readers import AnalogMultiChannelReader, CounterReader
 
-        first, n = self._next, self.block_samples
+        first, n = self._next, max(self.block_samples, min(self._waiting, int(self.sample_rate_hz)))
+        self._waiting = 0
         if first + n > LAST_SAMPLE:
             raise OutOfLimits(f"{self.name}: sample {first} was asked, NI's library reads by number up to {LAST_SAMPLE}; start a new run")
         volts, counts = np.empty((2, n)), np.empty(n, np.uint32)
@@ -303,7 +305,8 @@ class NiForces:
             if not self._is_running:
                 return 0
             with self._ni("the number of the newest sample"):
-                return max(0, int(self._inputs[0].in_stream.total_samp_per_chan_acquired) - self._next)
+                self._waiting = max(0, int(self._inputs[0].in_stream.total_samp_per_chan_acquired) - self._next)
+                return self._waiting
 
     def stop(self) -> None:
         """End the triggers and the samples, in that order. May be called twice, and from any thread."""

@@ -132,7 +132,9 @@ class ForceSource(Protocol):
         """Start sampling at sample 0 and the trigger train with it, on the same edge."""
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next `block_samples` samples, or the gap that takes their place: each sample in order, and once.
+        """The next `block_samples` samples, or more where `backlog` said that more wait, or the gap that takes their place.
+
+        Each sample comes in order, and once.
 
         Raises
         ------

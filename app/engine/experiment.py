@@ -12,7 +12,7 @@ from app.results import Phase
 from app.sections import Config
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
-REFERENCE_PATIENCE_S = 5.0
+REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
 STALL_PATIENCE_S = 5.0
 STANDSTILL_S = 2.0  # without progress while it says that it moves, or the time for STANDSTILL_M if that is longer
 STANDSTILL_M = 2e-6  # well above what an encoder jitters

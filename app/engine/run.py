@@ -41,7 +41,7 @@ from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
 
 PAUSE_S = 0.001
-REFERENCE_WAIT_S = 30.0  # at rest, nothing moves: the reference may take its time
+REFERENCE_WAIT_S = 30.0  # of a simulation that waits for it
 HURRIED_S = 0.2  # of frames kept for the analysis during the drive: one that takes a little longer than a frame loses none
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
 FIELD_BYTES, SAMPLE_BYTES = 21, 32  # of a grid point's results, and of a sample's forces and volts
@@ -294,7 +294,7 @@ class Run:
             if measured is None:
                 continue
             before = self._experiment.phase
-            if before is Phase.REFERENCE and self._reference_is_due(measured):
+            if before is Phase.REFERENCE and self._free_running and self._reference_is_due(measured):
                 measured = replace(measured, has_reference=self._wait_for_reference(workers.analyst))
             try:
                 phase = self._experiment.advance(measured)
@@ -307,7 +307,7 @@ class Run:
                 if phase is Phase.DRIVE:
                     self._drive(workers)
                 else:
-                    self._begin_phase(workers, phase, measured.end_sample)
+                    self._begin_phase(workers, phase, self._intake.now() if phase is Phase.END else measured.end_sample)
                 if phase is Phase.END:
                     self._ending.call(f"the drive of {self.config.run.travel:g} um is complete", failed=False)
 
@@ -328,7 +328,7 @@ class Run:
         return began is not None and measured.end_sample - began >= self.config.run.reference_time * self.sample_rate_hz
 
     def _wait_for_reference(self, analyst: Analyst) -> bool:
-        """Whether the reference is in place, after waiting for it; nothing moves and the sources keep their data meanwhile."""
+        """Whether the reference is in place, after waiting for it; the sources wait, too."""
         give_up = time.monotonic() + REFERENCE_WAIT_S
         while not analyst.reference_taken.wait(0.05):
             if self._ending.is_called.is_set() or time.monotonic() > give_up:
@@ -346,11 +346,11 @@ class Run:
             self._bench.actuator.stop()
 
     def _wind_down(self, workers: _Workers, others: list[threading.Thread]) -> None:
-        """Actuator, last exposure, forces, camera, analysis, last events: in this order."""
+        """Actuator, last samples and exposure, forces, camera, analysis, last events: in this order."""
         attempt = self._ending.attempt
         self._state = "stopping"
         attempt("actuator", self._bench.actuator.stop)
-        attempt("forces", lambda: self._finish_exposure(workers))
+        attempt("forces", lambda: self._read_on(workers))
         attempt("forces", self._bench.forces.stop)
         self._history.finish()
         for thread in others:
@@ -364,8 +364,19 @@ class Run:
         last = Event(self._history.end, "error" if self._ending.failed else "stop", self._ending.reason)
         attempt("recorder", lambda: workers.recorder.event(last))
 
-    def _finish_exposure(self, workers: _Workers) -> None:
-        """Read on until no exposure is open, so that the last trigger can have its frame."""
+    def _read_on(self, workers: _Workers) -> None:
+        """Read what was sampled until now, and on until no exposure is open, so that the last trigger can have its frame."""
+        stood, problem = self._intake.now(), None
+        while self._history.end < stood:
+            before = self._history.end
+            try:
+                self._intake.take(workers.recorder)
+            except DeviceError as error:
+                problem = problem or error
+                if self._history.end == before:
+                    break
+        if problem:
+            raise problem
         for _ in range(self._train.divisor):
             if (self._history.end - 1 - self._train.first) % self._train.divisor + 1 >= self._exposure:
                 return

@@ -10,6 +10,7 @@ from app.session.reader import SessionReader
 from drivers.sim.images import Renderer
 
 SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=40", "dic.threads=1")
+PATIENT = "forces.buffer=60"  # longer than a run: a busy machine may be late, the world's time passes all the same
 TIMEOUT = 100
 
 
@@ -17,7 +18,7 @@ class HilRun:
     """One run, ended: outcome, world, and what the file holds."""
 
     def __init__(self, path, *overrides, pace=2.0, while_running=None):
-        self.settings = config.load(Path("hil-emulated"), [*SMALL, *overrides])
+        self.settings = config.load(Path("hil-emulated"), [*SMALL, PATIENT, *overrides])
         self.run = live.make_run(self.settings, path, pace=pace)
         self.bench = self.run._bench
         self.run.start()

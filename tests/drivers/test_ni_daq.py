@@ -143,10 +143,18 @@ def test_the_backlog_reaches_to_the_newest_sample(ni):
     forces.start(TRAIN)
     world = forces.scene.world
     assert world.wait_for(lambda: world.now >= 600, 20.0)
-    for end in (50, 350, 400):
-        assert forces.read(5.0).end == end
+    end, size = 0, 50
+    for kind in (SampleBlock, LostSamples, SampleBlock, SampleBlock):
+        block = forces.read(5.0)
+        assert isinstance(block, kind)
+        assert block.end == (350 if kind is LostSamples else end + size)
+        end = block.end
+        assert world.wait_for(lambda end=end: world.now >= end + 200, 20.0)
         before = world.now - 100  # one tick of this pace
-        assert before <= end + forces.backlog() <= world.now
+        waiting = forces.backlog()
+        assert before <= end + waiting <= world.now
+        size = max(50, min(waiting, 1000))  # what waits is read at once, a second of it at most
+    assert size > 50
     forces.stop()
     assert forces.backlog() == 0
 

@@ -160,14 +160,14 @@ def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
 
 
 def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(recorded, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.engine.receiver.PATIENCE_S", 0.02)
+    monkeypatch.setattr("app.engine.receiver.PATIENCE_S", 0.5)
     ahead = []
 
     def slow_down(run):
         step = run._pipeline.step
 
         def slowly(index, sample, image, now):
-            time.sleep(0.1 if index > 100 else 0)
+            time.sleep(1.0 if index in (60, 61) else 0)
             ahead.append(run._history.end - sample)
             return step(index, sample, image, now)
 

@@ -8,12 +8,14 @@ import shutil
 from collections import namedtuple
 
 import numpy as np
+import pytest
 
 from app import config, live
 from app.results import Phase
 from app.session.files import RESERVE_BYTES
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
+from drivers.errors import DeviceFault
 
 SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=60", "dic.threads=1")
 DIVISOR = 125
@@ -174,6 +176,66 @@ def test_an_analysis_ten_times_too_slow_costs_nothing_but_its_own_frames(tmp_pat
     assert seen == sorted(seen)
     assert seen[-1] > 0.6 * 12.2 * 8
     assert s.fills.max() < 0.9
+
+
+def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_path):
+    """Else the drive would begin with seconds of forces not looked at, and the limits with them."""
+    began = []
+
+    def slow_down(s):
+        take, is_driving = s.run._pipeline._take_reference, s.is_driving
+
+        def slowly(*frame):
+            s.is_driving = lambda: True  # the analysis is behind: nobody waits for it
+            began.append(s.world.now)
+            s.until(s.world.now + 8000)
+            s.is_driving = is_driving
+            return take(*frame)
+
+        s.run._pipeline._take_reference = slowly
+
+    s = Stressed(tmp_path / "slow-reference.h5", slow_down)
+    assert (s.outcome.state, s.outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert s.nothing_is_lost()
+    with SessionReader(s.path) as session:
+        (drive,) = [event.sample for event in session.events() if event.text == "drive"]
+    assert 8000 < drive - began[0] < 8000 + 2 * DIVISOR
+
+
+@pytest.mark.parametrize("ending", ["by itself", "by a fault of the stage"])
+def test_what_the_board_holds_when_the_run_ends_is_read(tmp_path, ending):
+    """A program that is seconds behind its board knows where the stage is now, and reads what was sampled until it stood."""
+    ends = []
+
+    def fall_behind(s):
+        forces = s.run._bench.forces
+        read, held = forces.read, []
+
+        def late(timeout):
+            while s.is_driving() and len(held) < 60 and not s.run._ending.is_called.is_set():
+                held.append(read(timeout))
+            if s.run._ending.is_called.is_set() and not ends:
+                ends.append(s.world.now)
+            return held.pop(0) if held else read(timeout)
+
+        forces.read, forces.backlog = late, lambda: sum(len(block.volts) for block in held)
+        if ending != "by itself":
+            position = s.run._bench.actuator.position_m
+
+            def fails():
+                if s.is_driving() and s.world.now > s.run._history.phase_start(Phase.DRIVE) + 5000:
+                    raise DeviceFault("stage: it does not answer; switch it on")
+                return position()
+
+            s.run._bench.actuator.position_m = fails
+
+    s = Stressed(tmp_path / "late.h5", fall_behind)
+    assert s.outcome.state == ("done" if ending == "by itself" else "failed"), s.outcome.reason
+    assert s.counts.samples >= ends[0]
+    assert s.nothing_is_lost()
+    with SessionReader(s.path) as session:
+        phases = {event.text: event.sample for event in session.events() if event.kind == "phase"}
+        assert ends[0] - DIVISOR <= phases["end"] <= s.counts.samples
 
 
 def test_a_full_disk_ends_the_run_by_name_with_all_that_was_before(tmp_path, monkeypatch):
