@@ -18,6 +18,7 @@ class HilRun:
     """One run, ended: outcome, world, and what the file holds."""
 
     def __init__(self, path, *overrides, pace=2.0, while_running=None):
+        self.path = path
         self.settings = config.load(Path("hil-emulated"), [*SMALL, PATIENT, *overrides])
         self.run = live.make_run(self.settings, path, pace=pace)
         self.bench = self.run._bench

@@ -5,6 +5,7 @@ import pytest
 from hil_run import SMALL, HilRun
 
 from app import config, live
+from app.reanalysis import Reanalysis
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +43,11 @@ def test_the_forces_are_those_of_the_world_to_the_bit(hil):
 
 
 def test_the_results_are_those_of_the_simulated_bench_within_noise(hil, simulated):
-    a, b = hil.outcome.summary, simulated.summary
-    assert a.mu_s == pytest.approx(b.mu_s, rel=0.005)
+    every_frame = Reanalysis(hil.path, hil.path.with_name("every-frame.h5"), pace=None)  # a busy machine skips some
+    every_frame.start()
+    a, b = every_frame.wait(100).summary, simulated.summary
+    assert a.mu_s == pytest.approx(b.mu_s, abs=4 * np.hypot(a.mu_s_sd, b.mu_s_sd))  # t_s falls elsewhere between two frames
+    assert a.mu_s_sd < 0.005 * a.mu_s
     assert a.apparent_radius_m == pytest.approx(b.apparent_radius_m, rel=0.01)
     assert a.onset_time_s == pytest.approx(b.onset_time_s, abs=0.3)
     assert a.young_modulus_pa == pytest.approx(b.young_modulus_pa, rel=0.01)
