@@ -41,7 +41,7 @@ from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
 
 PAUSE_S = 0.001
-REFERENCE_WAIT_S = 30.0  # of a simulation that waits for it
+REFERENCE_WAIT_S = 30.0
 HURRIED_S = 0.2  # of frames kept for the analysis during the drive: one that takes a little longer than a frame loses none
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
 FIELD_BYTES, SAMPLE_BYTES = 21, 32  # of a grid point's results, and of a sample's forces and volts
@@ -294,7 +294,7 @@ class Run:
             if measured is None:
                 continue
             before = self._experiment.phase
-            if before is Phase.REFERENCE and self._free_running and self._reference_is_due(measured):
+            if before is Phase.REFERENCE and self._reference_is_due(measured):
                 measured = replace(measured, has_reference=self._wait_for_reference(workers.analyst))
             try:
                 phase = self._experiment.advance(measured)
@@ -328,10 +328,10 @@ class Run:
         return began is not None and measured.end_sample - began >= self.config.run.reference_time * self.sample_rate_hz
 
     def _wait_for_reference(self, analyst: Analyst) -> bool:
-        """Whether the reference is in place, after waiting for it; the sources wait, too."""
+        """Whether the reference is in place, after waiting for it as long as nothing is sampled meanwhile."""
         give_up = time.monotonic() + REFERENCE_WAIT_S
-        while not analyst.reference_taken.wait(0.05):
-            if self._ending.is_called.is_set() or time.monotonic() > give_up:
+        while not analyst.reference_taken.wait(0.01):
+            if self._ending.is_called.is_set() or self._bench.forces.backlog() or time.monotonic() > give_up:
                 return False
         return True
 

@@ -79,9 +79,9 @@ def test_the_drive_waits_for_the_reference_and_not_for_ever():
     bench = Bench()
     bench.go(1.0)
     bench.go(1.0, 0.5)
-    assert bench.go(2, 0.5, reference=False) is Phase.REFERENCE
+    assert bench.go(25, 0.5, reference=False) is Phase.REFERENCE
     with pytest.raises(ExperimentFailed, match="no image"):
-        bench.go(5, 0.5, reference=False)
+        bench.go(30, 0.5, reference=False)
 
 
 @pytest.mark.parametrize(

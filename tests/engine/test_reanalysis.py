@@ -16,6 +16,7 @@ from app.replay import difference, make_replay
 from app.session import Session
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader
+from app.session.receipt import verify
 from app.session.repair import repair
 from app.session.writer import SessionWriter
 
@@ -173,8 +174,10 @@ def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(sess
         assert analysis.fields[-1].ux_m.shape
         with pytest.raises(UserError, match=r"b\.h5: its images are in a\.h5, which does not lie beside it"):
             analysis.frames[0]
-    with pytest.raises(UserError, match="does not lie beside it"):
-        make_replay(other, pace=None)
+    for use in (lambda: make_replay(other, pace=None), lambda: verify(other)):
+        with pytest.raises(UserError, match="does not lie beside it") as refused:
+            use()
+        assert refused.type is UserError  # nothing was found that is not as recorded
 
 
 def test_another_session_of_that_name_is_not_taken_for_it(session, other):
