@@ -90,9 +90,12 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
     began = time.monotonic()
     with SessionReader(session) as reader, closing(CheckedFile(session, "session")) as file:
         checked = _read_columns(reader, file)
-        triggers, _ = reader.triggers(), reader.images_path  # which must be there; a single image may be unreadable
+        triggers = reader.triggers()
         found = _Account(dict.fromkeys(triggers["index"].tolist()))
-        images = {index: _checksum_of(reader, index) for index in triggers["index"][triggers["received"]].tolist()}
+        received = triggers["index"][triggers["received"]].tolist()
+        if received:
+            _ = reader.images_path  # an analysis without its session can not be read back; a single image that can not be read is altered
+        images = {index: _checksum_of(reader, index) for index in received}
         found.frames |= images
         held = checksums(reader, file)
         if wrong := [index for index, checksum in images.items() if checksum is None or held.get(index, checksum) != checksum]:
