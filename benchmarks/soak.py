@@ -101,7 +101,7 @@ def growth(rows: np.ndarray, column: int) -> tuple[float, float, float]:
     """Memory after the first minute (MiB), and its growth from there to the end in %: of the fitted line, and of the largest value."""
     after = rows[rows[:, 0] >= FIRST_S] if (rows[:, 0] >= FIRST_S).sum() > 2 else rows
     if len(after) < 2:
-        return float(after[0, column] / MIB), 0.0, 0.0
+        return float(after[0, column] / MIB), np.nan, np.nan  # too short to tell
     slope, start = np.polyfit(after[:, 0] - after[0, 0], after[:, column] / MIB, 1)
     return start, 100 * slope * (after[-1, 0] - after[0, 0]) / start, 100 * (after[:, column].max() / MIB / after[0, column] * MIB - 1)
 

@@ -12,7 +12,7 @@ DRIVE = 5500  # a sample by which the drive has begun
 
 @pytest.fixture
 def ended(tmp_path):
-    return lambda *faults, more=(): HilRun(tmp_path / "faulty.h5", f"sim.faults={list(faults)}", *more)
+    return lambda *faults, more=(), **options: HilRun(tmp_path / "faulty.h5", f"sim.faults={list(faults)}", *more, **options)
 
 
 def test_losses_are_found_at_their_true_index_and_the_run_goes_on(ended):
@@ -35,12 +35,12 @@ def test_a_corrupt_picture_is_kept(ended):
 
 
 def test_a_camera_that_goes_away_ends_the_run_and_stops_the_drive(ended):
-    e = ended("camera-gone 60")
+    e = ended("camera-gone 60", pace=1.0)
     assert e.outcome.state == "failed"
     assert "camera" in e.outcome.reason
     assert e.is_accounted_for()
     assert set(e.frames) == set(range(len(e.frames)))  # those that it had exposed and not handed over are gone with it
-    assert 20 < len(e.frames) <= 60
+    assert 40 < len(e.frames) <= 60
     assert e.stands()
 
 
