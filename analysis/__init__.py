@@ -1,6 +1,7 @@
 """The paper as functions on plain arrays, in SI units.
 
-Prevost, Scheibert and Debregeas, "Probing the micromechanics of a multi-contact interface at the onset of frictional sliding" (2013).
+Prevost, Scheibert and Debregeas, "Probing the micromechanics of a multi-contact interface at the
+onset of frictional sliding" (2013).
 
 ===================================  =====================================================================================
 section, figure or equation          where it is computed
@@ -16,13 +17,14 @@ section, figure or equation          where it is computed
 3, Fig. 7  u_x(r)                    `analysis.contact.rings.ring_means`
 3, Figs 7 and 8  t_s, mu_s, mu_d     `analysis.friction.onset.sliding_onset`
 4, Eqs 2 and 3  Green's tensor       `analysis.mechanics.half_space.SurfaceGreen`
-4, Figs 9 to 11, 13  sigma_xz        `analysis.inversion.van_cittert`, and better ones in `analysis.inversion`
-4  E from the balance with Q         `analysis.friction.modulus.balance_modulus`
-5, Fig. 12  displacement, model      `analysis.mechanics.cattaneo_mindlin.radial_displacement`
-5, Fig. 13  traction of the model    `analysis.mechanics.cattaneo_mindlin.traction`
-5, Fig. 14  c of the model           `analysis.mechanics.cattaneo_mindlin.stick_radius`
-5, Fig. 14  c measured               `analysis.friction.stress_peak.stress_peak`, `.stick.fit_stick_radius`
-6, Fig. 15  local friction law       `analysis.friction.master_curve`, `.local_law.fit_local_law`
-6  mu p (1 - exp(-s/(mu L)))         `analysis.mechanics.interface.Interface`, `.loading.AxisymmetricLoading`
+4, Figs 9 to 11, 13  sigma_xz        `analysis.inversion.van_cittert`, and better ones in
+`analysis.inversion` 4  E from the balance with Q
+`analysis.friction.modulus.balance_modulus` 5, Fig. 12  displacement, model
+`analysis.mechanics.cattaneo_mindlin.radial_displacement` 5, Fig. 13  traction of the model
+`analysis.mechanics.cattaneo_mindlin.traction` 5, Fig. 14  c of the model
+`analysis.mechanics.cattaneo_mindlin.stick_radius` 5, Fig. 14  c measured
+`analysis.friction.stress_peak.stress_peak`, `.stick.fit_stick_radius` 6, Fig. 15  local friction
+law       `analysis.friction.master_curve`, `.local_law.fit_local_law` 6  mu p (1 - exp(-s/(mu L)))
+`analysis.mechanics.interface.Interface`, `.loading.AxisymmetricLoading`
 ===================================  =====================================================================================
 """

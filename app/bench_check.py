@@ -1,4 +1,6 @@
-"""`slipscope check`: goes through a bench device by device, then takes a few seconds of data, and moves only what it was allowed to."""
+"""`slipscope check`: goes through a bench device by device, then takes a few seconds of data, and
+moves only what it was allowed to.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ READ_TIMEOUT_S = 3.0
 
 
 def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterator[Finding]:
-    """Findings one by one, as they come; a device that fails does not keep the others from being looked at.
+    """Findings one by one, as they come; a device that fails does not keep the others from being
+    looked at.
 
     Parameters
     ----------
@@ -34,7 +37,11 @@ def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterat
         How far the stage may move, and back; 0: it may not.
     """
     opened = []
-    for label, device in (("actuator", bench.actuator), ("camera", bench.camera), ("forces", bench.forces)):
+    for label, device in (
+        ("actuator", bench.actuator),
+        ("camera", bench.camera),
+        ("forces", bench.forces),
+    ):
         finding = _attempt(label, lambda device=device: _opened(device))  # type: ignore[misc]
         yield finding
         if finding.is_fine:
@@ -47,7 +54,11 @@ def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterat
         if {"camera", "forces"} <= set(opened):
             yield from _take_data(config, bench)
     finally:
-        for label, device in (("forces", bench.forces), ("camera", bench.camera), ("actuator", bench.actuator)):
+        for label, device in (
+            ("forces", bench.forces),
+            ("camera", bench.camera),
+            ("actuator", bench.actuator),
+        ):
             closing = _attempt(label, lambda device=device: device.close() or "closed")  # type: ignore[misc]
             if not closing.is_fine:
                 yield closing
@@ -83,7 +94,10 @@ def _move(config: Config, actuator: Actuator, way_m: float) -> str:
     actuator.move_to(start)
     _wait_until_still(actuator, 3 * abs(way_m) / velocity + 5)
     left = actuator.position_m() - start
-    return f"{way_m * 1e6:g} um asked, {reached * 1e6:.2f} um reached in {took:.1f} s, {left * 1e6:+.2f} um left after the way back"
+    return (
+        f"{way_m * 1e6:g} um asked, {reached * 1e6:.2f} um reached in {took:.1f} s,"
+        f" {left * 1e6:+.2f} um left after the way back"
+    )
 
 
 def _wait_until_still(actuator: Actuator, timeout_s: float) -> None:
@@ -91,7 +105,10 @@ def _wait_until_still(actuator: Actuator, timeout_s: float) -> None:
     try:
         while actuator.is_moving():
             if time.monotonic() > give_up:
-                raise DeviceTimeout(f"{actuator.name}: it still moves after {timeout_s:.0f} s; it was stopped, check the stage")
+                raise DeviceTimeout(
+                    f"{actuator.name}: it still moves after {timeout_s:.0f} s; it was stopped,"
+                    " check the stage"
+                )
             time.sleep(0.05)
     except BaseException:
         actuator.stop()
@@ -143,10 +160,15 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
     finally:
         bench.forces.stop()
         bench.camera.stop()
-    account = f"{end - data.lost_samples} samples and {data.frames} frames of {due} triggers in {data.seconds:.1f} s"
+    account = (
+        f"{end - data.lost_samples} samples and {data.frames} frames of {due} triggers in"
+        f" {data.seconds:.1f} s"
+    )
     problems = [f"{data.lost_samples} samples were lost"] if data.lost_samples else []
     if data.frames < due:
-        problems.append(data.lost[0] if data.lost else "the camera did not answer to triggers; check its line")
+        problems.append(
+            data.lost[0] if data.lost else "the camera did not answer to triggers; check its line"
+        )
     if problems:
         raise DeviceError(f"{account}: {'; '.join(problems)}")
     return account
@@ -175,13 +197,29 @@ def _forces(config: Config, volts: NDArray[np.float64]) -> Iterator[Finding]:
         reading, limit = volts[:, i], config.forces.range[i]
         used = float(np.abs(reading).max()) / limit
         force, unsteady = newtons[:, i].mean(), newtons[:, i].std() * 1e3
-        text = f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force:+.4f} N, std {unsteady:.2f} mN"
+        text = (
+            f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force:+.4f} N, std"
+            f" {unsteady:.2f} mN"
+        )
         if used >= 0.98:
             yield Finding(
-                label, text, False, True, f"it is at the end of its range of {limit:g} V: check the sensor, or raise forces.range", symbol
+                label,
+                text,
+                False,
+                True,
+                f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
+                " forces.range",
+                symbol,
             )
         elif np.ptp(reading) == 0:
-            yield Finding(label, text, False, True, "it does not change by one step of the converter: is anything connected?", symbol)
+            yield Finding(
+                label,
+                text,
+                False,
+                True,
+                "it does not change by one step of the converter: is anything connected?",
+                symbol,
+            )
         else:
             yield Finding(label, text, symbol=symbol)
 
@@ -190,7 +228,10 @@ def _picture(config: Config, image: NDArray[np.generic]) -> Finding:
     grey = image.astype(np.float64)
     full = 2 ** bits(config) - 1
     bright, dark = float((image >= full).mean()), float((image == 0).mean())
-    text = f"grey levels {grey.mean():.0f} on average, contrast {grey.std():.1f}, {bright:.2%} at full scale, {dark:.2%} at zero"
+    text = (
+        f"grey levels {grey.mean():.0f} on average, contrast {grey.std():.1f}, {bright:.2%} at full"
+        f" scale, {dark:.2%} at zero"
+    )
     advice = ""
     if bright > 0.02:
         advice = "too bright: shorten camera.exposure, or dim the light"

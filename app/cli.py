@@ -1,4 +1,5 @@
-"""The command `slipscope`: names, arguments and help of every command. What a command does lies in `app.commands`.
+"""The command `slipscope`: names, arguments and help of every command. What a command does lies in
+`app.commands`.
 
 Nothing heavy is imported here, so that `slipscope --help` answers at once.
 """
@@ -12,7 +13,15 @@ from typing import Annotated
 import typer
 
 from app import cli_files
-from app.cli_options import Headless, JsonFlag, Overrides, Overwrite, SessionFile, asked, plain_errors
+from app.cli_options import (
+    Headless,
+    JsonFlag,
+    Overrides,
+    Overwrite,
+    SessionFile,
+    asked,
+    plain_errors,
+)
 
 EPILOG = """
 Examples:
@@ -49,10 +58,16 @@ def _show_version(asked: bool) -> None:
 @app.callback(invoke_without_command=True)
 def slipscope(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="The version, then exit.")] = False,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="The version, then exit."
+        ),
+    ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
-    """Friction between a rough rubber block and a glass sphere, live: forces, images, displacement fields, stick radius.
+    """Friction between a rough rubber block and a glass sphere, live: forces, images, displacement
+    fields, stick radius.
 
     Without a command the window opens on the default (simulated) bench.
     """
@@ -62,23 +77,40 @@ def slipscope(
         with plain_errors():
             from app.commands import experiment
 
-            raise typer.Exit(experiment.run(None, None, False, "1", (), overwrite=False, as_json=False, autostart=False))
+            raise typer.Exit(
+                experiment.run(
+                    None, None, False, "1", (), overwrite=False, as_json=False, autostart=False
+                )
+            )
 
 
 @app.command()
 def run(
     bench: Annotated[
-        Path | None, typer.Argument(metavar="[BENCH.toml]", help="Settings, see `slipscope config`; or hil-emulated.", show_default=False)
+        Path | None,
+        typer.Argument(
+            metavar="[BENCH.toml]",
+            help="Settings, see `slipscope config`; or hil-emulated.",
+            show_default=False,
+        ),
     ] = None,
     session: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="SESSION.h5", help="Session to write; else slipscope-DATE-TIME.h5 here.", show_default=False
+            "-o",
+            "--output",
+            metavar="SESSION.h5",
+            help="Session to write; else slipscope-DATE-TIME.h5 here.",
+            show_default=False,
         ),
     ] = None,
     headless: Headless = False,
     pace: Annotated[
-        str, typer.Option(metavar="1|max|NUMBER", help="Simulated seconds per second; max: as fast as the machine. A real bench runs at 1.")
+        str,
+        typer.Option(
+            metavar="1|max|NUMBER",
+            help="Simulated seconds per second; max: as fast as the machine. A real bench runs at 1.",
+        ),
     ] = "1",
     overrides: Overrides = None,
     overwrite: Overwrite = False,
@@ -86,16 +118,22 @@ def run(
 ) -> None:
     """Run one loading experiment: press, take the reference, drive, report.
 
-    Writes the session (HDF5, NeXus style) and beside it a picture of the same name (.png): Q against the stage displacement, the stick
-    radius c against Q, u_x in time, and the u_x field at six instants. Ends with a, Q_s, mu_s, mu_d, t_s and the account of every frame
-    and sample. Ctrl-C stops the block first, then closes the session in good order; what was measured is kept.
+    Writes the session (HDF5, NeXus style) and beside it a picture of the same name (.png): Q
+    against the stage displacement, the stick radius c against Q, u_x in time, and the u_x field at
+    six instants. Ends with a, Q_s, mu_s, mu_d, t_s and the account of every frame and sample.
+    Ctrl-C stops the block first, then closes the session in good order; what was measured is kept.
 
-    Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set run.travel=200`
+    Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set
+    run.travel=200`
     """
     with plain_errors(as_json):
         from app.commands import experiment
 
-        raise typer.Exit(experiment.run(bench, session, headless, pace, overrides or (), overwrite, as_json, autostart=True))
+        raise typer.Exit(
+            experiment.run(
+                bench, session, headless, pace, overrides or (), overwrite, as_json, autostart=True
+            )
+        )
 
 
 @app.command()
@@ -104,40 +142,64 @@ def replay(
     headless: Headless = False,
     pace: Annotated[
         str | None,
-        typer.Option(metavar="1|max|NUMBER", help="Seconds of the experiment per second; 1 in the window, else max.", show_default=False),
+        typer.Option(
+            metavar="1|max|NUMBER",
+            help="Seconds of the experiment per second; 1 in the window, else max.",
+            show_default=False,
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Analyse with another setting; may be repeated.", show_default=False),
+        typer.Option(
+            "--set",
+            metavar="TABLE.KEY=VALUE",
+            help="Analyse with another setting; may be repeated.",
+            show_default=False,
+        ),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="ANALYSIS.h5", help="The new results; else SESSION-analysis.h5.", show_default=False),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="ANALYSIS.h5",
+            help="The new results; else SESSION-analysis.h5.",
+            show_default=False,
+        ),
     ] = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Send a saved session through the same analysis again and compare, frame by frame and bit by bit; or analyse it anew.
+    """Send a saved session through the same analysis again and compare, frame by frame and bit by
+    bit; or analyse it anew.
 
-    With --set or -o every frame is analysed with these settings into a second file beside the session: settings, versions, computer,
-    results; its images stay where they are. The session itself is only read, and no device is needed, nor can one be moved. A picture is
-    drawn beside each if there is none.
+    With --set or -o every frame is analysed with these settings into a second file beside the
+    session: settings, versions, computer, results; its images stay where they are. The session
+    itself is only read, and no device is needed, nor can one be moved. A picture is drawn beside
+    each if there is none.
 
-    Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o sample7-box32.h5`
+    Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o
+    sample7-box32.h5`
     """
     with plain_errors(as_json):
         from app.commands import experiment
 
-        raise typer.Exit(experiment.replay(session, headless, pace, output, overrides or (), overwrite, as_json))
+        raise typer.Exit(
+            experiment.replay(session, headless, pace, output, overrides or (), overwrite, as_json)
+        )
 
 
 @app.command()
 def info(
     session: SessionFile,
-    verify: Annotated[bool, typer.Option("--verify", help="Read everything back and hold it against its checksums.")] = False,
+    verify: Annotated[
+        bool,
+        typer.Option("--verify", help="Read everything back and hold it against its checksums."),
+    ] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Print what a session holds: how it ended, frames and samples, phases, results, changed settings, further analyses.
+    """Print what a session holds: how it ended, frames and samples, phases, results, changed
+    settings, further analyses.
 
     With --verify exit code 1 if it is not as it was recorded.
     """
@@ -151,10 +213,15 @@ def info(
 def config(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="[NAME]", help="A bench that comes with the program: hil-emulated, pci-6251.", show_default=False),
+        typer.Argument(
+            metavar="[NAME]",
+            help="A bench that comes with the program: hil-emulated, pci-6251.",
+            show_default=False,
+        ),
     ] = None,
 ) -> None:
-    """Print the default settings, each with its meaning, unit and limits: `slipscope config > bench.toml`.
+    """Print the default settings, each with its meaning, unit and limits: `slipscope config >
+    bench.toml`.
 
     With a name, the few settings of a bench that comes with the program.
     """
@@ -167,16 +234,30 @@ def config(
 @app.command()
 def check(
     bench: Annotated[
-        Path | None, typer.Argument(metavar="[BENCH.toml]", help="Settings, or hil-emulated; else the simulated bench.", show_default=False)
+        Path | None,
+        typer.Argument(
+            metavar="[BENCH.toml]",
+            help="Settings, or hil-emulated; else the simulated bench.",
+            show_default=False,
+        ),
     ] = None,
-    home: Annotated[bool, typer.Option("--home", help="Let the stage look for its origin. It moves.")] = False,
+    home: Annotated[
+        bool, typer.Option("--home", help="Let the stage look for its origin. It moves.")
+    ] = False,
     move: Annotated[
-        float, typer.Option("--move", metavar="UM", help="Let the stage move by so many um at run.velocity, and back.", show_default=False)
+        float,
+        typer.Option(
+            "--move",
+            metavar="UM",
+            help="Let the stage move by so many um at run.velocity, and back.",
+            show_default=False,
+        ),
     ] = 0.0,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Go through a bench and say what works: devices, samples, triggers, frames, sensors, picture. Nothing moves unless it is allowed.
+    """Go through a bench and say what works: devices, samples, triggers, frames, sensors, picture.
+    Nothing moves unless it is allowed.
 
     Takes two seconds of data and records nothing. Exit code 1 if something does not work.
 
@@ -185,13 +266,20 @@ def check(
     with plain_errors(as_json):
         from app.commands import bench as on_bench
 
-        raise typer.Exit(on_bench.check(bench, overrides or (), home=home, move_um=move, as_json=as_json))
+        raise typer.Exit(
+            on_bench.check(bench, overrides or (), home=home, move_um=move, as_json=as_json)
+        )
 
 
 @app.command()
 def cameras(
     producer: Annotated[
-        str, typer.Option(metavar="FILE.cti", help="GenTL producer of a camera's vendor: its cameras too.", show_default=False)
+        str,
+        typer.Option(
+            metavar="FILE.cti",
+            help="GenTL producer of a camera's vendor: its cameras too.",
+            show_default=False,
+        ),
     ] = "",
     as_json: JsonFlag = False,
 ) -> None:
@@ -204,7 +292,8 @@ def cameras(
 
 @app.command()
 def doctor(as_json: JsonFlag = False) -> None:
-    """Check this computer: versions, devices, display, disk, cores; what is missing and how to get it.
+    """Check this computer: versions, devices, display, disk, cores; what is missing and how to get
+    it.
 
     Exit code 1 if something that every run needs is missing.
     """
@@ -219,6 +308,7 @@ app.add_typer(cli_files.app)
 
 def main() -> None:
     """Read the command line, do it, and end the program with its exit code."""
-    # the arrays here are small: threads of the linear algebra library would only take the cores from the correlation
+    # the arrays here are small: threads of the linear algebra library would only take the cores
+    # from the correlation
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     app(prog_name="slipscope")

@@ -1,4 +1,5 @@
-"""Every option of SlipScope: frozen settings read from one commented TOML file, and checked on the way in.
+"""Every option of SlipScope: frozen settings read from one commented TOML file, and checked on the
+way in.
 
 `app.sections` declares the options; `default_toml` writes them out, `load` reads them back.
 """
@@ -30,7 +31,11 @@ ANALYSED = (  # tables and options that do not say what was measured but what is
     "dic",
     "stress",
     "camera.pixel",
-    *(f"forces.{of}_{sensor}" for of in ("sensitivity", "stiffness") for sensor in ("normal", "shear")),
+    *(
+        f"forces.{of}_{sensor}"
+        for of in ("sensitivity", "stiffness")
+        for sensor in ("normal", "shear")
+    ),
     *(f"forces.{name}" for name in ("stiffness_uncertainty", "sign", "zero", "coupling")),
 )
 
@@ -59,8 +64,20 @@ def _limits_text(meta: Meta) -> str:
     """``more than 0 and at most 10``; the words of a choice; empty where anything goes."""
     if meta.pattern:
         return " or ".join(f"'{word}'" for word in re.findall(r"[\w-]+", meta.pattern))
-    low = f"at least {meta.ge:g}" if meta.ge is not None else f"more than {meta.gt:g}" if meta.gt is not None else ""
-    high = f"at most {meta.le:g}" if meta.le is not None else f"less than {meta.lt:g}" if meta.lt is not None else ""
+    low = (
+        f"at least {meta.ge:g}"
+        if meta.ge is not None
+        else f"more than {meta.gt:g}"
+        if meta.gt is not None
+        else ""
+    )
+    high = (
+        f"at most {meta.le:g}"
+        if meta.le is not None
+        else f"less than {meta.lt:g}"
+        if meta.lt is not None
+        else ""
+    )
     return " and ".join(part for part in (low, high) if part)
 
 
@@ -72,16 +89,32 @@ def _wanted_text(base: Any, meta: Meta) -> str:
     """What an option may be, for an error: ``a number more than 0 and at most 10 N``."""
     if meta.pattern:
         return _limits_text(meta)
-    plain = {float: "a number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
+    plain = {
+        float: "a number",
+        int: "a whole number",
+        bool: "true or false",
+        str: "a text in quotes",
+    }
     if base in plain:
         kind = plain[base]
     else:
-        kinds = {"tuple[tuple": "two rows of two numbers, [[a, b], [c, d]]", "tuple[str, ...]": 'texts in quotes, ["a", "b"]'}
-        kinds |= {"tuple[str, str]": 'two texts in quotes, ["a", "b"]', "tuple[int": "two whole numbers, [a, b]"}
-        kind = next((words for start, words in kinds.items() if str(base).startswith(start)), "two numbers, [a, b]")
+        kinds = {
+            "tuple[tuple": "two rows of two numbers, [[a, b], [c, d]]",
+            "tuple[str, ...]": 'texts in quotes, ["a", "b"]',
+        }
+        kinds |= {
+            "tuple[str, str]": 'two texts in quotes, ["a", "b"]',
+            "tuple[int": "two whole numbers, [a, b]",
+        }
+        kind = next(
+            (words for start, words in kinds.items() if str(base).startswith(start)),
+            "two numbers, [a, b]",
+        )
     unit = _unit(meta)
     text = " ".join(part for part in (kind, _limits_text(meta)) if part)
-    return f"{text} {unit}" if _limits_text(meta) and unit else f"{text} in {unit}" if unit else text
+    return (
+        f"{text} {unit}" if _limits_text(meta) and unit else f"{text} in {unit}" if unit else text
+    )
 
 
 def _toml_value(value: Any) -> str:
@@ -99,14 +132,20 @@ def _brief(text: str) -> str:
 
 
 def _comment_text(meta: Meta) -> str:
-    """`` [N], more than 0 and at most 10``: what follows the meaning of an option in the settings file."""
+    """`` [N], more than 0 and at most 10``: what follows the meaning of an option in the settings
+    file.
+    """
     unit, limits = _unit(meta), _limits_text(meta)
     return (f" [{unit}]" if unit else "") + (f", {limits}" if limits else "")
 
 
 def to_toml(config: Config, comments: bool = True) -> str:
     """The settings as a TOML text, each option with its meaning, unit and limits."""
-    lines = ["# SlipScope settings. Delete what you do not change: every option has this default.", ""] if comments else []
+    lines = (
+        ["# SlipScope settings. Delete what you do not change: every option has this default.", ""]
+        if comments
+        else []
+    )
     for table, (kind, _) in options(Config).items():
         if comments and kind.__doc__:
             lines.append(f"# {kind.__doc__.strip()}")
@@ -139,9 +178,14 @@ def _check_keys(data: dict[str, Any], where: str) -> None:
     tables = options(Config)
     for table, content in data.items():
         if table not in tables:
-            raise ConfigError(f"{where}: unknown table or key '{_brief(table)}'; {_nearest(_brief(table))}")
+            raise ConfigError(
+                f"{where}: unknown table or key '{_brief(table)}'; {_nearest(_brief(table))}"
+            )
         if not isinstance(content, dict):
-            raise ConfigError(f"{where}: '{table}' is a table of options, found {_brief(repr(content))}; write [{table}] above its options")
+            raise ConfigError(
+                f"{where}: '{table}' is a table of options, found {_brief(repr(content))}; write"
+                f" [{table}] above its options"
+            )
         known = options(tables[table][0])
         for key, value in content.items():
             if key not in known:
@@ -164,7 +208,10 @@ def _explain(error: msgspec.ValidationError, data: dict[str, Any], where: str) -
         return ConfigError(f"{where}: {error}")
     table, key = match.groups()
     base, meta = options(options(Config)[table][0])[key]
-    return ConfigError(f"{where}: {table}.{key} must be {_wanted_text(base, meta)}; found {_brief(_toml_value(data[table][key]))}")
+    return ConfigError(
+        f"{where}: {table}.{key} must be {_wanted_text(base, meta)}; found"
+        f" {_brief(_toml_value(data[table][key]))}"
+    )
 
 
 def from_data(data: dict[str, Any], where: str) -> Config:
@@ -179,7 +226,10 @@ def from_data(data: dict[str, Any], where: str) -> Config:
 
 
 def from_record(text: str, where: str) -> Config:
-    """Settings as a session holds them. One without `dic.method` was measured by the direct one: there was no other."""
+    """Settings as a session holds them.
+
+    One without `dic.method` was measured by the direct one: there was no other.
+    """
     try:
         data = parse_toml(text)
     except ValueError as error:
@@ -190,9 +240,11 @@ def from_record(text: str, where: str) -> Config:
 
 
 def correlation(settings: Dic, full_scale: int | None = None) -> Correlation:
-    """The way to correlate that the settings ask for; ValueError if two of them can not be used together.
+    """The way to correlate that the settings ask for; ValueError if two of them can not be used
+    together.
 
-    `full_scale` is the end of the grey scale where the settings name none; None: that of the image's type.
+    `full_scale` is the end of the grey scale where the settings name none; None: that of the
+    image's type.
     """
     from analysis.dic import Correlation  # takes a second
 
@@ -226,7 +278,9 @@ def sensitivities(config: Config) -> tuple[float, float]:
 
 
 def averaging_box_px(settings: Dic) -> float:
-    """Side of the box whose plain average passes as much of long waves as the correlation does (`benchmarks/dic.py waves`)."""
+    """Side of the box whose plain average passes as much of long waves as the correlation does
+    (`benchmarks/dic.py waves`).
+    """
     return 0.6 * settings.box if settings.method == "shared" else float(settings.box)
 
 
@@ -236,26 +290,37 @@ def _check_together(config: Config, where: str) -> None:
     if rate > config.camera.max_rate:
         least = math.ceil(config.forces.sample_rate / config.camera.max_rate)
         raise ConfigError(
-            f"{where}: camera.divisor = {config.camera.divisor} asks {rate:.3g} frames/s, {config.camera.max_rate:g} is the camera's limit;"
+            f"{where}: camera.divisor = {config.camera.divisor} asks {rate:.3g} frames/s,"
+            f" {config.camera.max_rate:g} is the camera's limit;"
             f" use a divisor of {least} or more"
         )
     if exposure_samples(config) > config.camera.divisor:
         raise ConfigError(
-            f"{where}: camera.exposure = {config.camera.exposure:g} ms is longer than the trigger period of"
+            f"{where}: camera.exposure = {config.camera.exposure:g} ms is longer than the trigger"
+            " period of"
             f" {1e3 / rate:.4g} ms; shorten it or raise camera.divisor"
         )
     if config.run.travel > config.limits.travel:
-        raise ConfigError(f"{where}: run.travel = {config.run.travel:g} um is beyond limits.travel = {config.limits.travel:g} um")
+        raise ConfigError(
+            f"{where}: run.travel = {config.run.travel:g} um is beyond limits.travel ="
+            f" {config.limits.travel:g} um"
+        )
     if config.run.normal_force >= config.limits.normal_force:
         raise ConfigError(
-            f"{where}: run.normal_force = {config.run.normal_force:g} N is not below limits.normal_force = {config.limits.normal_force:g} N"
+            f"{where}: run.normal_force = {config.run.normal_force:g} N is not below"
+            f" limits.normal_force = {config.limits.normal_force:g} N"
         )
     _check_devices(config, where)
     (a, b), (c, d) = config.forces.coupling
     if abs(a * d - b * c) < 1e-6:
-        raise ConfigError(f"{where}: forces.coupling has no inverse; its determinant is {a * d - b * c:g}")
+        raise ConfigError(
+            f"{where}: forces.coupling has no inverse; its determinant is {a * d - b * c:g}"
+        )
     if config.dic.box >= min(config.camera.width, config.camera.height):
-        raise ConfigError(f"{where}: dic.box = {config.dic.box} px does not fit the {config.camera.width} x {config.camera.height} image")
+        raise ConfigError(
+            f"{where}: dic.box = {config.dic.box} px does not fit the {config.camera.width} x"
+            f" {config.camera.height} image"
+        )
     if config.dic != Dic():
         try:
             correlation(config.dic)
@@ -267,19 +332,36 @@ def _check_devices(config: Config, where: str) -> None:
     """The pairs whose limits a number alone can not have, and devices that need an option."""
     forces, camera, actuator = config.forces, config.camera, config.actuator
     checks = {
-        "forces.range": (all(0 < v <= 100 for v in forces.range), "two numbers above 0 V, at most 100 V", forces.range),
+        "forces.range": (
+            all(0 < v <= 100 for v in forces.range),
+            "two numbers above 0 V, at most 100 V",
+            forces.range,
+        ),
         "forces.sign": (set(forces.sign) <= {1, -1}, "1 or -1, twice", forces.sign),
-        "forces.stiffness_uncertainty": (min(forces.stiffness_uncertainty) >= 0, "two numbers from 0 N/m on", forces.stiffness_uncertainty),
+        "forces.stiffness_uncertainty": (
+            min(forces.stiffness_uncertainty) >= 0,
+            "two numbers from 0 N/m on",
+            forces.stiffness_uncertainty,
+        ),
         "camera.offset": (min(camera.offset) >= 0, "two whole numbers from 0 px on", camera.offset),
-        "actuator.travel": (actuator.travel[0] < actuator.travel[1], "a least and a greatest position in mm", actuator.travel),
-        "camera.folder": (camera.source != "folder" or camera.folder, "the folder of the images that camera.source = 'folder' plays", ""),
+        "actuator.travel": (
+            actuator.travel[0] < actuator.travel[1],
+            "a least and a greatest position in mm",
+            actuator.travel,
+        ),
+        "camera.folder": (
+            camera.source != "folder" or camera.folder,
+            "the folder of the images that camera.source = 'folder' plays",
+            "",
+        ),
         "camera.producer": (
             camera.source != "gentl" or camera.producer,
             "the .cti file of the camera's vendor, for camera.source = 'gentl'",
             "",
         ),
         "replay.session": (
-            config.replay.session or "replay" not in (forces.source, camera.source, actuator.source),
+            config.replay.session
+            or "replay" not in (forces.source, camera.source, actuator.source),
             "the session that a source = 'replay' plays",
             "",
         ),
@@ -291,12 +373,22 @@ def _check_devices(config: Config, where: str) -> None:
     }
     for key, (is_fine, wanted, found) in checks.items():
         if not is_fine:
-            raise ConfigError(f"{where}: {key} must be {wanted}; found {_brief(_toml_value(found))}")
-    if forces.exposure_counter and forces.exposure_counter == forces.trigger_counter and forces.trigger == "counter":
-        raise ConfigError(f"{where}: forces.exposure_counter and forces.trigger_counter are both {forces.exposure_counter!r}; take two")
+            raise ConfigError(
+                f"{where}: {key} must be {wanted}; found {_brief(_toml_value(found))}"
+            )
+    if (
+        forces.exposure_counter
+        and forces.exposure_counter == forces.trigger_counter
+        and forces.trigger == "counter"
+    ):
+        raise ConfigError(
+            f"{where}: forces.exposure_counter and forces.trigger_counter are both"
+            f" {forces.exposure_counter!r}; take two"
+        )
     if config.run.velocity > actuator.max_velocity:
         raise ConfigError(
-            f"{where}: run.velocity = {config.run.velocity:g} um/s is beyond actuator.max_velocity = {actuator.max_velocity:g} um/s"
+            f"{where}: run.velocity = {config.run.velocity:g} um/s is beyond actuator.max_velocity"
+            f" = {actuator.max_velocity:g} um/s"
         )
 
 
@@ -334,8 +426,8 @@ def revised(config: Config, overrides: Sequence[str]) -> Config:
             was, asked = (getattr(getattr(each, table), key) for each in (config, new))
             if was != asked and not {table, f"{table}.{key}"} & set(ANALYSED):
                 raise ConfigError(
-                    f"--set: {table}.{key} is {_toml_value(was)} in the session, as it was measured; what an analysis may change is "
-                    + ", ".join(ANALYSED)
+                    f"--set: {table}.{key} is {_toml_value(was)} in the session, as it was"
+                    " measured; what an analysis may change is " + ", ".join(ANALYSED)
                 )
     return new
 
@@ -365,14 +457,17 @@ def bench_file(asked: Path) -> Path:
 
 
 def bench_text(name: str) -> str:
-    """The settings file of a bench that comes with the program; ConfigError where there is none of that name."""
+    """The settings file of a bench that comes with the program; ConfigError where there is none of
+    that name.
+    """
     if name not in bench_names():
         raise ConfigError(f"config: no bench is called '{name}'; known: {', '.join(bench_names())}")
     return (BENCHES / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def load(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
-    """Settings from a TOML file, a bench that comes with the program, or the defaults, with ``table.key=value`` overrides on top.
+    """Settings from a TOML file, a bench that comes with the program, or the defaults, with
+    ``table.key=value`` overrides on top.
 
     Raises
     ------
@@ -389,7 +484,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
         except OSError as error:
             known = ", ".join(bench_names())
             sentence = (
-                f"{path}: the settings file can not be read: {error.strerror}; check the name, or take one of the program's own: {known}"
+                f"{path}: the settings file can not be read: {error.strerror}; check the name, or"
+                f" take one of the program's own: {known}"
             )
             raise ConfigError(sentence) from None
         except ValueError as error:

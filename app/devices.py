@@ -1,4 +1,6 @@
-"""The bench that the settings describe: what each driver is told, and the simulated world behind those that are not real."""
+"""The bench that the settings describe: what each driver is told, and the simulated world behind
+those that are not real.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,11 @@ def actuator_settings(config: Config) -> ActuatorSettings:
     a = config.actuator
     low, high = a.travel
     return ActuatorSettings(
-        port=a.port, address=a.address, baud=a.baud, travel_limits_m=(low * 1e-3, high * 1e-3), velocity_limit_m_s=a.max_velocity * 1e-6
+        port=a.port,
+        address=a.address,
+        baud=a.baud,
+        travel_limits_m=(low * 1e-3, high * 1e-3),
+        velocity_limit_m_s=a.max_velocity * 1e-6,
     )
 
 
@@ -132,15 +138,22 @@ def law_table(name: str) -> tuple[tuple[float, float], ...]:
         The file can not be read or holds something else.
     """
     if not name:
-        raise UserError("sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is named")
+        raise UserError(
+            "sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is"
+            " named"
+        )
     try:
         rows = np.loadtxt(name, delimiter=",", comments="#", ndmin=2)
     except (OSError, ValueError) as error:
         raise UserError(
-            f"sim.law_table: {name} can not be read: {error}; write two columns of numbers, slip (um) and share of mu p"
+            f"sim.law_table: {name} can not be read: {error}; write two columns of numbers, slip"
+            " (um) and share of mu p"
         ) from None
     if rows.shape[1] != 2:
-        raise UserError(f"sim.law_table: {name} has {rows.shape[1]} columns; write two, slip (um) and share of mu p")
+        raise UserError(
+            f"sim.law_table: {name} has {rows.shape[1]} columns; write two, slip (um) and share of"
+            " mu p"
+        )
     return tuple((float(slip) * 1e-6, float(share)) for slip, share in rows)
 
 

@@ -1,4 +1,6 @@
-"""Displacement fields from anybody's files: a session, the HDF5 of ``slipscope dic``, or a table (CSV) with a header."""
+"""Displacement fields from anybody's files: a session, the HDF5 of ``slipscope dic``, or a table
+(CSV) with a header.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ class MeasuredFields:
 
 
 def read_fields(path: Path, pixel_m: float | None) -> MeasuredFields:
-    """The fields in a file of ``slipscope dic`` (.h5, .csv), or in a table with columns x, y, ux and their units.
+    """The fields in a file of ``slipscope dic`` (.h5, .csv), or in a table with columns x, y, ux
+    and their units.
 
     Parameters
     ----------
@@ -63,12 +66,23 @@ def read_fields(path: Path, pixel_m: float | None) -> MeasuredFields:
         return _from_table(path, pixel_m)
     found = read_fields_file(path)
     scale = _pixel(path, pixel_m)
-    return _checked(path, MeasuredFields(found.x_px * scale, found.y_px * scale, found.ux_px * scale, found.sd_px * scale, found.frames))
+    return _checked(
+        path,
+        MeasuredFields(
+            found.x_px * scale,
+            found.y_px * scale,
+            found.ux_px * scale,
+            found.sd_px * scale,
+            found.frames,
+        ),
+    )
 
 
 def _pixel(path: Path, pixel_m: float | None) -> float:
     if pixel_m is None:
-        raise UserError(f"{path}: it counts in pixels, and the size of one is not known; give --pixel in um")
+        raise UserError(
+            f"{path}: it counts in pixels, and the size of one is not known; give --pixel in um"
+        )
     return pixel_m
 
 
@@ -86,7 +100,10 @@ def _from_table(path: Path, pixel_m: float | None) -> MeasuredFields:
             columns[{"u": "ux", "ux_sd": "ux_std"}.get(match[1], match[1])] = (i, match[2])
     missing = [name for name in ("x", "y", "ux") if name not in columns]
     if missing:
-        raise UserError(f"{path}: the header has no column {', '.join(missing)}; name them like x_px, y_px, ux_px or x_mm, y_mm, ux_um")
+        raise UserError(
+            f"{path}: the header has no column {', '.join(missing)}; name them like x_px, y_px,"
+            " ux_px or x_mm, y_mm, ux_um"
+        )
     table: dict[str, F64] = {}
     for name, (i, unit) in columns.items():
         try:
@@ -95,11 +112,15 @@ def _from_table(path: Path, pixel_m: float | None) -> MeasuredFields:
             if name == "status":
                 continue
             raise UserError(
-                f"{path}: column {rows[0][i]} holds something that is no number; write numbers, nan where there is none"
+                f"{path}: column {rows[0][i]} holds something that is no number; write numbers, nan"
+                " where there is none"
             ) from None
         if name not in ("frame", "status"):
             if unit is None:
-                raise UserError(f"{path}: column {rows[0][i]} has no unit; name it {name}_px, {name}_um, {name}_mm or {name}_m")
+                raise UserError(
+                    f"{path}: column {rows[0][i]} has no unit; name it {name}_px, {name}_um,"
+                    f" {name}_mm or {name}_m"
+                )
             values = values * (_pixel(path, pixel_m) if unit == "px" else IN_METRES[unit])
         table[name] = values
     return _gridded(path, table)
@@ -108,12 +129,17 @@ def _from_table(path: Path, pixel_m: float | None) -> MeasuredFields:
 def _gridded(path: Path, table: dict[str, F64]) -> MeasuredFields:
     """The points of a table on the grid on which they lie."""
     if not len(table["x"]) or not (np.isfinite(table["x"]) & np.isfinite(table["y"])).all():
-        raise UserError(f"{path}: it has no points, or points without a place; write x and y of every point")
+        raise UserError(
+            f"{path}: it has no points, or points without a place; write x and y of every point"
+        )
     frame = table.get("frame", np.zeros(len(table["x"])))
     frames, which = np.unique(frame, return_inverse=True)
     (x, column), (y, row) = (_axis(path, name, table[name]) for name in ("x", "y"))
     if len(frames) * len(x) * len(y) > 4 * len(column) + 64:
-        raise UserError(f"{path}: {len(column)} points do not fill a grid of {len(x)} x {len(y)}; give points on a regular grid")
+        raise UserError(
+            f"{path}: {len(column)} points do not fill a grid of {len(x)} x {len(y)}; give points"
+            " on a regular grid"
+        )
     fields = np.full((2, len(frames), len(y), len(x)), math.nan)
     fields[0, which, row, column] = table["ux"]
     if "ux_std" in table:
@@ -131,13 +157,19 @@ def _axis(path: Path, name: str, values: F64) -> tuple[F64, NDArray[np.intp]]:
     number = np.rint((values - places[0]) / pitch) if len(places) > 1 else np.zeros(len(values))
     off = np.abs(values - places[0] - number * pitch).max() if len(places) > 1 else 0.0
     if len(places) < 2 or off > 10 * UNEVEN * pitch:
-        raise UserError(f"{path}: the points have {len(places)} different {name}, not evenly spaced; give two or more on a regular grid")
+        raise UserError(
+            f"{path}: the points have {len(places)} different {name}, not evenly spaced; give two"
+            " or more on a regular grid"
+        )
     return places[0] + pitch * np.arange(int(number.max()) + 1), number.astype(np.intp)
 
 
 def _checked(path: Path, fields: MeasuredFields) -> MeasuredFields:
     if min(len(fields.x_m), len(fields.y_m)) < 2:
-        raise UserError(f"{path}: a grid of {len(fields.x_m)} x {len(fields.y_m)} points found; two or more each way are needed")
+        raise UserError(
+            f"{path}: a grid of {len(fields.x_m)} x {len(fields.y_m)} points found; two or more"
+            " each way are needed"
+        )
     if not np.isfinite(fields.ux_m).any():
         raise UserError(f"{path}: no point of it was measured; correlate again with other settings")
     return fields

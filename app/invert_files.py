@@ -1,4 +1,6 @@
-"""Shear tractions from displacement fields in files: sessions, ``slipscope dic``, or anybody's tables."""
+"""Shear tractions from displacement fields in files: sessions, ``slipscope dic``, or anybody's
+tables.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,9 @@ class Series:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """What the fields were measured on, SI units: force, modulus, Poisson's ratio, sphere, roughness, thickness, correlation boxes."""
+    """What the fields were measured on, SI units: force, modulus, Poisson's ratio, sphere,
+    roughness, thickness, correlation boxes.
+    """
 
     P: float
     E: float
@@ -82,7 +86,8 @@ class Inverted:
 
 
 def find_centre(x_m: F64, y_m: F64, ux_m: F64) -> tuple[float, float]:
-    """Centre of the contact: centroid of the upper half of the bump that it makes in u_x, (x, y) in metres.
+    """Centre of the contact: centroid of the upper half of the bump that it makes in u_x, (x, y) in
+    metres.
 
     Raises
     ------
@@ -90,15 +95,24 @@ def find_centre(x_m: F64, y_m: F64, ux_m: F64) -> tuple[float, float]:
         There is no bump.
     """
     rim = np.concatenate([ux_m[0], ux_m[-1], ux_m[:, 0], ux_m[:, -1]])
-    bump = np.nan_to_num(np.nanmedian(rim) - ux_m) if np.isfinite(rim).any() else np.zeros(ux_m.shape)
+    bump = (
+        np.nan_to_num(np.nanmedian(rim) - ux_m) if np.isfinite(rim).any() else np.zeros(ux_m.shape)
+    )
     weight = np.maximum(bump - HALF * bump.max(), 0.0)
     if not weight.sum() > 0:
-        raise UserError("invert: no contact stands out of the last field; give its place with --centre")
-    return float(weight.sum(axis=0) @ x_m / weight.sum()), float(weight.sum(axis=1) @ y_m / weight.sum())
+        raise UserError(
+            "invert: no contact stands out of the last field; give its place with --centre"
+        )
+    return float(weight.sum(axis=0) @ x_m / weight.sum()), float(
+        weight.sum(axis=1) @ y_m / weight.sum()
+    )
 
 
-def invert_series(series: Series, block: Block, method: str, failures: list[str]) -> tuple[tuple[float, float], Iterator[Inverted]]:
-    """The contact's centre, and the result of each field, one at a time; those that can not be inverted are named in `failures`.
+def invert_series(
+    series: Series, block: Block, method: str, failures: list[str]
+) -> tuple[tuple[float, float], Iterator[Inverted]]:
+    """The contact's centre, and the result of each field, one at a time; those that can not be
+    inverted are named in `failures`.
 
     Raises
     ------
@@ -107,7 +121,10 @@ def invert_series(series: Series, block: Block, method: str, failures: list[str]
     """
     pitch = float(series.x_m[1] - series.x_m[0])
     if abs(float(series.y_m[1] - series.y_m[0]) / pitch - 1) > 1e-3:
-        raise UserError("invert: the points lie at another distance along x than along y; interpolate them on a square grid")
+        raise UserError(
+            "invert: the points lie at another distance along x than along y; interpolate them on a"
+            " square grid"
+        )
     centre = series.centre_m
     if centre is None:
         *_, (_, last, _) = series.fields()
@@ -125,19 +142,37 @@ def invert_series(series: Series, block: Block, method: str, failures: list[str]
 Solve = Callable[[F64, F64 | None], Inversion]
 
 
-def _solver(method: str, x: F64, y: F64, pitch: float, radius: float, a: float, block: Block) -> Solve:
-    E, nu, box, noise_box, thickness = block.E, block.nu, block.box, block.noise_box, block.thickness
+def _solver(
+    method: str, x: F64, y: F64, pitch: float, radius: float, a: float, block: Block
+) -> Solve:
+    E, nu, box, noise_box, thickness = (
+        block.E,
+        block.nu,
+        block.box,
+        block.noise_box,
+        block.thickness,
+    )
     r, theta = np.hypot(x, y), np.arctan2(y, x)
     if method == "axisymmetric":
-        profile = AxisymmetricInversion(x, y, pitch, radius, E, nu, edge=a, box=box, noise_box=noise_box, thickness=thickness)
+        profile = AxisymmetricInversion(
+            x, y, pitch, radius, E, nu, edge=a, box=box, noise_box=noise_box, thickness=thickness
+        )
         return lambda ux, sd: profile.solve(ring_means(r, ux, pitch, theta=theta))
     if method == "regularised":
-        return RegularisedInversion(x, y, radius, E, nu, edge=a, box=box, noise_box=noise_box, thickness=thickness).solve
+        return RegularisedInversion(
+            x, y, radius, E, nu, edge=a, box=box, noise_box=noise_box, thickness=thickness
+        ).solve
     problem = InversionProblem(r < radius, pitch, E, nu, box=box, thickness=thickness)
-    return (lambda ux, sd: conjugate_gradient(problem, ux, sd)) if method == "cgls" else (lambda ux, sd: van_cittert(problem, ux, sd))
+    return (
+        (lambda ux, sd: conjugate_gradient(problem, ux, sd))
+        if method == "cgls"
+        else (lambda ux, sd: van_cittert(problem, ux, sd))
+    )
 
 
-def _results(series: Series, solve: Solve, x: F64, y: F64, pitch: float, radius: float, failures: list[str]) -> Iterator[Inverted]:
+def _results(
+    series: Series, solve: Solve, x: F64, y: F64, pitch: float, radius: float, failures: list[str]
+) -> Iterator[Inverted]:
     r, theta = np.hypot(x, y), np.arctan2(y, x)
     for number, ux, sd in series.fields():
         try:
@@ -155,11 +190,13 @@ def _results(series: Series, solve: Solve, x: F64, y: F64, pitch: float, radius:
 
 
 class TableWriter:
-    """Writes results as they come: profiles to a CSV, and for methods of the whole field the points; or all to an npz at the end.
+    """Writes results as they come: profiles to a CSV, and for methods of the whole field the
+    points; or all to an npz at the end.
 
-    A CSV has the columns frame, r_mm, sigma_kpa, sigma_sd_kpa, or frame, x_mm, y_mm, sigma_kpa, sigma_sd_kpa, residual_um. An npz has
-    frame, D_m, D_sd_m, Q_n, Q_sd_n, radius_m, profile_pa, profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa, sigma_sd_pa, residual_m.
-    The file appears when it is complete.
+    A CSV has the columns frame, r_mm, sigma_kpa, sigma_sd_kpa, or frame, x_mm, y_mm, sigma_kpa,
+    sigma_sd_kpa, residual_um. An npz has frame, D_m, D_sd_m, Q_n, Q_sd_n, radius_m, profile_pa,
+    profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa, sigma_sd_pa, residual_m. The file
+    appears when it is complete.
     """
 
     def __init__(self, path: Path, series: Series) -> None:
@@ -178,7 +215,15 @@ class TableWriter:
             return
         if self._table.tell() == 0:
             names = ["x_mm", "y_mm"] if is_whole else ["r_mm"]
-            self._csv.writerow(["frame", *names, "sigma_kpa", "sigma_sd_kpa", *(["residual_um"] if is_whole else [])])
+            self._csv.writerow(
+                [
+                    "frame",
+                    *names,
+                    "sigma_kpa",
+                    "sigma_sd_kpa",
+                    *(["residual_um"] if is_whole else []),
+                ]
+            )
         if is_whole:
             x, y = np.meshgrid(self._series.x_m * 1e3, self._series.y_m * 1e3)
             found = one.result
@@ -214,7 +259,11 @@ class TableWriter:
         }
         if not isinstance(results[0], RadialInversion):
             arrays |= {"x_m": self._series.x_m, "y_m": self._series.y_m}
-            for name, attribute in (("sigma_pa", "sigma"), ("sigma_sd_pa", "sigma_sd"), ("residual_m", "residual")):
+            for name, attribute in (
+                ("sigma_pa", "sigma"),
+                ("sigma_sd_pa", "sigma_sd"),
+                ("residual_m", "residual"),
+            ):
                 arrays[name] = np.array([getattr(found, attribute) for found in results])
         return arrays
 

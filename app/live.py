@@ -27,12 +27,22 @@ from drivers.bench import Bench
 def expected_bytes(config: Config) -> int:
     """Size of the session that a run of these settings writes, within some ten per cent."""
     run = config.run
-    seconds = run.background_time + 2.0 + run.settle_time + run.reference_time + run.travel / run.velocity * 1.06
+    seconds = (
+        run.background_time
+        + 2.0
+        + run.settle_time
+        + run.reference_time
+        + run.travel / run.velocity * 1.06
+    )
     frames = seconds * config.forces.sample_rate / config.camera.divisor
     points = (config.camera.width // config.dic.step) * (config.camera.height // config.dic.step)
     return (
         int(
-            frames * (config.camera.width * config.camera.height * pixel_type(config).itemsize + 21 * points)
+            frames
+            * (
+                config.camera.width * config.camera.height * pixel_type(config).itemsize
+                + 21 * points
+            )
             + seconds * config.forces.sample_rate * 32
         )
         + RESERVE_BYTES
@@ -48,19 +58,25 @@ def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
         The file exists, its folder does not, or the disk has no room for the run.
     """
     if output.exists() and not overwrite:
-        raise UserError(f"{output}: a session of that name exists; choose another name or give --overwrite")
+        raise UserError(
+            f"{output}: a session of that name exists; choose another name or give --overwrite"
+        )
     folder = output.parent
     if not folder.is_dir():
-        raise UserError(f"{output}: the folder {folder} does not exist; create it or choose another")
+        raise UserError(
+            f"{output}: the folder {folder} does not exist; create it or choose another"
+        )
     needed, free = expected_bytes(config), shutil.disk_usage(folder).free
     if needed > free:
         raise UserError(
-            f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB free; make room or shorten run.travel"
+            f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB"
+            " free; make room or shorten run.travel"
         )
 
 
 def prepare(config: Config, say: Callable[[str], None]) -> None:
-    """Compile what these settings compile at first use, so that nothing does so during a run; cached for the next start.
+    """Compile what these settings compile at first use, so that nothing does so during a run;
+    cached for the next start.
 
     `say` is told what is at hand.
     """
@@ -72,20 +88,30 @@ def prepare(config: Config, say: Callable[[str], None]) -> None:
         from drivers.sim.world import World, WorldSettings
 
         say("compiling the simulated camera")
-        world = World(WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None)
+        world = World(
+            WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None
+        )
         world.start()
         world.advance(50)
         Renderer(world.settings).image(world.state(40), 0)
     say("opening the bench")
 
 
-def make_run(config: Config, output: Path, *, pace: float | None, overwrite: bool = False, bench: Bench | None = None) -> Run:
+def make_run(
+    config: Config,
+    output: Path,
+    *,
+    pace: float | None,
+    overwrite: bool = False,
+    bench: Bench | None = None,
+) -> Run:
     """A run on the bench that the settings name; nothing is opened before its `start`.
 
     Parameters
     ----------
     pace : float or None
-        Simulated seconds per second; None: as fast as the machine. A bench with a real device runs at 1.
+        Simulated seconds per second; None: as fast as the machine. A bench with a real device runs
+        at 1.
     bench : Bench, optional
         The bench to use, made with `make_bench` from the same settings and pace.
 
@@ -98,12 +124,21 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
     bench = bench or make_bench(config, pace)
     sources = sources_of(config)
     if pace != 1.0 and not all(is_unreal(source) or source == "replay" for source in sources):
-        raise UserError(f"--pace: a bench with a real device runs at pace 1, not {'max' if pace is None else pace}")
+        raise UserError(
+            "--pace: a bench with a real device runs at pace 1, not"
+            f" {'max' if pace is None else pace}"
+        )
     if pace is None and not set(sources) <= {"sim", "replay"}:
-        raise UserError("--pace: only simulated and recorded devices wait for the program, as pace max needs; give a number")
+        raise UserError(
+            "--pace: only simulated and recorded devices wait for the program, as pace max needs;"
+            " give a number"
+        )
 
     def create_sink(
-        shape: tuple[int, int], dtype: np.dtype[Any], grid_x_px: NDArray[np.float64], grid_y_px: NDArray[np.float64]
+        shape: tuple[int, int],
+        dtype: np.dtype[Any],
+        grid_x_px: NDArray[np.float64],
+        grid_y_px: NDArray[np.float64],
     ) -> SessionWriter:
         return SessionWriter.create(
             output,
@@ -123,4 +158,12 @@ def make_run(config: Config, output: Path, *, pace: float | None, overwrite: boo
         )
 
     title = "simulated bench" if set(sources) == {"sim"} else " + ".join(sources)
-    return Run(config, bench, create_sink, free_running=pace is None, title=title, output=output, prepare=partial(prepare, config))
+    return Run(
+        config,
+        bench,
+        create_sink,
+        free_running=pace is None,
+        title=title,
+        output=output,
+        prepare=partial(prepare, config),
+    )

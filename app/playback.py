@@ -26,7 +26,8 @@ class Playback:
         self.pace = pace
         self.is_paused = False
         self._steps = 0
-        self._began: tuple[float, float] | None = None  # the clock on the wall, and that of the experiment, where the pace began
+        # the clock on the wall, and that of the experiment, where the pace began
+        self._began: tuple[float, float] | None = None
         self._is_over = False
         self._changed = threading.Condition()
 
@@ -61,7 +62,9 @@ class Playback:
             self._changed.notify_all()
 
     def wait_for_turn(self, time_s: float) -> bool:
-        """Whether the frame of that moment of the experiment is to be played, once its time has come; False: it is over."""
+        """Whether the frame of that moment of the experiment is to be played, once its time has
+        come; False: it is over.
+        """
         with self._changed:
             while not self._is_over:
                 if self.is_paused:
@@ -83,7 +86,9 @@ class Playback:
 
 
 class Browser:
-    """Any recorded frame of a session, with the results it was recorded with; read when it is looked at, from one thread."""
+    """Any recorded frame of a session, with the results it was recorded with; read when it is
+    looked at, from one thread.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -97,11 +102,17 @@ class Browser:
         return self._wanted
 
     def show(self, number: int | None) -> None:
-        """Look at analysed frame `number` (counted from 0) from now on; None: at none. From any thread, returns at once."""
+        """Look at analysed frame `number` (counted from 0) from now on; None: at none.
+
+        From any thread, returns at once.
+        """
         self._wanted = number
 
     def look(self) -> tuple[Snapshot, NDArray[Any]] | None:
-        """Results and image of the frame that is looked at; None while none is. The same objects until it is another one."""
+        """Results and image of the frame that is looked at; None while none is.
+
+        The same objects until it is another one.
+        """
         wanted = self._wanted
         if wanted is None:
             return None

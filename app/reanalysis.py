@@ -1,7 +1,9 @@
-"""A saved session analysed once more, with other settings: a second set of results in a file of its own beside it.
+"""A saved session analysed once more, with other settings: a second set of results in a file of its
+own beside it.
 
-The session is only read: what was measured is never written to again. The new file is a session like any other, with its own settings,
-versions and computer, whose images are those of the first (`/entry/source`); replay, export and `Session` take it as it is.
+The session is only read: what was measured is never written to again. The new file is a session
+like any other, with its own settings, versions and computer, whose images are those of the first
+(`/entry/source`); replay, export and `Session` take it as it is.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ FLUSH_EVERY = 16  # frames
 
 
 class Reanalysis(Replay):
-    """A replay of every frame of a session, analysed during its run or not, that writes its results to `output`.
+    """A replay of every frame of a session, analysed during its run or not, that writes its results
+    to `output`.
 
     Parameters
     ----------
@@ -44,17 +47,30 @@ class Reanalysis(Replay):
 
     _done = "frames were analysed"
 
-    def __init__(self, path: Path, output: Path, *, pace: float | None, overrides: Sequence[str] = (), overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        output: Path,
+        *,
+        pace: float | None,
+        overrides: Sequence[str] = (),
+        overwrite: bool = False,
+    ) -> None:
         super().__init__(path, pace=pace, overrides=overrides)
         with SessionReader(path) as session:
             self.source = session.source or Source(path.name, session.started)
             self.recorded_summary = session.summary()
             kept = {path, session.images_path}
         if output.exists() and any(output.samefile(one) for one in kept):
-            raise UserError(f"{output}: this is the session itself, which is never changed; give another name")
+            raise UserError(
+                f"{output}: this is the session itself, which is never changed; give another name"
+            )
         if output.absolute().parent.resolve() != path.absolute().parent.resolve():
             folder = path.absolute().parent
-            raise UserError(f"{output}: a further analysis lies beside its session, which holds the images; give a name in {folder}")
+            raise UserError(
+                f"{output}: a further analysis lies beside its session, which holds the images;"
+                f" give a name in {folder}"
+            )
         self.output = output
         self.title = f"{output.name}: {path.name} once more"
         self.browser = Browser(output)
@@ -73,7 +89,9 @@ class Reanalysis(Replay):
     def _frames_of(self, session: SessionReader) -> list[int]:
         received = session.triggers()["received"]
         if not received.any():
-            raise UserError(f"{session.path}: there are no images in this session; nothing can be analysed")
+            raise UserError(
+                f"{session.path}: there are no images in this session; nothing can be analysed"
+            )
         return [int(index) for index in session.triggers()["index"][received]]
 
     def _begin(self, session: SessionReader) -> None:
@@ -96,17 +114,29 @@ class Reanalysis(Replay):
         chain = sensor_chain(self.config)
         for first, volts, _ in session.stretches():
             writer.append_samples(first, volts, chain.forces(volts))
-        for sample, metres in zip(*(column.tolist() for column in session.positions()), strict=True):
+        for sample, metres in zip(
+            *(column.tolist() for column in session.positions()), strict=True
+        ):
             writer.append_position(sample, metres)
         self._events = [event for event in session.events() if event.kind != "reference"]
-        self._events.append(Event(len(session.forces()[1]), "analysis", f"{session.path.name} once more, with {self._changes}"))
+        self._events.append(
+            Event(
+                len(session.forces()[1]),
+                "analysis",
+                f"{session.path.name} once more, with {self._changes}",
+            )
+        )
         self._lost = session.lost_frames()
 
-    def _take(self, session: SessionReader, number: int, snapshot: Snapshot, image: NDArray[Any]) -> None:
+    def _take(
+        self, session: SessionReader, number: int, snapshot: Snapshot, image: NDArray[Any]
+    ) -> None:
         assert self._writer is not None
         self._write_lost_before(snapshot.frame)
         row = session.image_row(snapshot.frame)
-        self._writer.append_source_frame(snapshot.frame, snapshot.sample, row, crc32(np.ascontiguousarray(image).data))
+        self._writer.append_source_frame(
+            snapshot.frame, snapshot.sample, row, crc32(np.ascontiguousarray(image).data)
+        )
         if self._pipeline.reference_frame == snapshot.frame:
             self._events.append(Event(snapshot.sample, "reference", f"frame {snapshot.frame}"))
         self._writer.append_snapshot(snapshot)
@@ -131,12 +161,21 @@ class Reanalysis(Replay):
         outcome = replace(outcome, counts=self._count())
         self._writer.finish(outcome)
         self._writer.close()
-        return replace(outcome, resources=outcome.resources | {"receipt": str(self._writer.receipt)})
+        return replace(
+            outcome, resources=outcome.resources | {"receipt": str(self._writer.receipt)}
+        )
 
     def _count(self) -> Counts:
         done = len(self._snapshots)
-        named = {"frames_received": done, "frames_recorded": done, "frames_analysed": done, "frames_lost": self._lost_before}
-        return replace(self._recorded_counts, triggers=done + self._lost_before, frames_skipped=0, **named)
+        named = {
+            "frames_received": done,
+            "frames_recorded": done,
+            "frames_analysed": done,
+            "frames_lost": self._lost_before,
+        }
+        return replace(
+            self._recorded_counts, triggers=done + self._lost_before, frames_skipped=0, **named
+        )
 
     def _give_up(self) -> None:
         if self._writer is not None:

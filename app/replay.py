@@ -1,4 +1,7 @@
-"""A saved session through the very same pipeline, frame for frame as it was analysed. No device is involved, nor could be."""
+"""A saved session through the very same pipeline, frame for frame as it was analysed.
+
+No device is involved, nor could be.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,9 @@ class Comparison:
 
 
 def difference(a: Snapshot, b: Snapshot, besides: frozenset[str] = frozenset()) -> str:
-    """Name of the first quantity, besides some, in which two snapshots differ by a bit; empty when there is none."""
+    """Name of the first quantity, besides some, in which two snapshots differ by a bit; empty when
+    there is none.
+    """
     for field in dataclasses.fields(Snapshot):
         if field.name in besides:
             continue
@@ -67,7 +72,9 @@ class Replay:
 
     def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
-            self.config: Config = revised(from_record(session.config_toml, f"{path}: settings"), overrides)
+            self.config: Config = revised(
+                from_record(session.config_toml, f"{path}: settings"), overrides
+            )
             self._recorded_counts = session.counts()
             self._frames = self._frames_of(session)
         self.path = path
@@ -76,7 +83,9 @@ class Replay:
         self.sample_rate_hz = float(self.config.forces.sample_rate)
         self.playback = Playback(pace)
         self.browser = Browser(path)
-        self._pipeline = Pipeline(self.config, (self.config.camera.height, self.config.camera.width))
+        self._pipeline = Pipeline(
+            self.config, (self.config.camera.height, self.config.camera.width)
+        )
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._history: History | None = None
         self._snapshots = Series()
@@ -99,9 +108,12 @@ class Replay:
         self._thread.start()
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
-        """The outcome once the replay has ended and its thread is gone, None if it has not after `timeout` seconds."""
+        """The outcome once the replay has ended and its thread is gone, None if it has not after
+        `timeout` seconds.
+        """
         if self._ended.wait(timeout) and self._thread is not None:
-            self._thread.join()  # an interpreter that ends while the thread lets go of its arrays may crash
+            # an interpreter that ends while the thread lets go of its arrays may crash
+            self._thread.join()
         return self._outcome
 
     @property
@@ -148,7 +160,9 @@ class Replay:
         return self._latest_image if browsed is None else browsed[1]
 
     def browsed(self) -> Snapshot | None:
-        """Recorded results of the frame that is looked at; None while it is the newest one that was played."""
+        """Recorded results of the frame that is looked at; None while it is the newest one that was
+        played.
+        """
         browsed = self.browser.look()
         return None if browsed is None else browsed[0]
 
@@ -156,18 +170,24 @@ class Replay:
         """The snapshots after the first `n`; only the newest one still holds its fields."""
         return self._snapshots.since(n)
 
-    def force_history(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    def force_history(
+        self, n: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """About `n` points so far: samples, P and Q in newtons."""
         if self._history is None:
             return np.empty(0, np.int64), np.empty(0), np.empty(0)
         return self._history.block_means(n)
 
     def health(self) -> Health:
-        """State and progress at this moment; the counts are those of the recorded run, but for the frames analysed here."""
+        """State and progress at this moment; the counts are those of the recorded run, but for the
+        frames analysed here.
+        """
         done = len(self._snapshots)
         return Health(
             state=self._state,
-            reason=self._reason or self._preparing or ("it stands; Space goes on" if self.playback.is_paused else ""),
+            reason=self._reason
+            or self._preparing
+            or ("it stands; Space goes on" if self.playback.is_paused else ""),
             phase=self._phase,
             counts=self._count(),
             queue_fill=0.0,
@@ -184,13 +204,20 @@ class Replay:
     def _count(self) -> Counts:
         recorded = self._recorded_counts
         done = len(self._snapshots)
-        return replace(recorded, frames_analysed=done, frames_skipped=max(0, recorded.frames_received - len(self._frames)))
+        return replace(
+            recorded,
+            frames_analysed=done,
+            frames_skipped=max(0, recorded.frames_received - len(self._frames)),
+        )
 
     def _frames_of(self, session: SessionReader) -> list[int]:
         """Trigger numbers of the frames to play, in order."""
         analysed, _ = session.analysed_frames(), session.images_path  # which may be in another file
         if not analysed:
-            raise UserError(f"{session.path}: no frame of this session was analysed; give -o ANALYSIS.h5 to do so now")
+            raise UserError(
+                f"{session.path}: no frame of this session was analysed; give -o ANALYSIS.h5 to do"
+                " so now"
+            )
         return analysed
 
     def _play(self) -> None:
@@ -203,16 +230,24 @@ class Replay:
             self._preparing = ""
             with closing(self._pipeline), SessionReader(self.path) as session:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)
-                phases = [(event.sample, Phase(event.text)) for event in session.events() if event.kind == "phase"]
+                phases = [
+                    (event.sample, Phase(event.text))
+                    for event in session.events()
+                    if event.kind == "phase"
+                ]
                 positions = zip(*(column.tolist() for column in session.positions()), strict=True)
-                feed = Feed(self._history, sensor_chain(self.config), session.forces()[1], positions, phases)
+                feed = Feed(
+                    self._history, sensor_chain(self.config), session.forces()[1], positions, phases
+                )
                 self._begin(session)
                 for number, index in enumerate(self._frames):
                     _, sample, image = session.frame(index)
                     if not self.playback.wait_for_turn(sample / self.sample_rate_hz):
                         break
                     feed.up_to(sample)
-                    snapshot = self._pipeline.step(index, sample, image, self._history.conditions(sample))
+                    snapshot = self._pipeline.step(
+                        index, sample, image, self._history.conditions(sample)
+                    )
                     self._take(session, number, snapshot, image)
                     self._show(snapshot, image)
                     if number % 16 == 0:
@@ -224,7 +259,9 @@ class Replay:
                 "cpu_s": round(used.user + used.system - cpu.user - cpu.system, 2),
                 "wall_s": round(time.monotonic() - wall, 2),
             }
-            summary = summarise(self.config, self._snapshots.since(0), self.contact(), self._pipeline.notes)
+            summary = summarise(
+                self.config, self._snapshots.since(0), self.contact(), self._pipeline.notes
+            )
             outcome = self._end(Outcome("done", self._reason, self._count(), summary, resources))
         except Exception as error:
             self._reason = f"replay of {self.path.name}: {error}"
@@ -240,9 +277,13 @@ class Replay:
         """What must be done before the first frame."""
         self._recorded = session.snapshots()
 
-    def _take(self, session: SessionReader, number: int, snapshot: Snapshot, image: NDArray[Any]) -> None:
+    def _take(
+        self, session: SessionReader, number: int, snapshot: Snapshot, image: NDArray[Any]
+    ) -> None:
         """The result of the next frame: compare it with what was recorded."""
-        unlike = difference(snapshot, next(self._recorded), besides=session.lacking | {"stress_field_pa"})
+        unlike = difference(
+            snapshot, next(self._recorded), besides=session.lacking | {"stress_field_pa"}
+        )
         if not unlike:
             self._identical += 1
         elif not self._first_difference:

@@ -1,4 +1,6 @@
-"""What the analysis hands to the disk, the screen and the report: frozen, plain arrays, units in the names."""
+"""What the analysis hands to the disk, the screen and the report: frozen, plain arrays, units in
+the names.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The session that holds the images of a further analysis: the name of its file and when it was made."""
+    """The session that holds the images of a further analysis: the name of its file and when it was
+    made.
+    """
 
     session: str
     started: str
@@ -45,7 +49,8 @@ class Source:
 class ContactResult:
     """The apparent contact on the reference frame (paper, section 2.3.1).
 
-    `centre_px` is (x, y). `profile_*` is the azimuthally averaged background difference. NaN: not measured.
+    `centre_px` is (x, y). `profile_*` is the azimuthally averaged background difference. NaN: not
+    measured.
     """
 
     centre_px: tuple[float, float]
@@ -72,16 +77,18 @@ class Snapshot:
     travel_m : float
         Stage displacement since the reference (delta of the paper's Fig. 5).
     lens_m : float
-        Displacement of the lens since the reference, by the compliance of its holder: to be taken off `ux_px`. NaN before the reference.
+        Displacement of the lens since the reference, by the compliance of its holder: to be taken
+        off `ux_px`. NaN before the reference.
     ux_px, uy_px, zncc : ndarray, shape (ny, nx), float32
-        Displacement from the reference in the image (lens compliance not removed) and correlation at the peak; NaN where `status` is not 0.
-        Empty (0, 0) before there is a reference.
+        Displacement from the reference in the image (lens compliance not removed) and correlation
+        at the peak; NaN where `status` is not 0. Empty (0, 0) before there is a reference.
     ux_std_px, uy_std_px : ndarray, shape (ny, nx), float32
         Standard uncertainty of the displacement; NaN or empty likewise.
     status : ndarray, shape (ny, nx), uint8
         `analysis.dic.Status`.
     ring_radius_m, ring_ux_m, ring_sd_m : ndarray, shape (nr,)
-        Azimuthal mean of u_x about the contact's centre, lens compliance removed, and its standard error.
+        Azimuthal mean of u_x about the contact's centre, lens compliance removed, and its standard
+        error.
     centre_ux_m : float
         u_x at the contact's centre, lens compliance removed (parabola through the innermost 0.3 a).
     stick_radius_m, stick_radius_sd_m : float
@@ -95,9 +102,11 @@ class Snapshot:
     stress_force_n, stress_force_sd_n : float
         Integral of the shear traction.
     stress_radius_m, stress_pa, stress_sd_pa : ndarray, shape (ns,)
-        Azimuthal mean of the shear traction sigma_xz about the contact's centre; empty where it was not inverted.
+        Azimuthal mean of the shear traction sigma_xz about the contact's centre; empty where it was
+        not inverted.
     stress_field_pa : ndarray, shape (ny, nx), float32
-        Shear traction of each grid point, where the settings ask for it; else empty. It is not recorded: the fields give it again.
+        Shear traction of each grid point, where the settings ask for it; else empty. It is not
+        recorded: the fields give it again.
     """
 
     frame: int
@@ -136,18 +145,21 @@ class Snapshot:
 def without_fields(snapshot: Snapshot) -> Snapshot:
     """The snapshot's numbers and rings alone: what a long series can keep in memory."""
     fields: dict[str, Any] = dict.fromkeys(
-        ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "stress_field_pa"), np.empty((0, 0), np.float32)
+        ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "stress_field_pa"),
+        np.empty((0, 0), np.float32),
     )
     return replace(snapshot, **fields, status=np.empty((0, 0), np.uint8))
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a loading experiment comes down to; NaN where the run did not go far enough, with the reason in `notes`.
+    """What a loading experiment comes down to; NaN where the run did not go far enough, with the
+    reason in `notes`.
 
-    Radii and times in metres and seconds, forces in newtons; `*_sd` is a standard uncertainty, `mu_d_range` the least and
-    greatest Q/P during sliding (the paper's error bar). `calibration_sd` is the relative uncertainty that the stiffness of the cantilevers
-    adds to every friction coefficient, and is in no other. `law_*` is the local friction law mu p (1 - exp(-s/(mu L))).
+    Radii and times in metres and seconds, forces in newtons; `*_sd` is a standard uncertainty,
+    `mu_d_range` the least and greatest Q/P during sliding (the paper's error bar). `calibration_sd`
+    is the relative uncertainty that the stiffness of the cantilevers adds to every friction
+    coefficient, and is in no other. `law_*` is the local friction law mu p (1 - exp(-s/(mu L))).
     """
 
     normal_force_n: float
@@ -194,15 +206,17 @@ class Outcome:
     reason: str
     counts: Counts
     summary: Summary | None
-    resources: dict[str, Any] = field(default_factory=dict)  # peak_memory_mib, cpu_s, wall_s of this process
+    # peak_memory_mib, cpu_s, wall_s of this process
+    resources: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
     """The state of a run at a glance: cheap to read, at any time, from any thread.
 
-    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can hold; `progress` runs from 0 to 1;
-    `disk_free_bytes` is negative where nothing is written (a replay).
+    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
+    hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
+    replay).
     """
 
     state: str

@@ -1,8 +1,10 @@
-"""What kills and power cuts cost a session: ``python benchmarks/crash.py [KILLS] [CUTS] [FOLDER]``, by default 50 and 200.
+"""What kills and power cuts cost a session: ``python benchmarks/crash.py [KILLS] [CUTS] [FOLDER]``,
+by default 50 and 200.
 
-Kills (kill -9) of a program that records 1600 x 1200 images at 23.8 frames/s and 1 kHz of forces in real time, each at a random instant of
-its first 6 s. Power cuts at random instants of a recorded history of writes, half of them in a flush. Every session is repaired, and
-every frame and sample compared with what was sent; a frame that was altered ends the program.
+Kills (kill -9) of a program that records 1600 x 1200 images at 23.8 frames/s and 1 kHz of forces in
+real time, each at a random instant of its first 6 s. Power cuts at random instants of a recorded
+history of writes, half of them in a flush. Every session is repaired, and every frame and sample
+compared with what was sent; a frame that was altered ends the program.
 """
 
 from __future__ import annotations
@@ -34,14 +36,23 @@ def kills(count: int, folder: Path) -> None:
         seconds.append(kill.lost_s)
         for path in folder.iterdir():
             path.unlink()
-    print(f"{count} kills, {frames} frames sent: {sum(lost)} lost, {max(seconds):.3f} s of one session at most; 0 altered")
+    print(
+        f"{count} kills, {frames} frames sent: {sum(lost)} lost, {max(seconds):.3f} s of one"
+        " session at most; 0 altered"
+    )
 
 
 def cuts(count: int, folder: Path) -> None:
     """Cut, repair, compare."""
     recorded = Recorded(folder)
-    lost = [recorded.check(recorded.instant(seed, flushing=seed % 2 == 0), seed, folder / str(seed)) for seed in range(count)]
-    print(f"{count} power cuts: {max(lost)} frames ({max(lost) / RATE_HZ:.2f} s) lost at most, {np.mean(lost):.1f} on average; 0 altered")
+    lost = [
+        recorded.check(recorded.instant(seed, flushing=seed % 2 == 0), seed, folder / str(seed))
+        for seed in range(count)
+    ]
+    print(
+        f"{count} power cuts: {max(lost)} frames ({max(lost) / RATE_HZ:.2f} s) lost at most,"
+        f" {np.mean(lost):.1f} on average; 0 altered"
+    )
 
 
 if __name__ == "__main__":

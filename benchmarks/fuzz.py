@@ -1,8 +1,10 @@
-"""Settings, sessions, journals and imports spoiled at random: ``python benchmarks/fuzz.py [CASES] [SEED]`` prints what became of each kind.
+"""Settings, sessions, journals and imports spoiled at random: ``python benchmarks/fuzz.py [CASES]
+[SEED]`` prints what became of each kind.
 
-A case must end as read, or refused with a sentence (UserError, ConfigError). Whatever else is a failure: another exception, a process
-that died, more than `LIMIT_S` seconds, more than `LIMIT_BYTES` of memory. Each is named by its seed; ``--keep FOLDER`` keeps its files.
-The cases run one by one in worker processes, so that none can take the count down with it. Linux and macOS.
+A case must end as read, or refused with a sentence (UserError, ConfigError). Whatever else is a
+failure: another exception, a process that died, more than `LIMIT_S` seconds, more than
+`LIMIT_BYTES` of memory. Each is named by its seed; ``--keep FOLDER`` keeps its files. The cases run
+one by one in worker processes, so that none can take the count down with it. Linux and macOS.
 """
 
 from __future__ import annotations
@@ -59,7 +61,10 @@ def settings_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     text = content.decode("utf-8", "replace")
     ways: dict[str, Callable[[], object]] = {
         "settings file": lambda: load(path),
-        "settings --set": lambda: load(None, [f"{rng.choice(KEYS)}={rng.choice(VALUES)}", *text.splitlines()[: rng.randint(0, 2)]]),
+        "settings --set": lambda: load(
+            None,
+            [f"{rng.choice(KEYS)}={rng.choice(VALUES)}", *text.splitlines()[: rng.randint(0, 2)]],
+        ),
         "settings of a session": lambda: from_record(text, "session"),
     }
     way = rng.choice(list(ways))
@@ -70,11 +75,17 @@ def session_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     """A session, asked everything and shown by `slipscope info --verify`."""
     path = folder / "case/session.h5"
     how = spoil(folder / "whole.h5", path, seed)
-    return f"session, {how}", lambda: (ask(path), info(path, as_json=True), info(path, as_json=False, verify=True))
+    return f"session, {how}", lambda: (
+        ask(path),
+        info(path, as_json=True),
+        info(path, as_json=False, verify=True),
+    )
 
 
 def repair_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
-    """A session to be repaired, cut short with its journal or damaged without, and what came of it asked everything."""
+    """A session to be repaired, cut short with its journal or damaged without, and what came of it
+    asked everything.
+    """
     path, output = folder / "case/cut.h5", folder / "case/repaired.h5"
     if random.Random(seed).random() < 0.3:
         how = "repair without journal, " + spoil(folder / "whole.h5", path, seed)
@@ -86,11 +97,16 @@ def repair_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
 def import_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     """Images with tables of what they are and of forces, imported."""
     rng = random.Random(seed)
-    images, which = folder / "case/images", rng.choice(["metadata", "forces", "metadata and forces"])
+    images, which = (
+        folder / "case/images",
+        rng.choice(["metadata", "forces", "metadata and forces"]),
+    )
     shutil.copytree(folder / "images", images)
     for name in ("metadata", "forces"):
         if name in which:
-            (images / f"{name}.csv").write_bytes(spoil_table((images / f"{name}.csv").read_bytes(), rng))
+            (images / f"{name}.csv").write_bytes(
+                spoil_table((images / f"{name}.csv").read_bytes(), rng)
+            )
     sources = Sources(
         images=[images],
         pixel_um=7.04,
@@ -110,12 +126,25 @@ def fields_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     return f"fields, {how}", lambda: (is_session(path), read_fields_file(path))
 
 
-CASES = (session_case, settings_case, repair_case, session_case, settings_case, repair_case, session_case, fields_case, import_case)
+CASES = (
+    session_case,
+    settings_case,
+    repair_case,
+    session_case,
+    settings_case,
+    repair_case,
+    session_case,
+    fields_case,
+    import_case,
+)
 
 
 def work(folder: Path) -> None:
-    """Run the cases whose seeds come on standard input; for each a line of its kind, and one of outcome, traceback and peak memory."""
-    resource.setrlimit(resource.RLIMIT_DATA, (4 * LIMIT_BYTES, resource.RLIM_INFINITY))  # so that none takes the machine down
+    """Run the cases whose seeds come on standard input; for each a line of its kind, and one of
+    outcome, traceback and peak memory.
+    """
+    # so that none takes the machine down
+    resource.setrlimit(resource.RLIMIT_DATA, (4 * LIMIT_BYTES, resource.RLIM_INFINITY))
     answers, sys.stdout = sys.stdout, (folder / "output").open("w")
     make_whole(folder)
     print("ready", file=answers, flush=True)
@@ -132,14 +161,18 @@ def work(folder: Path) -> None:
             outcome = "a sentence" if str(error) else "no sentence"
         except (Exception, typer.Exit):
             outcome, thrown = "traceback", traceback.format_exc(limit=-2)[-1500:]
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
+            1 if sys.platform == "darwin" else 1024
+        )
         if peak > LIMIT_BYTES:
             outcome = "too much memory"
         print(json.dumps((outcome, thrown, peak)), file=answers, flush=True)
 
 
 def make_whole(folder: Path) -> None:
-    """What the cases spoil: a session, one that was cut short, fields, images and tables of an import."""
+    """What the cases spoil: a session, one that was cut short, fields, images and tables of an
+    import.
+    """
     writer, _ = record(folder / "whole.h5")
     writer.write_contact(CONTACT)
     shutil.copy(folder / "whole.h5", folder / "cut.h5")
@@ -155,9 +188,19 @@ def make_whole(folder: Path) -> None:
         rows.append(f"{125 * n},{phase},{2.5 * n},{n}.png")
     (folder / "images/metadata.csv").write_text("\n".join(rows), encoding="utf-8")
     forces = [f"{n},{n / 1000},{0.03},{max(0.0, n - 250) * 1e-4}" for n in range(800)]
-    (folder / "images/forces.csv").write_text("\n".join(["sample,time_s,P_N,Q_N", *forces]), encoding="utf-8")
+    (folder / "images/forces.csv").write_text(
+        "\n".join(["sample,time_s,P_N,Q_N", *forces]), encoding="utf-8"
+    )
     grid = np.arange(4.0)
-    with FieldsWriter(folder / "whole-fields.h5", ["a.tif"], grid, grid, ["ok"], {"reference": "r.tif", "box": 20}, {"box": "px"}):
+    with FieldsWriter(
+        folder / "whole-fields.h5",
+        ["a.tif"],
+        grid,
+        grid,
+        ["ok"],
+        {"reference": "r.tif", "box": 20},
+        {"box": "px"},
+    ):
         pass
 
 
@@ -187,7 +230,13 @@ def outcomes(seeds: Iterator[int], keep: Path | None) -> Iterator[Case]:
             if worker is None:
                 command = [sys.executable, __file__, "--worker", str(folder)]
                 (folder / "whole.h5").unlink(missing_ok=True)
-                worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+                worker = subprocess.Popen(
+                    command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    text=True,
+                )
                 assert worker.stdout
                 worker.stdout.readline()  # ready
             assert worker.stdin
@@ -202,7 +251,13 @@ def outcomes(seeds: Iterator[int], keep: Path | None) -> Iterator[Case]:
             clock.cancel()
             seconds = time.monotonic() - began
             hung = f"killed after {LIMIT_S:g} s" if seconds >= LIMIT_S else "process died"
-            case = Case(seed, kind, *(json.loads(answer)[:2] if answer.endswith("\n") else (hung, "")), seconds, _peak(answer))
+            case = Case(
+                seed,
+                kind,
+                *(json.loads(answer)[:2] if answer.endswith("\n") else (hung, "")),
+                seconds,
+                _peak(answer),
+            )
             yield case
             if case.is_failure:
                 worker.kill()
@@ -233,19 +288,30 @@ def main(cases: int, seed: int, workers: int, keep: Path | None) -> int:
             yield number
 
     began = time.monotonic()
-    threads = [threading.Thread(target=lambda: done.extend(outcomes(shared(), keep))) for _ in range(workers)]
+    threads = [
+        threading.Thread(target=lambda: done.extend(outcomes(shared(), keep)))
+        for _ in range(workers)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    for (kind, outcome), number in sorted(Counter((case.kind, case.outcome) for case in done).items()):
+    for (kind, outcome), number in sorted(
+        Counter((case.kind, case.outcome) for case in done).items()
+    ):
         print(f"{kind:40} {outcome:16} {number:6}")
     failures = [case for case in done if case.is_failure]
     for case in failures[:20]:
         print(f"\nseed {case.seed}: {case.kind}: {case.outcome}\n{case.thrown}")
     slowest = max(done, key=lambda case: case.seconds)
-    print(f"slowest: seed {slowest.seed}, {slowest.kind}, {slowest.seconds:.2f} s; memory: {max(c.peak for c in done) >> 20} MiB at most")
-    print(f"{len(done)} cases from seed {seed} on in {time.monotonic() - began:.0f} s: {len(failures)} failures")
+    print(
+        f"slowest: seed {slowest.seed}, {slowest.kind}, {slowest.seconds:.2f} s; memory:"
+        f" {max(c.peak for c in done) >> 20} MiB at most"
+    )
+    print(
+        f"{len(done)} cases from seed {seed} on in {time.monotonic() - began:.0f} s:"
+        f" {len(failures)} failures"
+    )
     return 1 if failures or len(done) != cases else 0
 
 

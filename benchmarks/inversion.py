@@ -1,10 +1,12 @@
-"""Accuracy and cost of the stress inversions on synthetic fields whose stress is known from another computation.
+"""Accuracy and cost of the stress inversions on synthetic fields whose stress is known from another
+computation.
 
     python benchmarks/inversion.py [--seeds N] [--shared-noise] [--edge FACTOR]
 
-Interface law of the paper (mu = 0.93, L = 0.80 um), E = 3.43 MPa, R = 128.8 mm, 158 x 118 points at 70.4 um, boxes of two pitches,
-noise 0.033 px = 232 nm: white, or shared by overlapping boxes. Errors are rms over the contact, as a fraction of mu p0; medians over
-seeds of their sizes. Run with OMP_NUM_THREADS=1 for the time of one core.
+Interface law of the paper (mu = 0.93, L = 0.80 um), E = 3.43 MPa, R = 128.8 mm, 158 x 118 points at
+70.4 um, boxes of two pitches, noise 0.033 px = 232 nm: white, or shared by overlapping boxes.
+Errors are rms over the contact, as a fraction of mu p0; medians over seeds of their sizes. Run with
+OMP_NUM_THREADS=1 for the time of one core.
 """
 
 from __future__ import annotations
@@ -36,20 +38,34 @@ SHARES = (0.3, 0.6, 0.9, 1.0)
 
 def main() -> None:
     """Invert, compare, print."""
-    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     ask.add_argument("--seeds", type=int, default=5)
     ask.add_argument("--shared-noise", action="store_true")
     ask.add_argument("--edge", type=float, default=1.0, help="times the true radius; 0: unknown")
     asked = ask.parse_args()
     box = world.BOX if asked.shared_noise else 0.0
-    print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}, {asked.seeds} seeds, noise shared over {box * 1e6:g} um")
-    print("P/N  Q/muP  method           profile  worst   field   Q error/%  stated  D error/um  stated  chi2   iterations  ms")
+    print(
+        f"{platform.machine()}, {platform.system()}, {datetime.date.today()}, {asked.seeds} seeds,"
+        f" noise shared over {box * 1e6:g} um"
+    )
+    print(
+        "P/N  Q/muP  method           profile  worst   field   Q error/%  stated  D error/um "
+        " stated  chi2   iterations  ms"
+    )
     for P in (0.1, 0.5, 1.4):
         limit = mask_radius(P, world.E, world.NU, world.R, world.H, world.PITCH)
-        settings = {"edge": asked.edge * world.hertz_radius(P) or None, "box": world.BOX, "noise_box": box}
+        settings = {
+            "edge": asked.edge * world.hertz_radius(P) or None,
+            "box": world.BOX,
+            "noise_box": box,
+        }
         live = AxisymmetricInversion(X, Y, world.PITCH, limit, world.E, world.NU, **settings)
         problem = InversionProblem(limit > RADIUS, world.PITCH, world.E, world.NU, box=world.BOX)
-        whole = InversionProblem(np.ones(world.SHAPE, np.bool_), world.PITCH, world.E, world.NU, box=world.BOX)
+        whole = InversionProblem(
+            np.ones(world.SHAPE, np.bool_), world.PITCH, world.E, world.NU, box=world.BOX
+        )
         best = RegularisedInversion(X, Y, limit, world.E, world.NU, **settings)
         for share in SHARES:
             compare(P, share, asked.seeds, box, live, problem, whole, best)
@@ -76,7 +92,9 @@ def compare(
         calls = {
             "axisymmetric": partial(live.solve, rings),
             "CGLS, cold": partial(conjugate_gradient, problem, u, noise),
-            "CGLS, warm": partial(conjugate_gradient, problem, u, noise, start=before, iterations=5),
+            "CGLS, warm": partial(
+                conjugate_gradient, problem, u, noise, start=before, iterations=5
+            ),
             "Van-Cittert": partial(van_cittert, problem, u, noise, D=contact.D),
             "  D fitted": partial(van_cittert, problem, u, noise),
             "  whole field": partial(van_cittert, whole, u, noise, D=contact.D),
@@ -87,24 +105,35 @@ def compare(
             began = time.perf_counter()
             found = method()
             ms = (time.perf_counter() - began) * 1e3
-            field = live.stress(RADIUS, found.coefficients) if name == "axisymmetric" else found.sigma
-            rows.setdefault(name, []).append([*errors(field, contact), *numbers(found, contact), ms])
+            field = (
+                live.stress(RADIUS, found.coefficients) if name == "axisymmetric" else found.sigma
+            )
+            rows.setdefault(name, []).append(
+                [*errors(field, contact), *numbers(found, contact), ms]
+            )
     for name, row in rows.items():
         worst = np.max(np.array(row)[:, 0])
         profile, field, Q, Q_sd, D, D_sd, chi2, iterations, ms = np.median(np.abs(row), axis=0)
         print(
-            f"{P:3.1f}  {share:4.2f}   {name:15s}  {profile:.4f}   {worst:.4f}  {field:.4f}  {Q:8.3f}  {Q_sd:6.3f}  "
+            f"{P:3.1f}  {share:4.2f}   {name:15s}  {profile:.4f}   {worst:.4f}  {field:.4f} "
+            f" {Q:8.3f}  {Q_sd:6.3f}  "
             f"{D:9.3f}  {D_sd:6.3f}  {chi2:5.3f}  {iterations:9.0f}  {ms:7.2f}"
         )
 
 
-def previous_frames(problem: InversionProblem, P: float, share: float, seed: int, box: float) -> np.ndarray:
-    """Stress of the frame before, inverted warm as in a run: six frames, each two percent of mu P further."""
+def previous_frames(
+    problem: InversionProblem, P: float, share: float, seed: int, box: float
+) -> np.ndarray:
+    """Stress of the frame before, inverted warm as in a run: six frames, each two percent of mu P
+    further.
+    """
     sigma = None
     for n in range(6, 0, -1):
         contact = world.loaded(P, share if share == 1 else share - 0.02 * n)
         u = contact.displacement(X, Y) + world.noise(seed + n, box)
-        sigma = conjugate_gradient(problem, u, world.NOISE, start=sigma, iterations=50 if sigma is None else 5).sigma
+        sigma = conjugate_gradient(
+            problem, u, world.NOISE, start=sigma, iterations=50 if sigma is None else 5
+        ).sigma
     return sigma
 
 
@@ -112,7 +141,9 @@ def errors(sigma: np.ndarray, contact: world.Contact) -> tuple[float, float]:
     """Rms error over the contact of the ring profile and of the field, as a fraction of mu p0."""
     error = (sigma - contact.stress(RADIUS)) / contact.peak
     profile = ring_means(RADIUS, error, world.PITCH, contact.a).mean
-    return float(np.sqrt(np.nanmean(profile**2))), float(np.sqrt(np.mean(error[contact.a > RADIUS] ** 2)))
+    return float(np.sqrt(np.nanmean(profile**2))), float(
+        np.sqrt(np.mean(error[contact.a > RADIUS] ** 2))
+    )
 
 
 def numbers(found, contact: world.Contact) -> list[float]:

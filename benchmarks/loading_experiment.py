@@ -2,8 +2,8 @@
 
     python benchmarks/loading_experiment.py [--pace 1|max] [--set key=value]...
 
-Prints, for each number that the project promises, what was measured, with machine and date. The world's truth is read after the run; the
-analysis never sees it.
+Prints, for each number that the project promises, what was measured, with machine and date. The
+world's truth is read after the run; the analysis never sees it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from app.session.reader import SessionReader
 
 def main() -> None:
     """Run, compare, print."""
-    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     ask.add_argument("--pace", default="1")
     ask.add_argument("--set", action="append", default=[])
     ask.add_argument("--keep", type=Path, help="keep the session here")
@@ -43,7 +45,10 @@ def main() -> None:
         run.start()
         outcome = run.wait()
         assert outcome is not None
-        print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}, pace {asked.pace}, {' '.join(asked.set)}")
+        print(
+            f"{platform.machine()}, {platform.system()}, {datetime.date.today()}, pace"
+            f" {asked.pace}, {' '.join(asked.set)}"
+        )
         print(f"{outcome.state}: {outcome.reason}")
         print(outcome.counts)
         print(outcome.resources)
@@ -66,7 +71,10 @@ def compare(path: Path, world, config: settings.Config) -> None:
         ux, uy = truth.displacement_px(x, y, reference)
         state = truth.state
         centre = np.array(state.lens_centre_m) / config.camera.pixel * 1e6
-        inside = np.hypot(x + ux - centre[0], y + uy - centre[1]) < state.apparent_radius_m * 1e6 / pixel_um
+        inside = (
+            np.hypot(x + ux - centre[0], y + uy - centre[1])
+            < state.apparent_radius_m * 1e6 / pixel_um
+        )
         error = (snapshot.ux_px - ux)[inside]
         good = np.isfinite(error)
         lost, total = lost + int((~good).sum()), total + good.size
@@ -85,13 +93,18 @@ def compare(path: Path, world, config: settings.Config) -> None:
     mu = last.state.friction
     force = last.state.normal_force_n
     rms = np.sqrt(squares / count)
-    row("u_x over the contact, rms error", f"{rms:.4f} px = {rms * pixel_um * 1e3:.0f} nm", "0.033 px")
+    row(
+        "u_x over the contact, rms error",
+        f"{rms:.4f} px = {rms * pixel_um * 1e3:.0f} nm",
+        "0.033 px",
+    )
     row("  worst frame; points lost", f"{worst:.4f} px; {lost} of {total}")
     share, error, sd = np.array(stick).T
     chosen = (share >= 0.3) & (share <= 0.9)
     row(
         "c, as a share of a_H, c/a 0.3 to 0.9",
-        f"bias {error[chosen].mean():+.4f}, scatter {error[chosen].std():.4f}, worst {np.abs(error[chosen]).max():.4f}",
+        f"bias {error[chosen].mean():+.4f}, scatter {error[chosen].std():.4f}, worst"
+        f" {np.abs(error[chosen]).max():.4f}",
         "0.05",
     )
     row("  stated sd (median); frames", f"{np.median(sd[chosen]):.4f}; {chosen.sum()}")
@@ -99,10 +112,13 @@ def compare(path: Path, world, config: settings.Config) -> None:
     a_um, true_um = contact.apparent_radius_m * 1e6, at_rest.apparent_radius_m * 1e6
     row(
         "apparent radius",
-        f"{a_um:.1f} +- {contact.apparent_radius_sd_m * 1e6:.1f} um, truth {true_um:.1f} um: {a_um - true_um:+.1f} um",
+        f"{a_um:.1f} +- {contact.apparent_radius_sd_m * 1e6:.1f} um, truth {true_um:.1f} um:"
+        f" {a_um - true_um:+.1f} um",
         "45 um",
     )
-    dx, dy = np.array(contact.centre_px) - np.array(at_rest.lens_centre_m) / config.camera.pixel * 1e6
+    dx, dy = (
+        np.array(contact.centre_px) - np.array(at_rest.lens_centre_m) / config.camera.pixel * 1e6
+    )
     row("  centre", f"{dx:+.2f}, {dy:+.2f} px from the truth")
     for name, found, true, asked in (
         ("Q_s (N)", summary.static_force_n, last.mu_s * force, "2 %"),
@@ -116,14 +132,35 @@ def compare(path: Path, world, config: settings.Config) -> None:
     traction(snapshots, world, half, reference)
     for name, found, sd, true, asked in (
         ("mu of the local law", summary.law_mu, summary.law_mu_sd, mu, "1 %"),
-        ("L of the local law (um)", summary.law_length_m * 1e6, summary.law_length_sd_m * 1e6, config.sim.slip_length, "8 %"),
-        ("E (MPa)", summary.young_modulus_pa * 1e-6, summary.young_modulus_sd_pa * 1e-6, config.sample.young_modulus, "1.5 %"),
+        (
+            "L of the local law (um)",
+            summary.law_length_m * 1e6,
+            summary.law_length_sd_m * 1e6,
+            config.sim.slip_length,
+            "8 %",
+        ),
+        (
+            "E (MPa)",
+            summary.young_modulus_pa * 1e-6,
+            summary.young_modulus_sd_pa * 1e-6,
+            config.sample.young_modulus,
+            "1.5 %",
+        ),
     ):
-        row(name, f"{found:.4f} +- {sd:.4f}, truth {true:.4f}: {100 * (found / true - 1):+.2f} %", asked)
+        row(
+            name,
+            f"{found:.4f} +- {sd:.4f}, truth {true:.4f}: {100 * (found / true - 1):+.2f} %",
+            asked,
+        )
     drive = next(s for s in snapshots if s.phase is Phase.DRIVE)
     rate = config.forces.sample_rate
-    onset = (last.onset_sample - (drive.sample + settings.exposure_samples(config) / 2 - drive.time_s * rate)) / rate
-    row("t_s (s)", f"{summary.onset_time_s:.3f} +- {summary.onset_time_sd_s:.3f}, truth {onset:.3f}")
+    onset = (
+        last.onset_sample
+        - (drive.sample + settings.exposure_samples(config) / 2 - drive.time_s * rate)
+    ) / rate
+    row(
+        "t_s (s)", f"{summary.onset_time_s:.3f} +- {summary.onset_time_sd_s:.3f}, truth {onset:.3f}"
+    )
 
 
 def traction(snapshots, world, half: int, reference: int) -> None:
@@ -153,8 +190,10 @@ def traction(snapshots, world, half: int, reference: int) -> None:
         if at.any():
             row(
                 f"sigma(r) at Q/(mu P) {low:.2f} to {high:.2f}",
-                f"rms error {np.sqrt(np.mean(profile[at] ** 2)):.4f} mu p0, integral/Q {100 * force[at].mean():+.2f} %"
-                f" (scatter {100 * force[at].std():.2f} %, {np.sqrt(np.mean(score[at] ** 2)):.1f} sd), D {1e9 * far[at].mean():+.0f} nm",
+                f"rms error {np.sqrt(np.mean(profile[at] ** 2)):.4f} mu p0, integral/Q"
+                f" {100 * force[at].mean():+.2f} %"
+                f" (scatter {100 * force[at].std():.2f} %, {np.sqrt(np.mean(score[at] ** 2)):.1f}"
+                f" sd), D {1e9 * far[at].mean():+.0f} nm",
                 "0.014, 0.2 %, 50 nm",
             )
 

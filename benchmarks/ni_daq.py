@@ -1,7 +1,8 @@
 """What the NI driver and its emulated board cost: ``python benchmarks/ni_daq.py [SECONDS]``.
 
-Driver, NI's package, gRPC, emulated board and simulated world in one process, 1 kHz in blocks of 50 samples, in real time. The share of
-one processor is that of all of them together; the last line is the board and the world alone, with nobody reading.
+Driver, NI's package, gRPC, emulated board and simulated world in one process, 1 kHz in blocks of 50
+samples, in real time. The share of one processor is that of all of them together; the last line is
+the board and the world alone, with nobody reading.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from drivers.sim.settings import WorldSettings
 
 def opened(counter: str) -> EmulatedNiForces:
     """A driver that samples, eight triggers a second."""
-    forces = EmulatedNiForces(ForceSettings(exposure_counter=counter), Scene(WorldSettings(image_shape=(6, 8)), pace=1.0))
+    forces = EmulatedNiForces(
+        ForceSettings(exposure_counter=counter), Scene(WorldSettings(image_shape=(6, 8)), pace=1.0)
+    )
     forces.open()
     forces.start(TriggerTrain(0, 125))
     return forces
@@ -73,8 +76,13 @@ def main(seconds: float) -> None:
         times = read_times(forces, 50)
         median, worst = 1e3 * statistics.median(times), 1e3 * max(times)
         name = "with a counter" if counter else "two sensors"
-        print(f"{name:14s}  {share:6.1%} of a processor, a read {median:.2f} ms, worst {worst:.2f} ms")
-        print(f"  server killed: told {1e3 * seconds_until_told(forces):.0f} ms after the read began (0 to 50 of them before the kill)")
+        print(
+            f"{name:14s}  {share:6.1%} of a processor, a read {median:.2f} ms, worst {worst:.2f} ms"
+        )
+        print(
+            f"  server killed: told {1e3 * seconds_until_told(forces):.0f} ms after the read began"
+            " (0 to 50 of them before the kill)"
+        )
         forces.close()
     forces = opened("")
     print(f"board and world  {share_of_a_processor(seconds):6.1%} of a processor")

@@ -2,8 +2,9 @@
 
     python benchmarks/pipeline.py [--frames 60] [--set key=value]...
 
-Pictures of the simulated world during a drive at 23.8 frames/s go through the pipeline of a run; medians of the time on the clock and
-of the processor time of the process (the correlation uses two threads). A frame must take less than 42 ms on average.
+Pictures of the simulated world during a drive at 23.8 frames/s go through the pipeline of a run;
+medians of the time on the clock and of the processor time of the process (the correlation uses two
+threads). A frame must take less than 42 ms on average.
 """
 
 from __future__ import annotations
@@ -49,11 +50,15 @@ def timed(name: str, work):
 
 def main() -> None:
     """Run frames through the pipeline and print the budget."""
-    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     ask.add_argument("--frames", type=int, default=60)
     ask.add_argument("--set", action="append", default=[])
     asked = ask.parse_args()
-    config = settings.load(None, [f"camera.divisor={DIVISOR}", "sim.law=elasto-plastic", *asked.set])
+    config = settings.load(
+        None, [f"camera.divisor={DIVISOR}", "sim.law=elasto-plastic", *asked.set]
+    )
     live.prepare(config, lambda what: None)
     world = World(live.world_settings(config), pace=None)
     world.start()
@@ -67,10 +72,15 @@ def main() -> None:
     began = time.perf_counter()
     line.step(1, at_rest, reference, conditions(world, at_rest, Phase.REFERENCE, 0.0))
     print(
-        f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; reference frame {1e3 * (time.perf_counter() - began):.0f} ms"
+        f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; reference frame"
+        f" {1e3 * (time.perf_counter() - began):.0f} ms"
     )
     line._tracker.track = timed("displacement field", line._tracker.track)
-    for name, label in (("ring_means", "ring means"), ("fit_stick_radius", "c of the profile"), ("central_value", "u_x at the centre")):
+    for name, label in (
+        ("ring_means", "ring means"),
+        ("fit_stick_radius", "c of the profile"),
+        ("central_value", "u_x at the centre"),
+    ):
         setattr(pipeline, name, timed(label, getattr(pipeline, name)))
     tractions.Tractions.of = timed("traction, profile", tractions.Tractions.of)
     if config.stress.field:
@@ -79,7 +89,12 @@ def main() -> None:
     for n in range(asked.frames):
         world.advance(DIVISOR * 10)  # ten frames on: a whole drive in some of its frames
         image = renderer.image(world.state(world.now), 2 + n)
-        step(2 + n, world.now, image, conditions(world, world.now, Phase.DRIVE, (world.now - at_rest) / 1e3))
+        step(
+            2 + n,
+            world.now,
+            image,
+            conditions(world, world.now, Phase.DRIVE, (world.now - at_rest) / 1e3),
+        )
     line.close()
     for name, times in sorted(spent.items(), key=lambda item: -np.median(item[1])):
         wall, cpu = 1e3 * np.median(times, axis=0)
@@ -90,7 +105,11 @@ def conditions(world: World, sample: int, phase: Phase, seconds: float) -> Condi
     """What the bench would have measured."""
     state = world.state(sample)
     return Conditions(
-        phase=phase, time_s=seconds, normal_force_n=state.normal_force_n, shear_force_n=state.shear_force_n, travel_m=state.stage_m
+        phase=phase,
+        time_s=seconds,
+        normal_force_n=state.normal_force_n,
+        shear_force_n=state.shear_force_n,
+        travel_m=state.stage_m,
     )
 
 

@@ -1,7 +1,9 @@
-"""What recording costs at full rate: ``python benchmarks/recorder.py [--folder FOLDER] [--seconds 20] [--compression none|gzip]``.
+"""What recording costs at full rate: ``python benchmarks/recorder.py [--folder FOLDER] [--seconds
+20] [--compression none|gzip]``.
 
-A recorder as in a run, in real time: 1600 x 1200 images at 23.8 frames/s, forces at 1 kHz, a field of 159 x 119 boxes for every frame,
-the journal, a flush to the disk each 0.4 s. Then the reading back at the close, and a repair of the same session as a kill leaves it.
+A recorder as in a run, in real time: 1600 x 1200 images at 23.8 frames/s, forces at 1 kHz, a field
+of 159 x 119 boxes for every frame, the journal, a flush to the disk each 0.4 s. Then the reading
+back at the close, and a repair of the same session as a kill leaves it.
 """
 
 from __future__ import annotations
@@ -43,7 +45,23 @@ def snapshot(frame: int) -> Snapshot:
     field, ring = np.zeros(GRID, np.float32), np.zeros(RINGS)
     status = np.zeros(GRID, np.uint8)
     fields = (field, field, field, field, field, status)
-    return Snapshot(frame, DIVISOR * frame, Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6, 1e-8, *fields, ring, ring, ring, 0.0, 1e-3, 1e-5)
+    return Snapshot(
+        frame,
+        DIVISOR * frame,
+        Phase.DRIVE,
+        0.0,
+        0.5,
+        0.1,
+        1e-6,
+        1e-8,
+        *fields,
+        ring,
+        ring,
+        ring,
+        0.0,
+        1e-3,
+        1e-5,
+    )
 
 
 class Measured:
@@ -71,10 +89,14 @@ class Measured:
 
 
 def speckle(seed: int) -> NDArray[np.uint8]:
-    """An image as of the bench, as far as compression goes: blurred grains of a few pixels, and noise of one grey level."""
+    """An image as of the bench, as far as compression goes: blurred grains of a few pixels, and
+    noise of one grey level.
+    """
     rng = np.random.default_rng(seed)
     grains = cv2.GaussianBlur(rng.normal(size=SHAPE), (0, 0), 1.6)
-    return np.clip(90 + 35 * grains / grains.std() + rng.normal(size=SHAPE), 0, 255).astype(np.uint8)
+    return np.clip(90 + 35 * grains / grains.std() + rng.normal(size=SHAPE), 0, 255).astype(
+        np.uint8
+    )
 
 
 def main(folder: Path, seconds: float, compression: str) -> None:
@@ -99,7 +121,14 @@ def main(folder: Path, seconds: float, compression: str) -> None:
     )
     rate = RATE_HZ / DIVISOR
     failures: list[str] = []
-    recorder = Recorder(writer, QUEUE_S, rate * images[0].nbytes, FLUSH_S, sender_waits=False, on_failure=failures.append)
+    recorder = Recorder(
+        writer,
+        QUEUE_S,
+        rate * images[0].nbytes,
+        FLUSH_S,
+        sender_waits=False,
+        on_failure=failures.append,
+    )
     measured = Measured(recorder, writer)
     thread = threading.Thread(target=measured.work)
     thread.start()
@@ -124,20 +153,43 @@ def main(folder: Path, seconds: float, compression: str) -> None:
     writer.close()
     closing = time.monotonic() - closing
 
-    print(f"{platform.platform()}, {platform.processor() or platform.machine()}, {datetime.date.today().isoformat()}")
-    print(f"python {platform.python_version()}, h5py {h5py.__version__}, HDF5 {h5py.version.hdf5_version}")
-    print(f"{frames} frames in {seconds:.0f} s, {rate:.1f}/s, compression {compression}, in {folder}; failures: {failures or 'none'}")
+    print(
+        f"{platform.platform()}, {platform.processor() or platform.machine()},"
+        f" {datetime.date.today().isoformat()}"
+    )
+    print(
+        f"python {platform.python_version()}, h5py {h5py.__version__}, HDF5"
+        f" {h5py.version.hdf5_version}"
+    )
+    print(
+        f"{frames} frames in {seconds:.0f} s, {rate:.1f}/s, compression {compression}, in {folder};"
+        f" failures: {failures or 'none'}"
+    )
     share = measured.cpu_s / seconds
-    print(f"recorder: {share:.1%} of a core, {1e3 * measured.cpu_s / frames:.2f} ms CPU per frame with its samples and results")
+    print(
+        f"recorder: {share:.1%} of a core, {1e3 * measured.cpu_s / frames:.2f} ms CPU per frame"
+        " with its samples and results"
+    )
     times = [end - start for start, end in flushes]
     between = max(b[1] - a[0] for a, b in pairwise(flushes))
-    print(f"flush to the disk: {1e3 * np.median(times):.0f} ms (median), {1e3 * max(times):.0f} ms (longest of {len(times)})")
-    print(f"begin of a flush to the end of the next, lost by a power cut: {between:.2f} s at most; queue filled to {fullest:.0%}")
+    print(
+        f"flush to the disk: {1e3 * np.median(times):.0f} ms (median), {1e3 * max(times):.0f} ms"
+        f" (longest of {len(times)})"
+    )
+    print(
+        f"begin of a flush to the end of the next, lost by a power cut: {between:.2f} s at most;"
+        f" queue filled to {fullest:.0%}"
+    )
     size = path.stat().st_size
     with h5py.File(path, "r") as file:
-        share = file["entry/instrument/camera/data"].id.get_storage_size() / (frames * images[0].nbytes)
+        share = file["entry/instrument/camera/data"].id.get_storage_size() / (
+            frames * images[0].nbytes
+        )
     print(f"images in the file: {share:.1%} of their size in memory")
-    print(f"close with reading back: {closing:.2f} s, {size / closing / 1e6:.0f} MB/s: {writer.receipt}")
+    print(
+        f"close with reading back: {closing:.2f} s, {size / closing / 1e6:.0f} MB/s:"
+        f" {writer.receipt}"
+    )
     path.unlink()
     began = time.monotonic()
     repaired = repair(cut, path)
@@ -149,7 +201,9 @@ def main(folder: Path, seconds: float, compression: str) -> None:
 
 
 if __name__ == "__main__":
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--folder", type=Path)
     options.add_argument("--seconds", type=float, default=20.0)
     options.add_argument("--compression", choices=("none", "gzip"), default="none")

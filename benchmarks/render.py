@@ -1,7 +1,9 @@
-"""CPU time of a simulated picture at 1600 x 1200, and how far the fast renderer is from the exact one.
+"""CPU time of a simulated picture at 1600 x 1200, and how far the fast renderer is from the exact
+one.
 
-Run from the root of the tree: ``python -m benchmarks.render``. The difference is an apparent displacement: least squares over boxes of
-20 px, the gradient of the exact picture against the difference of the two.
+Run from the root of the tree: ``python -m benchmarks.render``. The difference is an apparent
+displacement: least squares over boxes of 20 px, the gradient of the exact picture against the
+difference of the two.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ from drivers.sim.images import Renderer
 from drivers.sim.world import State, World, WorldSettings
 
 SLOPE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-"""Derivative by central differences of the eighth order: speckle this fine is 20 % too flat for the second order."""
+"""Derivative by central differences of the eighth order: speckle this fine is 20 % too flat for the
+second order.
+"""
 
 
 def apparent_shift_px(reference, picture, box=20):
@@ -44,7 +48,11 @@ def states() -> dict[str, State]:
     world.advance(2)
     world.move(300e-6, 5e-6)
     world.advance(40_000)
-    return {"pressed": world.state(2), "partial slip": world.state(15_000), "sliding": world.state(40_000)}
+    return {
+        "pressed": world.state(2),
+        "partial slip": world.state(15_000),
+        "sliding": world.state(40_000),
+    }
 
 
 def cpu_ms(work: Callable[[], object], times: int) -> float:
@@ -60,16 +68,28 @@ def cpu_ms(work: Callable[[], object], times: int) -> float:
 
 def main() -> None:
     """Print the table."""
-    fast, exact = Renderer(WorldSettings(renderer="fast")), Renderer(WorldSettings(renderer="exact"))
-    print(
-        f"{datetime.date.today()}  {platform.processor() or platform.machine()}, {os.cpu_count()} CPUs, Python {platform.python_version()}"
+    fast, exact = (
+        Renderer(WorldSettings(renderer="fast")),
+        Renderer(WorldSettings(renderer="exact")),
     )
-    print("state          fast ms  exact ms   apparent shift fast - exact, px: rms   worst box of 20")
+    print(
+        f"{datetime.date.today()}  {platform.processor() or platform.machine()}, {os.cpu_count()}"
+        f" CPUs, Python {platform.python_version()}"
+    )
+    print(
+        "state          fast ms  exact ms   apparent shift fast - exact, px: rms   worst box of 20"
+    )
     for name, state in states().items():
         truth = exact.grey(state, exact=True)
         shift = apparent_shift_px(truth, fast.grey(state, exact=False))
-        times = cpu_ms(lambda s=state: fast.image(s, 0), 25), cpu_ms(lambda s=state: exact.image(s, 0), 3)
-        print(f"{name:14s} {times[0]:7.1f}  {times[1]:8.0f}   {np.sqrt(np.mean(shift**2)):38.5f}   {np.abs(shift).max():.4f}")
+        times = (
+            cpu_ms(lambda s=state: fast.image(s, 0), 25),
+            cpu_ms(lambda s=state: exact.image(s, 0), 3),
+        )
+        print(
+            f"{name:14s} {times[0]:7.1f}  {times[1]:8.0f}   {np.sqrt(np.mean(shift**2)):38.5f}  "
+            f" {np.abs(shift).max():.4f}"
+        )
 
 
 if __name__ == "__main__":

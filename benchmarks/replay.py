@@ -1,4 +1,6 @@
-"""How long a jump to any recorded frame takes, and how fast a session is replayed: ``python benchmarks/replay.py SESSION.h5 [JUMPS]``."""
+"""How long a jump to any recorded frame takes, and how fast a session is replayed: ``python
+benchmarks/replay.py SESSION.h5 [JUMPS]``.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,11 @@ from app.replay import make_replay
 
 
 def main(session: Path, jumps: int) -> None:
-    """Measure, and print. A jump is all but the drawing: image, field and results from the file, and what the window makes of them."""
+    """Measure, and print.
+
+    A jump is all but the drawing: image, field and results from the file, and what the window makes
+    of them.
+    """
     replay = make_replay(session, pace=None)
     replay.playback.pause()
     replay.start()
@@ -32,10 +38,17 @@ def main(session: Path, jumps: int) -> None:
     replay.playback.resume()
     outcome = replay.wait()
     wall = time.perf_counter() - began
-    print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; {session.name}, {replay.frame_count} frames")
-    print(f"jump to any frame: median {1e3 * statistics.median(took):.0f} ms, worst {1e3 * max(took):.0f} ms of {jumps}")
     print(
-        f"replay: {replay.frame_count / wall:.1f} frames/s, {replay.comparison().identical} to the bit ({outcome.state if outcome else ''})"
+        f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; {session.name},"
+        f" {replay.frame_count} frames"
+    )
+    print(
+        f"jump to any frame: median {1e3 * statistics.median(took):.0f} ms, worst"
+        f" {1e3 * max(took):.0f} ms of {jumps}"
+    )
+    print(
+        f"replay: {replay.frame_count / wall:.1f} frames/s, {replay.comparison().identical} to the"
+        f" bit ({outcome.state if outcome else ''})"
     )
 
 

@@ -1,14 +1,17 @@
 """A long run, and whether memory stays flat and nothing is lost.
 
-    python benchmarks/soak.py virtual [--minutes 30] [--rate 8]      # as fast as the machine, on the clock of the samples
-    python benchmarks/soak.py live [--minutes 10] [--rate 23.8] [--window]     # in real time
-    python benchmarks/soak.py live --minutes 1 --disk 20     # to a disk that takes 20 MB/s and no more
+    python benchmarks/soak.py virtual [--minutes 30] [--rate 8]      # as fast as the machine, on
+    the clock of the samples python benchmarks/soak.py live [--minutes 10] [--rate 23.8] [--window]
+    # in real time python benchmarks/soak.py live --minutes 1 --disk 20     # to a disk that takes
+    20 MB/s and no more
 
-The simulated bench at 1600 x 1200, recorded and analysed, driven by 300 um at the velocity that takes so long. Every few seconds it notes
-memory, processor time by thread, and the account of frames. At the end it prints how memory grew after the first minute of the bench's
-clock, what each thread took, and what became of every frame and sample; exits with 1 if one was lost, if the session is not what was
-recorded, or if the run did not end as it should: done, or by the name of a disk that is too slow. The last line is the same as JSON.
-The session, 19 MB for each second at 8 frames/s, is removed; --keep leaves it.
+The simulated bench at 1600 x 1200, recorded and analysed, driven by 300 um at the velocity that
+takes so long. Every few seconds it notes memory, processor time by thread, and the account of
+frames. At the end it prints how memory grew after the first minute of the bench's clock, what each
+thread took, and what became of every frame and sample; exits with 1 if one was lost, if the session
+is not what was recorded, or if the run did not end as it should: done, or by the name of a disk
+that is too slow. The last line is the same as JSON. The session, 19 MB for each second at 8
+frames/s, is removed; --keep leaves it.
 """
 
 from __future__ import annotations
@@ -45,13 +48,17 @@ MIB = 2**20
 
 
 def memory_bytes() -> tuple[int, int]:
-    """Resident memory of this process, and how much of that is its own data (not files that are mapped, as libraries are)."""
+    """Resident memory of this process, and how much of that is its own data (not files that are
+    mapped, as libraries are).
+    """
     resident = psutil.Process().memory_info().rss
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:
         return resident, resident
-    return resident, 1024 * next(int(line.split()[1]) for line in lines if line.startswith("RssAnon"))
+    return resident, 1024 * next(
+        int(line.split()[1]) for line in lines if line.startswith("RssAnon")
+    )
 
 
 @dataclass
@@ -86,10 +93,13 @@ class Watch:
             name = names.get(one.id, "without a name: the libraries'")
             taken[name] = taken.get(name, 0.0) + one.user_time + one.system_time
         self.cpu_s |= taken
-        self.rows.append((health.sample / self.run.sample_rate_hz, *memory_bytes(), health.queue_fill))
+        self.rows.append(
+            (health.sample / self.run.sample_rate_hz, *memory_bytes(), health.queue_fill)
+        )
         done = health.counts
         print(
-            f"\r{self.rows[-1][0]:6.0f} s  {self.rows[-1][1] / MIB:7.1f} MiB  {done.frames_recorded} frames, {done.frames_skipped} skipped,"
+            f"\r{self.rows[-1][0]:6.0f} s  {self.rows[-1][1] / MIB:7.1f} MiB "
+            f" {done.frames_recorded} frames, {done.frames_skipped} skipped,"
             f" queue {health.queue_fill:4.0%} ",
             end="",
             file=sys.stderr,
@@ -98,39 +108,83 @@ class Watch:
 
 
 def growth(rows: np.ndarray, column: int) -> tuple[float, float, float]:
-    """Memory after the first minute (MiB), and its growth from there to the end in %: of the fitted line, and of the largest value."""
+    """Memory after the first minute (MiB), and its growth from there to the end in %: of the fitted
+    line, and of the largest value.
+    """
     after = rows[rows[:, 0] >= FIRST_S] if (rows[:, 0] >= FIRST_S).sum() > 2 else rows
     if len(after) < 2:
         return float(after[0, column] / MIB), np.nan, np.nan  # too short to tell
     slope, start = np.polyfit(after[:, 0] - after[0, 0], after[:, column] / MIB, 1)
-    return start, 100 * slope * (after[-1, 0] - after[0, 0]) / start, 100 * (after[:, column].max() / MIB / after[0, column] * MIB - 1)
+    return (
+        start,
+        100 * slope * (after[-1, 0] - after[0, 0]) / start,
+        100 * (after[:, column].max() / MIB / after[0, column] * MIB - 1),
+    )
 
 
-def report(asked: argparse.Namespace, run: Run, watch: Watch, outcome: Outcome, path: Path, wall_s: float) -> dict[str, Any]:
+def report(
+    asked: argparse.Namespace, run: Run, watch: Watch, outcome: Outcome, path: Path, wall_s: float
+) -> dict[str, Any]:
     """What is printed, by name."""
     counts, rows = outcome.counts, np.array(watch.rows)
     seconds = counts.samples / run.sample_rate_hz
-    found: dict[str, Any] = {"mode": asked.mode, "window": asked.window, "bench_s": round(seconds, 1), "wall_s": round(wall_s, 1)}
+    found: dict[str, Any] = {
+        "mode": asked.mode,
+        "window": asked.window,
+        "bench_s": round(seconds, 1),
+        "wall_s": round(wall_s, 1),
+    }
     for name, column in (("memory", 1), ("own_memory", 2)):
         start, fitted, largest = growth(rows, column)
-        found |= {f"{name}_minute_1_mib": round(start, 1), f"{name}_end_mib": round(rows[-1, column] / MIB, 1)}
-        found |= {f"{name}_growth_percent": round(fitted, 2), f"{name}_largest_over_minute_1_percent": round(largest, 2)}
-    found |= {"frames": counts.frames_recorded, "frames_lost": counts.triggers - counts.frames_recorded}
-    found |= {"samples": counts.samples, "samples_lost": counts.samples_lost, "fullest_queue": round(float(rows[:, 3].max()), 3)}
+        found |= {
+            f"{name}_minute_1_mib": round(start, 1),
+            f"{name}_end_mib": round(rows[-1, column] / MIB, 1),
+        }
+        found |= {
+            f"{name}_growth_percent": round(fitted, 2),
+            f"{name}_largest_over_minute_1_percent": round(largest, 2),
+        }
+    found |= {
+        "frames": counts.frames_recorded,
+        "frames_lost": counts.triggers - counts.frames_recorded,
+    }
+    found |= {
+        "samples": counts.samples,
+        "samples_lost": counts.samples_lost,
+        "fullest_queue": round(float(rows[:, 3].max()), 3),
+    }
     found |= {"analysed_share": round(counts.frames_analysed / counts.triggers, 4)}
-    found |= {"mb_per_s": round(path.stat().st_size / seconds / 1e6, 2), "mb_per_wall_s": round(path.stat().st_size / wall_s / 1e6, 2)}
-    found |= {f"cpu of {name}": round(cpu, 2) for name, cpu in sorted(watch.cpu_s.items(), key=lambda item: -item[1])}
-    found |= {"recorder_share_of_a_core": round(watch.cpu_s.get("slipscope-recorder", 0.0) / rows[-1, 0], 4)}
-    return found | {"state": outcome.state, "reason": outcome.reason, "receipt": outcome.resources.get("receipt", "none")}
+    found |= {
+        "mb_per_s": round(path.stat().st_size / seconds / 1e6, 2),
+        "mb_per_wall_s": round(path.stat().st_size / wall_s / 1e6, 2),
+    }
+    found |= {
+        f"cpu of {name}": round(cpu, 2)
+        for name, cpu in sorted(watch.cpu_s.items(), key=lambda item: -item[1])
+    }
+    found |= {
+        "recorder_share_of_a_core": round(
+            watch.cpu_s.get("slipscope-recorder", 0.0) / rows[-1, 0], 4
+        )
+    }
+    return found | {
+        "state": outcome.state,
+        "reason": outcome.reason,
+        "receipt": outcome.resources.get("receipt", "none"),
+    }
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run, watch, print; 1 where something was lost."""
-    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     ask.add_argument("mode", choices=("virtual", "live"))
     ask.add_argument("--minutes", type=float)
     ask.add_argument("--rate", type=float)
-    ask.add_argument("--window", action="store_true", help="with the window, offscreen where there is no screen")
+    ask.add_argument(
+        "--window", action="store_true", help="with the window, offscreen where there is no screen"
+    )
     ask.add_argument("--disk", type=float, metavar="MB/s", help="what the disk takes at most")
     ask.add_argument("--folder", type=Path, help="for the session")
     ask.add_argument("--keep", action="store_true")
@@ -138,7 +192,11 @@ def main(argv: list[str] | None = None) -> int:
     asked = ask.parse_args(argv)
     minutes = asked.minutes or {"virtual": 30.0, "live": 10.0}[asked.mode]
     rate = asked.rate or {"virtual": 8.0, "live": 23.8}[asked.mode]
-    drive = (f"run.travel={TRAVEL_UM}", f"run.velocity={TRAVEL_UM / (60 * minutes)}", f"camera.divisor={round(1000 / rate)}")
+    drive = (
+        f"run.travel={TRAVEL_UM}",
+        f"run.velocity={TRAVEL_UM / (60 * minutes)}",
+        f"camera.divisor={round(1000 / rate)}",
+    )
     config = settings.load(None, [*drive, *asked.set])
     folder = Path(tempfile.mkdtemp(prefix="soak-", dir=asked.folder))
     try:
@@ -161,17 +219,26 @@ def soak(asked: argparse.Namespace, config: settings.Config, path: Path) -> int:
     began = time.monotonic()
     outcome = with_window(run, watching, path) if asked.window else alone(run, watching)
     found = report(asked, run, watch, outcome, path, time.monotonic() - began)
-    print(f"\n{platform.platform()}, {platform.machine()}, {datetime.date.today()}; {' '.join(sys.argv[1:])}; {path}")
+    print(
+        f"\n{platform.platform()}, {platform.machine()}, {datetime.date.today()};"
+        f" {' '.join(sys.argv[1:])}; {path}"
+    )
     for name, value in found.items():
         print(f"{name:44s} {value}")
     print(json.dumps(found))
     whole = not (found["frames_lost"] or found["samples_lost"]) and found["receipt"] != "none"
-    as_it_should = outcome.reason.startswith("recorder: the disk is slower than the data") if asked.disk else outcome.state == "done"
+    as_it_should = (
+        outcome.reason.startswith("recorder: the disk is slower than the data")
+        if asked.disk
+        else outcome.state == "done"
+    )
     return 0 if whole and as_it_should else 1
 
 
 def slow_down(run: Run, bytes_per_s: float) -> None:
-    """Let the disk take no more than that: each image is written when those before it would have been."""
+    """Let the disk take no more than that: each image is written when those before it would have
+    been.
+    """
     create = run._create_sink
 
     def slowed(*about: Any) -> Any:

@@ -1,13 +1,16 @@
-"""Speckle pictures whose displacement is known exactly, for the benchmarks of digital image correlation.
+"""Speckle pictures whose displacement is known exactly, for the benchmarks of digital image
+correlation.
 
-Nothing is interpolated: every blob of a random pattern is moved by the displacement at its own centre, deformed by the gradient
-there, and integrated over the pixels. What remains is the curvature of the displacement over one blob: below 1e-3 px at the
-sharpest front here. A set is rendered once and kept in the system's folder for temporary files.
+Nothing is interpolated: every blob of a random pattern is moved by the displacement at its own
+centre, deformed by the gradient there, and integrated over the pixels. What remains is the
+curvature of the displacement over one blob: below 1e-3 px at the sharpest front here. A set is
+rendered once and kept in the system's folder for temporary files.
 
 Sets, each after a reference that does not move:
   translation  u_x = 0, 0.05 ... 1 px: the bias at every fraction of a pixel
-  long         u_x = 0.14 ... 14 px in steps of 0.495 px: the calibration of Prevost et al. (2013), section 2.3.2
-  contact      a stick disc r < c that shrinks while U grows to 4 px, then full sliding to 10 px; the greatest slope is 1.9 %
+  long         u_x = 0.14 ... 14 px in steps of 0.495 px: the calibration of Prevost et al. (2013),
+  section 2.3.2 contact      a stick disc r < c that shrinks while U grows to 4 px, then full
+  sliding to 10 px; the greatest slope is 1.9 %
 """
 
 from __future__ import annotations
@@ -38,12 +41,15 @@ CONTACT_RADIUS_PX, FULL_SLIP_PX = 320.0, 4.0
 RING_PX = 10
 """The graded zone is scored with this much around it."""
 RECIPE = 1
-"""Part of the key of the kept pictures: to be raised when the same parameters give other pictures."""
+"""Part of the key of the kept pictures: to be raised when the same parameters give other pictures.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Displacement along x, pixels: `inside` for r < `stick`, `outside` for r > `radius`, a smoothstep between; r from `centre` (x, y)."""
+    """Displacement along x, pixels: `inside` for r < `stick`, `outside` for r > `radius`, a
+    smoothstep between; r from `centre` (x, y).
+    """
 
     inside: float
     outside: float
@@ -60,7 +66,13 @@ class Motion:
     def contact(cls, drive: float, size: tuple[int, int]) -> Motion:
         """Partial slip up to a drive of 4 px, full sliding beyond."""
         stick = CONTACT_RADIUS_PX * max(0.0, 1 - drive / FULL_SLIP_PX)
-        return cls(max(0.0, drive - FULL_SLIP_PX), drive, stick, CONTACT_RADIUS_PX, (size[1] / 2, size[0] / 2))
+        return cls(
+            max(0.0, drive - FULL_SLIP_PX),
+            drive,
+            stick,
+            CONTACT_RADIUS_PX,
+            (size[1] / 2, size[0] / 2),
+        )
 
     @property
     def graded(self) -> bool:
@@ -85,12 +97,16 @@ class Motion:
         return (r > self.stick - RING_PX) & (r < self.radius + RING_PX) & self.graded
 
     def _distance(self, x: Any, y: Any) -> Array:
-        return np.hypot(np.asarray(x, np.float64) - self.centre[0], np.asarray(y, np.float64) - self.centre[1])
+        return np.hypot(
+            np.asarray(x, np.float64) - self.centre[0], np.asarray(y, np.float64) - self.centre[1]
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One 8-bit picture, shape (rows, columns), and its displacement from the reference; `kind` is reference, uniform or contact."""
+    """One 8-bit picture, shape (rows, columns), and its displacement from the reference; `kind` is
+    reference, uniform or contact.
+    """
 
     image: NDArray[np.uint8]
     truth: Motion
@@ -98,20 +114,27 @@ class Frame:
 
 
 class Pattern:
-    """Gaussian blobs at random places, the same for the same seed: e^-2 diameters of 3-5 px, peaks of 0.4-1, 0.15 per square pixel."""
+    """Gaussian blobs at random places, the same for the same seed: e^-2 diameters of 3-5 px, peaks
+    of 0.4-1, 0.15 per square pixel.
+    """
 
     def __init__(self, size: tuple[int, int] = SIZE, seed: int = 1) -> None:
         rng = np.random.default_rng(seed)
         rows, columns = size
         n = int(SPECKLE_PER_PX2 * (rows + 2 * HALO_PX) * (columns + 2 * HALO_PX))
         self.size = size
-        self.x, self.y = rng.uniform(-HALO_PX, columns + HALO_PX, n), rng.uniform(-HALO_PX, rows + HALO_PX, n)
+        self.x, self.y = (
+            rng.uniform(-HALO_PX, columns + HALO_PX, n),
+            rng.uniform(-HALO_PX, rows + HALO_PX, n),
+        )
         self.variance = (rng.uniform(*SPECKLE_DIAMETER_PX, n) / 4) ** 2
         self.peak = rng.uniform(0.4, 1.0, n)
         self.peak /= self._raw(Motion.uniform(0)).std()
 
     def grey(self, motion: Motion, contrast: str = "standard", uy: float = 0.0) -> Array:
-        """Exact grey levels after `motion`, neither noisy nor rounded; `uy` moves all along y as well."""
+        """Exact grey levels after `motion`, neither noisy nor rounded; `uy` moves all along y as
+        well.
+        """
         deviation, level = CONTRASTS[contrast]
         return level + deviation * self._raw(motion, uy)
 
@@ -153,8 +176,15 @@ def motions(name: str, size: tuple[int, int] = SIZE) -> list[Motion]:
     raise ValueError(f"speckle: set {name!r} asked; use translation, long or contact")
 
 
-def images(name: str, noise: float = 0.0, contrast: str = "standard", seed: int = 1, size: tuple[int, int] = SIZE) -> Iterator[Frame]:
-    """The reference, then every picture of a set; every picture, the reference too, has its own camera noise.
+def images(
+    name: str,
+    noise: float = 0.0,
+    contrast: str = "standard",
+    seed: int = 1,
+    size: tuple[int, int] = SIZE,
+) -> Iterator[Frame]:
+    """The reference, then every picture of a set; every picture, the reference too, has its own
+    camera noise.
 
     Raises
     ------
@@ -163,12 +193,18 @@ def images(name: str, noise: float = 0.0, contrast: str = "standard", seed: int 
     """
     moved = [Motion.uniform(0), *motions(name, size)]
     kinds = ["reference", *("contact" if motion.graded else "uniform" for motion in moved[1:])]
-    key = hashlib.sha256(repr((RECIPE, name, float(noise), CONTRASTS[contrast], seed, size, moved)).encode()).hexdigest()[:16]
+    key = hashlib.sha256(
+        repr((RECIPE, name, float(noise), CONTRASTS[contrast], seed, size, moved)).encode()
+    ).hexdigest()[:16]
     file = Path(tempfile.gettempdir(), "slipscope-speckle", f"{name}-{key}.npy")
     if not file.exists():
         stack = np.empty((len(moved), *size), np.uint8)
         for k, motion in enumerate(moved):
-            stack[k] = camera(pattern(size, seed).grey(motion, contrast), noise, np.random.default_rng([seed, k, round(1000 * noise)]))
+            stack[k] = camera(
+                pattern(size, seed).grey(motion, contrast),
+                noise,
+                np.random.default_rng([seed, k, round(1000 * noise)]),
+            )
         file.parent.mkdir(exist_ok=True)
         unfinished = file.with_name(f"{file.name}.{os.getpid()}")
         with unfinished.open("wb") as stream:
@@ -178,22 +214,43 @@ def images(name: str, noise: float = 0.0, contrast: str = "standard", seed: int 
         yield Frame(np.array(image), motion, kind)
 
 
-def noise_floor(grid: Grid, noise: float, contrast: str = "standard", seed: int = 1, size: tuple[int, int] = SIZE) -> Array:
-    """Cramer-Rao bound of u_x in every box of `grid`, pixels, shape (ny, nx): no unbiased measurement scatters less.
+def noise_floor(
+    grid: Grid,
+    noise: float,
+    contrast: str = "standard",
+    seed: int = 1,
+    size: tuple[int, int] = SIZE,
+) -> Array:
+    """Cramer-Rao bound of u_x in every box of `grid`, pixels, shape (ny, nx): no unbiased
+    measurement scatters less.
 
-    Both pictures are noisy, u_x and u_y unknown; rounding adds 1/12 to the variance of the noise. Its mean square over the points
-    compares with that of a measurement. The gradients are those of the exact picture (differences over 0.02 px of blobs moved
-    exactly: good to 1e-4).
+    Both pictures are noisy, u_x and u_y unknown; rounding adds 1/12 to the variance of the noise.
+    Its mean square over the points compares with that of a measurement. The gradients are those of
+    the exact picture (differences over 0.02 px of blobs moved exactly: good to 1e-4).
     """
     h = 0.01
     exact = pattern(size, seed)
-    gx = (exact.grey(Motion.uniform(-h), contrast) - exact.grey(Motion.uniform(h), contrast)) / (2 * h)
-    gy = (exact.grey(Motion.uniform(0), contrast, -h) - exact.grey(Motion.uniform(0), contrast, h)) / (2 * h)
+    gx = (exact.grey(Motion.uniform(-h), contrast) - exact.grey(Motion.uniform(h), contrast)) / (
+        2 * h
+    )
+    gy = (
+        exact.grey(Motion.uniform(0), contrast, -h) - exact.grey(Motion.uniform(0), contrast, h)
+    ) / (2 * h)
 
     def total(a: Array) -> Array:
         sums: Array = np.pad(a, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
-        rows, below, columns, beyond = grid.top, grid.top + grid.box_px, grid.left, grid.left + grid.box_px
-        within = sums[below][:, beyond] - sums[below][:, columns] - sums[rows][:, beyond] + sums[rows][:, columns]
+        rows, below, columns, beyond = (
+            grid.top,
+            grid.top + grid.box_px,
+            grid.left,
+            grid.left + grid.box_px,
+        )
+        within = (
+            sums[below][:, beyond]
+            - sums[below][:, columns]
+            - sums[rows][:, beyond]
+            + sums[rows][:, columns]
+        )
         return np.asarray(within)
 
     xx, xy, yy = total(gx * gx), total(gx * gy), total(gy * gy)

@@ -1,9 +1,12 @@
-"""From a key on the keyboard to the stop command on the actuator's wire, in the real window, during a run at the camera's full rate.
+"""From a key on the keyboard to the stop command on the actuator's wire, in the real window, during
+a run at the camera's full rate.
 
-``xvfb-run -a python benchmarks/stop_key.py [PRESSES]`` needs an X display and xdotool. The bench: simulated forces and camera at
-23.8 frames/s, 1600 x 1200, recorded and analysed with the traction of every frame, and the real driver of the SMC100 on an emulated
-controller, whose line carries 57600 baud. Escape is pressed at random moments through the X server; the time is taken when the last byte of
-``ST`` arrives. So that one run is stopped again and again, its end is not called: the actuator is stopped as ever, then sent on.
+``xvfb-run -a python benchmarks/stop_key.py [PRESSES]`` needs an X display and xdotool. The bench:
+simulated forces and camera at 23.8 frames/s, 1600 x 1200, recorded and analysed with the traction
+of every frame, and the real driver of the SMC100 on an emulated controller, whose line carries
+57600 baud. Escape is pressed at random moments through the X server; the time is taken when the
+last byte of ``ST`` arrives. So that one run is stopped again and again, its end is not called: the
+actuator is stopped as ever, then sent on.
 """
 
 from __future__ import annotations
@@ -26,7 +29,13 @@ from app import config, live
 from app.gui.start import run_window
 from app.results import Phase
 
-SETTINGS = ("camera.divisor=42", "actuator.source=smc100-emulated", "run.travel=2000", "limits.travel=3000", "run.background_time=1")
+SETTINGS = (
+    "camera.divisor=42",
+    "actuator.source=smc100-emulated",
+    "run.travel=2000",
+    "limits.travel=3000",
+    "run.background_time=1",
+)
 
 
 def press(run: Any, window: Any, presses: int, waits: list[float]) -> None:
@@ -62,7 +71,10 @@ def press(run: Any, window: Any, presses: int, waits: list[float]) -> None:
     run.request_stop("measured")
     run.wait()
     counts = run.outcome().counts
-    print(f"meanwhile {counts.frames_analysed} of {counts.frames_received} frames were analysed, {counts.frames_lost} lost")
+    print(
+        f"meanwhile {counts.frames_analysed} of {counts.frames_received} frames were analysed,"
+        f" {counts.frames_lost} lost"
+    )
     window.close_after_run()
 
 
@@ -77,9 +89,15 @@ def main(presses: int) -> None:
 
         run_window(lambda: run, autostart=True, on_ready=ready)
     waits.sort()
-    print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; {len(waits)} presses of Escape to ST on the wire, ms:")
+    print(
+        f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; {len(waits)} presses"
+        " of Escape to ST on the wire, ms:"
+    )
     nine = waits[int(0.9 * len(waits))]
-    print(f"median {1e3 * statistics.median(waits):.1f}, 90 % below {1e3 * nine:.1f}, worst {1e3 * waits[-1]:.1f}")
+    print(
+        f"median {1e3 * statistics.median(waits):.1f}, 90 % below {1e3 * nine:.1f}, worst"
+        f" {1e3 * waits[-1]:.1f}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Milliseconds from a stop to the controller's stop command on the wire: ``python benchmarks/stop_latency.py [STOPS]``.
+"""Milliseconds from a stop to the controller's stop command on the wire: ``python
+benchmarks/stop_latency.py [STOPS]``.
 
-The real driver of the SMC100 on an emulated controller whose line carries 57600 baud and which thinks 10 ms about each answer, while
-another thread reads position and state every 50 ms. A stop comes at a random moment of a move; its command has arrived with its last byte.
+The real driver of the SMC100 on an emulated controller whose line carries 57600 baud and which
+thinks 10 ms about each answer, while another thread reads position and state every 50 ms. A stop
+comes at a random moment of a move; its command has arrived with its last byte.
 """
 
 from __future__ import annotations
@@ -33,7 +35,10 @@ def measure(wire: str, stops: int) -> dict[str, list[float]]:
     line = SerialLine(Controller(FreeStage()), wire, byte_s=10 / 57600, think_s=0.01)
     driver = Smc100(ActuatorSettings(port=line.start()), Scene())
     driver.open()
-    is_over, times = threading.Event(), {name: [] for name in ("poll", "stop on the wire", "stop returns", "dead line is told")}
+    is_over, times = (
+        threading.Event(),
+        {name: [] for name in ("poll", "stop on the wire", "stop returns", "dead line is told")},
+    )
 
     def poll() -> None:
         while not is_over.wait(POLL_S):
@@ -49,7 +54,9 @@ def measure(wire: str, stops: int) -> dict[str, list[float]]:
         began = time.monotonic()
         driver.stop()
         times["stop returns"].append(time.monotonic() - began)
-        times["stop on the wire"].append(next(when for when, what in line.arrivals if when > began and what == b"1ST") - began)
+        times["stop on the wire"].append(
+            next(when for when, what in line.arrivals if when > began and what == b"1ST") - began
+        )
         while driver.is_moving():
             time.sleep(0.01)
     is_over.set()
@@ -73,7 +80,10 @@ def main(stops: int) -> None:
     print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; {stops} stops, ms")
     for wire in ("pty", "tcp") if platform.system() != "Windows" else ("tcp",):
         for name, seconds in measure(wire, stops).items():
-            print(f"{wire}  {name:20s} median {1e3 * statistics.median(seconds):6.2f}, worst {1e3 * max(seconds):6.2f}")
+            print(
+                f"{wire}  {name:20s} median {1e3 * statistics.median(seconds):6.2f}, worst"
+                f" {1e3 * max(seconds):6.2f}"
+            )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
-"""A whole driver, as an example: a stepper on a microcontroller that understands lines of text (tests/drivers/test_example_driver.py).
+"""A whole driver, as an example: a stepper on a microcontroller that understands lines of text
+(tests/drivers/test_example_driver.py).
 
-Its protocol: ``M <um> <um/s>`` moves to a position, ``P`` answers the position in um, ``B`` answers 1 while it moves, ``S`` stops.
+Its protocol: ``M <um> <um/s>`` moves to a position, ``P`` answers the position in um, ``B`` answers
+1 while it moves, ``S`` stops.
 """
 
 from __future__ import annotations
@@ -32,10 +34,13 @@ class TextStage:
         import serial  # here, and nowhere else: the program runs where it is not installed
 
         try:
-            self._line = serial.serial_for_url(self._port, baudrate=self._baud, timeout=0.5, write_timeout=0.5)
+            self._line = serial.serial_for_url(
+                self._port, baudrate=self._baud, timeout=0.5, write_timeout=0.5
+            )
         except (OSError, ValueError) as error:
             raise DeviceNotFound(
-                f"{self.name}: port '{self._port}' was asked, it can not be opened ({error}); check actuator.port"
+                f"{self.name}: port '{self._port}' was asked, it can not be opened ({error}); check"
+                " actuator.port"
             ) from error
 
     def describe(self) -> str:
@@ -44,13 +49,17 @@ class TextStage:
 
     def home(self) -> None:
         """This stage has no origin to find."""
-        raise DeviceFault(f"{self.name}: it was asked to find its origin, it has no switch for it; move it by hand")
+        raise DeviceFault(
+            f"{self.name}: it was asked to find its origin, it has no switch for it; move it by"
+            " hand"
+        )
 
     def set_velocity(self, velocity_m_s: float) -> None:
         """Speed of the moves to come."""
         if not 0 < velocity_m_s <= self.velocity_limit_m_s:  # refuses NaN too
             raise OutOfLimits(
-                f"{self.name}: {velocity_m_s * 1e6:g} um/s was asked; stay at or below {self.velocity_limit_m_s * 1e6:g} um/s"
+                f"{self.name}: {velocity_m_s * 1e6:g} um/s was asked; stay at or below"
+                f" {self.velocity_limit_m_s * 1e6:g} um/s"
             )
         self._send("")
         self._velocity = velocity_m_s
@@ -59,7 +68,10 @@ class TextStage:
         """Start a bounded move."""
         low, high = self.travel_limits_m
         if not low <= position_m <= high:
-            raise OutOfLimits(f"{self.name}: {position_m * 1e3:g} mm was asked; stay between {low * 1e3:g} and {high * 1e3:g} mm")
+            raise OutOfLimits(
+                f"{self.name}: {position_m * 1e3:g} mm was asked; stay between {low * 1e3:g} and"
+                f" {high * 1e3:g} mm"
+            )
         self._send(f"M {position_m * 1e6:.3f} {self._velocity * 1e6:.3f}")
 
     def position_m(self) -> float:
@@ -86,14 +98,22 @@ class TextStage:
             self._send(command)
             answer = self._line.readline().decode("ascii", "replace").strip()
         if not answer:
-            raise DeviceTimeout(f"{self.name}: '{command}' was asked, no answer came within 0.5 s; check its cable and power")
+            raise DeviceTimeout(
+                f"{self.name}: '{command}' was asked, no answer came within 0.5 s; check its cable"
+                " and power"
+            )
         return str(answer)
 
     def _send(self, command: str) -> None:
         with self._lock:
             if self._line is None:
-                raise DeviceFault(f"{self.name}: '{command}' was asked, it is not open; open it first")
+                raise DeviceFault(
+                    f"{self.name}: '{command}' was asked, it is not open; open it first"
+                )
             try:
                 self._line.write(f"{command}\n".encode() if command else b"")
             except OSError as error:
-                raise DeviceFault(f"{self.name}: '{command}' was asked, the line is dead ({error}); check its cable") from error
+                raise DeviceFault(
+                    f"{self.name}: '{command}' was asked, the line is dead ({error}); check its"
+                    " cable"
+                ) from error

@@ -1,10 +1,12 @@
 """A stage on a Newport SMC100CC or CONEX-CC controller. Metres outside, millimetres on the line.
 
-What happened to the stage a controller keeps until ``TS`` asks for its state; ``TE`` asks what was wrong with the last command.
+What happened to the stage a controller keeps until ``TS`` asks for its state; ``TE`` asks what was
+wrong with the last command.
 
 References
 ----------
-Newport, SMC100CC & SMC100PP User's Manual (EDH0206En), chapter 5; CONEX-CC Controller Documentation, chapter 2: commands, states, errors.
+Newport, SMC100CC & SMC100PP User's Manual (EDH0206En), chapter 5; CONEX-CC Controller
+Documentation, chapter 2: commands, states, errors.
 """
 
 from __future__ import annotations
@@ -141,12 +143,18 @@ class NewportStage:
         if self._line is not None:
             return
         s = self._settings
-        self._fault, self._is_under_way, self._is_prepared, self._stop_sent_at = "", False, False, None
+        self._fault, self._is_under_way, self._is_prepared, self._stop_sent_at = (
+            "",
+            False,
+            False,
+            None,
+        )
         self._line = line = NewportLine(self.name, s.port, s.address, s.baud or self._baud)
         try:
             self._version = self._identified(line)
             self._stage = line.ask("ID?", "(.*)")
-            self._is_under_way = self._look()[1].startswith(_IN_MOTION)  # a move of an earlier program
+            # a move of an earlier program
+            self._is_under_way = self._look()[1].startswith(_IN_MOTION)
             self._prepare(line)
         except BaseException:
             self._line = None
@@ -161,29 +169,44 @@ class NewportStage:
                 raise
             version = line.heard
         if self._signature not in version:
-            other = next((kind.name for kind in (Smc100, ConexCc) if kind._signature in version), "")
+            other = next(
+                (kind.name for kind in (Smc100, ConexCc) if kind._signature in version), ""
+            )
             remedy = (
                 f"take the driver of the {other}"
                 if other
                 else "only SMC100CC and CONEX-CC are known (an ESP30x is not): check port and baud"
             )
-            raise DeviceNotFound(f"{self.name}: {self._settings.port} was asked who it is, the answer was {version.strip()!r}; {remedy}")
+            raise DeviceNotFound(
+                f"{self.name}: {self._settings.port} was asked who it is, the answer was"
+                f" {version.strip()!r}; {remedy}"
+            )
         return version.strip()
 
     def _prepare(self, line: NewportLine) -> None:
-        """Give the controller the limits of the settings as soon as it takes them, and learn its own."""
+        """Give the controller the limits of the settings as soon as it takes them, and learn its
+        own.
+        """
         s = self._settings
         low, high = s.travel_limits_m
         if self._look()[1].startswith("READY from"):
-            for command, limit in (("SL", min(low, 0.0)), ("SR", max(high, 0.0))):  # of these signs only; `move_to` keeps to the rest
+            # of these signs only; `move_to` keeps to the rest
+            for command, limit in (("SL", min(low, 0.0)), ("SR", max(high, 0.0))):
                 letter = line.tell(command + _mm(limit)) if math.isfinite(limit) else "@"
-                self._check("@" if letter in "CGN" else letter, f"the soft limit {command}")  # C, G, N: its own limit is narrower
+                # C, G, N: its own limit is narrower
+                self._check("@" if letter in "CGN" else letter, f"the soft limit {command}")
             if float(line.ask("VA?", _NUMBER)) > s.velocity_limit_m_s * 1e3:
                 self._check(line.tell("VA" + _mm(s.velocity_limit_m_s)), "its velocity limit")
             self._is_prepared = True
-        low, high = max(low, float(line.ask("SL?", _NUMBER)) * 1e-3), min(high, float(line.ask("SR?", _NUMBER)) * 1e-3)
+        low, high = (
+            max(low, float(line.ask("SL?", _NUMBER)) * 1e-3),
+            min(high, float(line.ask("SR?", _NUMBER)) * 1e-3),
+        )
         if not low < high:
-            raise OutOfLimits(f"{self.name}: its soft limits leave nothing of the travel in the settings; change one of them")
+            raise OutOfLimits(
+                f"{self.name}: its soft limits leave nothing of the travel in the settings; change"
+                " one of them"
+            )
         self.travel_limits_m = low, high
 
     def describe(self) -> str:
@@ -192,7 +215,8 @@ class NewportStage:
         low, high = self.travel_limits_m
         return (
             f"{self._version}, stage {self._stage}, {'; '.join([state, *_in_words(bits)])},"
-            f" at {float(line.ask('TP', _NUMBER)):.6g} mm, travel {low * 1e3:g} to {high * 1e3:g} mm"
+            f" at {float(line.ask('TP', _NUMBER)):.6g} mm, travel {low * 1e3:g} to {high * 1e3:g}"
+            " mm"
         )
 
     def close(self) -> None:
@@ -210,7 +234,10 @@ class NewportStage:
     # ------------------------------------------------------------------ motion
 
     def home(self) -> None:
-        """Let the controller search its origin; where it knows it, go there. A motor that is off is switched on first."""
+        """Let the controller search its origin; where it knows it, go there.
+
+        A motor that is off is switched on first.
+        """
         line = self._ready("to find its origin")
         with self._commanding:
             stops, state = line.stops, self._look()[1]
@@ -228,13 +255,17 @@ class NewportStage:
         asked = f"a velocity of {velocity_m_s * 1e6:.6g} um/s"
         if not 0 < velocity_m_s <= self.velocity_limit_m_s:
             raise OutOfLimits(
-                f"{self.name}: {asked} was asked; use one above 0 and up to {self.velocity_limit_m_s * 1e6:g} um/s, as in the settings"
+                f"{self.name}: {asked} was asked; use one above 0 and up to"
+                f" {self.velocity_limit_m_s * 1e6:g} um/s, as in the settings"
             )
         with self._commanding:
             self._check(line.tell("VA" + _mm(velocity_m_s)), asked)
 
     def move_to(self, position_m: float) -> None:
-        """Start a move that ends by itself. One that a stop overtakes on its way to the controller is not sent."""
+        """Start a move that ends by itself.
+
+        One that a stop overtakes on its way to the controller is not sent.
+        """
         line = self._ready("to move")
         stops = line.stops
         asked = f"a move to {position_m * 1e3:.6g} mm"
@@ -243,7 +274,10 @@ class NewportStage:
                 self._prepare(line)
             low, high = self.travel_limits_m
             if not low <= position_m <= high:  # refuses NaN too
-                raise OutOfLimits(f"{self.name}: {asked} was asked; its travel is {low * 1e3:g} to {high * 1e3:g} mm")
+                raise OutOfLimits(
+                    f"{self.name}: {asked} was asked; its travel is {low * 1e3:g} to {high * 1e3:g}"
+                    " mm"
+                )
             self._begin("PA" + _mm(position_m), "M", asked, stops)
 
     def _begin(self, command: str, done: str, asked: str, stops: int) -> None:
@@ -261,21 +295,29 @@ class NewportStage:
         self._check(letter, asked)
 
     def position_m(self) -> float:
-        """Where the encoder says that the stage is. Raises `DeviceFault` after a move that failed, until the next."""
+        """Where the encoder says that the stage is.
+
+        Raises `DeviceFault` after a move that failed, until the next.
+        """
         position = float(self._ready("for its position").ask("TP", _NUMBER)) * 1e-3
         self._raise_fault()
         return position
 
     def is_moving(self) -> bool:
-        """Whether it moves or searches its origin. Raises `DeviceFault` after a move that failed, until the next."""
+        """Whether it moves or searches its origin.
+
+        Raises `DeviceFault` after a move that failed, until the next.
+        """
         _, state = self._look()
         self._raise_fault()
         return state.startswith(_IN_MOTION)
 
     def stop(self) -> None:
-        """Send the command to stop at once, past whatever else waits for the line, and ask once what became of it.
+        """Send the command to stop at once, past whatever else waits for the line, and ask once
+        what became of it.
 
-        A stage that still moves two seconds later is a fault that `is_moving` and `position_m` raise.
+        A stage that still moves two seconds later is a fault that `is_moving` and `position_m`
+        raise.
 
         Raises
         ------
@@ -296,22 +338,38 @@ class NewportStage:
     # ------------------------------------------------------------------ what the controller says
 
     def _look(self, *, urgent: bool = False) -> tuple[int, str]:
-        """Error bits, which this clears in the controller, and state in words; what they mean for a move under way is kept."""
+        """Error bits, which this clears in the controller, and state in words; what they mean for a
+        move under way is kept.
+        """
         line = self._ready("for its state")
         word = line.ask("TS", "([0-9A-Fa-f]{6})", urgent=urgent)
-        bits, state = int(word[:4], 16), self._states.get(word[4:].upper(), f"in a state that its manual does not name ({word[4:]})")
+        bits, state = (
+            int(word[:4], 16),
+            self._states.get(
+                word[4:].upper(), f"in a state that its manual does not name ({word[4:]})"
+            ),
+        )
         if state.startswith("HOMING"):
             bits &= ~_END_SWITCHES  # it may search its origin at one of them
         moves, stopped_at = state.startswith(_IN_MOTION), self._stop_sent_at
         if self._is_under_way and (bits or not (moves or stopped_at or state.startswith("READY"))):
-            remedy = next((text for group, text in _REMEDIES.items() if state.startswith(group)), "find out why before the next move")
-            self._fault = f"{self.name}: the motion failed: {'; '.join([*_in_words(bits), f'it is now {state}'])}; {remedy}"
+            remedy = next(
+                (text for group, text in _REMEDIES.items() if state.startswith(group)),
+                "find out why before the next move",
+            )
+            self._fault = (
+                f"{self.name}: the motion failed:"
+                f" {'; '.join([*_in_words(bits), f'it is now {state}'])}; {remedy}"
+            )
         self._is_under_way = self._is_under_way and moves
         if not moves:
             self._stop_sent_at = None
         elif stopped_at is not None:
             if time.monotonic() - stopped_at > STOPS_WITHIN_S:
-                self._fault = f"{self.name}: it was told to stop {STOPS_WITHIN_S:g} s ago and is still {state}; switch its motor off"
+                self._fault = (
+                    f"{self.name}: it was told to stop {STOPS_WITHIN_S:g} s ago and is still"
+                    f" {state}; switch its motor off"
+                )
             line.stop()  # again: it slows down, or has missed it
         return bits, state
 
@@ -354,5 +412,7 @@ def _mm(metres: float) -> str:
 
 def _in_words(bits: int) -> list[str]:
     return [
-        _ERROR_BITS[i] if i < len(_ERROR_BITS) else f"error bit {i}, which its manual does not name" for i in range(16) if bits >> i & 1
+        _ERROR_BITS[i] if i < len(_ERROR_BITS) else f"error bit {i}, which its manual does not name"
+        for i in range(16)
+        if bits >> i & 1
     ]

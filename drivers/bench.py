@@ -1,4 +1,6 @@
-"""Opens the three devices of a bench, any mix of real, emulated, simulated and stored ones, and closes them in reverse."""
+"""Opens the three devices of a bench, any mix of real, emulated, simulated and stored ones, and
+closes them in reverse.
+"""
 
 from __future__ import annotations
 
@@ -43,8 +45,9 @@ DRIVERS: dict[str, dict[str, str]] = {
         "replay": "drivers.stored:StoredActuator",
     },
 }
-"""Kind of device -> name in the settings -> what makes it, called with its settings and the scene. A new driver is one line; its module is
-imported when it is used, and loads no vendor library before `open`."""
+"""Kind of device -> name in the settings -> what makes it, called with its settings and the scene.
+A new driver is one line; its module is imported when it is used, and loads no vendor library before
+`open`."""
 
 
 class UnknownDevice(DeviceNotFound):
@@ -55,7 +58,8 @@ class UnknownDevice(DeviceNotFound):
 class Bench:
     """Force source, camera and actuator, opened and closed together; a context manager.
 
-    `scene` holds what they share; its world, if some of them are not real, knows the truth, and the analysis never sees it.
+    `scene` holds what they share; its world, if some of them are not real, knows the truth, and the
+    analysis never sees it.
     """
 
     forces: ForceSource
@@ -96,14 +100,21 @@ class Bench:
         """
         problems = _close((self.forces, self.camera, self.actuator))
         if problems:
-            raise DeviceError("bench: " + "; ".join(str(problem) for problem in problems)) from problems[0]
+            raise DeviceError(
+                "bench: " + "; ".join(str(problem) for problem in problems)
+            ) from problems[0]
 
     def __enter__(self) -> Self:
         """The bench, open."""
         self.open()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Close whatever happened."""
         self.close()
 
@@ -152,7 +163,11 @@ def open_bench(
     """
     scene = Scene(world, pace, recording)
     names = forces, camera, actuator
-    told = force_settings or ForceSettings(), camera_settings or CameraSettings(), actuator_settings or ActuatorSettings()
+    told = (
+        force_settings or ForceSettings(),
+        camera_settings or CameraSettings(),
+        actuator_settings or ActuatorSettings(),
+    )
     makers = [_driver(kind, name) for kind, name in zip(DRIVERS, names, strict=True)]
     made = tuple(make(settings, scene) for make, settings in zip(makers, told, strict=True))
     return Bench(*connected(made, names, scene), scene)
@@ -162,7 +177,10 @@ def _driver(kind: str, name: str) -> Callable[[Any, Scene], Any]:
     known = DRIVERS[kind]
     if name not in known:
         nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
-        raise UnknownDevice(f"{kind}: no driver is called '{name}'; known: {', '.join(sorted(known))} (the nearest is '{nearest}')")
+        raise UnknownDevice(
+            f"{kind}: no driver is called '{name}'; known: {', '.join(sorted(known))} (the nearest"
+            f" is '{nearest}')"
+        )
     module, _, attribute = known[name].partition(":")
     maker: Callable[[Any, Scene], Any] = getattr(import_module(module), attribute)
     return maker

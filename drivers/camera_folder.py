@@ -22,26 +22,46 @@ _SLICE_S = 0.05
 def find(folder: str = "") -> list[Found]:
     """The images of a folder as one device; nothing without a folder."""
     files = images_of(Path(folder)) if folder else []
-    return [Found(folder, f"{len(files)} images, {files[0].name} to {files[-1].name}")] if files else []
+    return (
+        [Found(folder, f"{len(files)} images, {files[0].name} to {files[-1].name}")]
+        if files
+        else []
+    )
 
 
 def images_of(folder: Path) -> list[Path]:
-    """The image files of a folder in the order in which people number them: 2 before 10. None where there is no such folder."""
-    files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES] if folder.is_dir() else []
-    return sorted(files, key=lambda path: [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)])
+    """The image files of a folder in the order in which people number them: 2 before 10.
+
+    None where there is no such folder.
+    """
+    files = (
+        [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
+        if folder.is_dir()
+        else []
+    )
+    return sorted(
+        files,
+        key=lambda path: [
+            int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)
+        ],
+    )
 
 
 class FolderCamera:
-    """A camera that plays a folder of PNG or TIFF images, 8 or 16 bit grey; see `drivers.protocols.Camera`.
+    """A camera that plays a folder of PNG or TIFF images, 8 or 16 bit grey; see
+    `drivers.protocols.Camera`.
 
-    A file that can not be used, and every trigger after the last file, is a loss with its reason; the run goes on.
+    A file that can not be used, and every trigger after the last file, is a loss with its reason;
+    the run goes on.
     """
 
     name = "folder camera"
 
     def __init__(self, settings: CameraSettings, scene: Scene) -> None:
         self.shape = settings.shape
-        self.dtype: np.dtype[Any] = np.dtype(np.uint8 if settings.pixel_format == "Mono8" else np.uint16)
+        self.dtype: np.dtype[Any] = np.dtype(
+            np.uint8 if settings.pixel_format == "Mono8" else np.uint16
+        )
         self.exposure_samples = settings.exposure_samples
         self._folder = Path(settings.folder)
         self._clock = scene.clock
@@ -62,45 +82,65 @@ class FolderCamera:
         files = images_of(self._folder)
         if not files:
             raise DeviceNotFound(
-                f"{self.name}: '{self._folder}' has no image ({', '.join(SUFFIXES)}); set camera.folder to a folder of images"
+                f"{self.name}: '{self._folder}' has no image ({', '.join(SUFFIXES)}); set"
+                " camera.folder to a folder of images"
             )
         first = self._load(files[0])
         if isinstance(first, str):
-            raise OutOfLimits(f"{self.name}: {first}; set camera.width, camera.height and camera.pixel_format to what it is")
+            raise OutOfLimits(
+                f"{self.name}: {first}; set camera.width, camera.height and camera.pixel_format to"
+                " what it is"
+            )
         self._files = files
 
     def describe(self) -> str:
         """How many images, and their size."""
         if not self._files:
             return f"{self.name}, not open"
-        return f"{len(self._files)} images of '{self._folder}': {self.shape[1]} x {self.shape[0]}, {self.dtype}; one for each trigger"
+        return (
+            f"{len(self._files)} images of '{self._folder}': {self.shape[1]} x {self.shape[0]},"
+            f" {self.dtype}; one for each trigger"
+        )
 
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers, from the first image on."""
         if not self._files:
-            raise DeviceFault(f"{self.name}: to wait for triggers was asked, it is not open; open it first")
+            raise DeviceFault(
+                f"{self.name}: to wait for triggers was asked, it is not open; open it first"
+            )
         self._train, self._next = train, 0
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The image of the next trigger, once the clock has passed its exposure; see `drivers.protocols.Camera.read`."""
+        """The image of the next trigger, once the clock has passed its exposure; see
+        `drivers.protocols.Camera.read`.
+        """
         train, clock, index = self._train, self._clock, self._next
         if train is None:
-            raise DeviceFault(f"{self.name}: a frame was asked, it does not wait for triggers; start it first")
+            raise DeviceFault(
+                f"{self.name}: a frame was asked, it does not wait for triggers; start it first"
+            )
         sample = train.sample(index)
         end = sample + self.exposure_samples
         give_up = time.monotonic() + timeout_s
-        while not clock.wait_for(lambda: clock.now >= end or clock.phase == "stopped", min(_SLICE_S, timeout_s)):
+        while not clock.wait_for(
+            lambda: clock.now >= end or clock.phase == "stopped", min(_SLICE_S, timeout_s)
+        ):
             if self._train is None or time.monotonic() >= give_up:
                 break
         if clock.now < end or self._train is None:
             raise DeviceTimeout(
-                f"{self.name}: trigger {index} had no answer within {timeout_s:g} s (sample {clock.now} of {end}); wait longer, or end here"
+                f"{self.name}: trigger {index} had no answer within {timeout_s:g} s (sample"
+                f" {clock.now} of {end}); wait longer, or end here"
             )
         self._next = index + 1
         if index >= len(self._files):
             return LostFrame(index, sample, f"the folder has {len(self._files)} images only")
         image = self._load(self._files[index])
-        return LostFrame(index, sample, image) if isinstance(image, str) else Frame(index, sample, image)
+        return (
+            LostFrame(index, sample, image)
+            if isinstance(image, str)
+            else Frame(index, sample, image)
+        )
 
     def stop(self) -> None:
         """Wait for triggers no longer; a `read` that waits ends with `DeviceTimeout`."""
@@ -114,13 +154,17 @@ class FolderCamera:
     def _load(self, path: Path) -> Image | str:
         """The image in a file, or why there is none that can be used."""
         try:
-            image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)  # not imread: it fails on some names on Windows
+            # not imread: it fails on some names on Windows
+            image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
         except (OSError, cv2.error):
             image = None
         if image is None:
             return f"'{path.name}' can not be read as an image"
         if image.shape != self.shape or image.dtype != self.dtype:
             size = " x ".join(str(n) for n in (image.shape[1], image.shape[0], *image.shape[2:]))
-            return f"'{path.name}' is {size} {image.dtype}, {self.shape[1]} x {self.shape[0]} {self.dtype} was asked"
+            return (
+                f"'{path.name}' is {size} {image.dtype}, {self.shape[1]} x {self.shape[0]}"
+                f" {self.dtype} was asked"
+            )
         image.setflags(write=False)
         return cast(Image, image)

@@ -1,4 +1,6 @@
-"""Any camera whose vendor has a GenTL producer (.cti), through harvesters: GigE, USB3, or a frame grabber's Camera Link and CoaXPress."""
+"""Any camera whose vendor has a GenTL producer (.cti), through harvesters: GigE, USB3, or a frame
+grabber's Camera Link and CoaXPress.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ _POLL_MS = 10
 
 
 def find(producer: str = "") -> list[Found]:
-    """The cameras that a GenTL producer sees, or all that are registered on this computer; opens none.
+    """The cameras that a GenTL producer sees, or all that are registered on this computer; opens
+    none.
 
     Raises
     ------
@@ -52,7 +55,8 @@ class GenTLCamera(GenICamCamera):
         self._acquirer: Any = None
         self._genapi: Any = None
         self._transport = ""
-        self._receiving = threading.Lock()  # harvesters' stop must not come while it looks for an image
+        # harvesters' stop must not come while it looks for an image
+        self._receiving = threading.Lock()
 
     def _claim(self) -> Found:
         self._harvester = _harvester(self._settings.producer)
@@ -62,19 +66,36 @@ class GenTLCamera(GenICamCamera):
         with _interrupt_kept():
             self._acquirer = self._harvester.create(number)
         self._acquirer.timeout_period_on_client_fetch_call = 1.0
-        self._acquirer.timeout_period_on_update_event_data_call = _POLL_MS  # else harvesters looks a thousand times a second
+        # else harvesters looks a thousand times a second
+        self._acquirer.timeout_period_on_update_event_data_call = _POLL_MS
         self._transport = _text(info, "tl_type")
         return _found(info)
 
     def _choose(self, infos: Any) -> tuple[int, Any]:
-        wanted, names = self._settings.device, ("serial_number", "user_defined_name", "display_name", "id_")
-        named = [(n, info) for n, info in enumerate(infos) if not wanted or wanted in {_text(info, name) for name in names}]
+        wanted, names = (
+            self._settings.device,
+            ("serial_number", "user_defined_name", "display_name", "id_"),
+        )
+        named = [
+            (n, info)
+            for n, info in enumerate(infos)
+            if not wanted or wanted in {_text(info, name) for name in names}
+        ]
         if len(named) == 1:
             return named[0]
-        there = ", ".join(f"{found.device} ({found.description})" for found in map(_found, infos)) or "none"
+        there = (
+            ", ".join(f"{found.device} ({found.description})" for found in map(_found, infos))
+            or "none"
+        )
         if named:
-            raise DeviceNotFound(f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial number of one")
-        raise DeviceNotFound(f"{self.name}: it was asked, found: {there}; check its cable and power, camera.device and camera.producer")
+            raise DeviceNotFound(
+                f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial"
+                " number of one"
+            )
+        raise DeviceNotFound(
+            f"{self.name}: it was asked, found: {there}; check its cable and power, camera.device"
+            " and camera.producer"
+        )
 
     def _release(self) -> None:
         acquirer, self._acquirer = self._acquirer, None
@@ -97,7 +118,8 @@ class GenTLCamera(GenICamCamera):
 
     def _receive(self, wait_s: float) -> Delivered | None:
         with self._receiving:
-            buffer = self._acquirer.try_fetch(timeout=max(wait_s, 1e-3)) if self._waits else None  # incomplete ones it drops
+            # incomplete ones it drops
+            buffer = self._acquirer.try_fetch(timeout=max(wait_s, 1e-3)) if self._waits else None
             if buffer is None:
                 return None
             try:
@@ -113,9 +135,15 @@ class GenTLCamera(GenICamCamera):
             stamp = buffer.timestamp / 1e9
             with suppress(*self._errors, AttributeError):
                 stamp = buffer.timestamp / buffer.timestamp_frequency
-        component = buffer.payload.components[0] if buffer.payload and buffer.payload.components else None
+        component = (
+            buffer.payload.components[0] if buffer.payload and buffer.payload.components else None
+        )
         if component is None or component.data.size != self.shape[0] * self.shape[1]:
-            what = "no image in it" if component is None else f"{component.data.size} pixels in it, not {self.shape[1]} x {self.shape[0]}"
+            what = (
+                "no image in it"
+                if component is None
+                else f"{component.data.size} pixels in it, not {self.shape[1]} x {self.shape[0]}"
+            )
             return Delivered(frame_id, stamp, None, f"a buffer came with {what}")
         image = np.array(component.data, self.dtype).reshape(self.shape)
         image.setflags(write=False)
@@ -125,7 +153,11 @@ class GenTLCamera(GenICamCamera):
         nodes = self._acquirer.remote_device.node_map
         node = nodes.get_node(name) if nodes.has_node(name) else None
         modes = ("RO", "RW") if to_read else ("WO", "RW")
-        return node if node is not None and self._genapi.EAccessMode(node.get_access_mode()).name in modes else None
+        return (
+            node
+            if node is not None and self._genapi.EAccessMode(node.get_access_mode()).name in modes
+            else None
+        )
 
     def _value(self, node: Any) -> Any:
         return node.value
@@ -136,7 +168,10 @@ class GenTLCamera(GenICamCamera):
     def _offer(self, node: Any) -> tuple[str, ...]:
         if hasattr(node, "symbolics"):
             return tuple(node.symbolics)
-        return (f"{node.min:g} to {node.max:g}" + (f" in steps of {node.inc:g}" if isinstance(node.value, int) else ""),)
+        return (
+            f"{node.min:g} to {node.max:g}"
+            + (f" in steps of {node.inc:g}" if isinstance(node.value, int) else ""),
+        )
 
 
 def _harvester(producer: str) -> Any:
@@ -145,16 +180,26 @@ def _harvester(producer: str) -> Any:
         harvester = library("harvesters.core").Harvester()
     except ImportError as error:
         raise DeviceNotFound(
-            f"GenTL camera: its package can not be loaded ({error}); in the folder of SlipScope: pip install '.[gentl]'"
+            f"GenTL camera: its package can not be loaded ({error}); in the folder of SlipScope:"
+            " pip install '.[gentl]'"
         ) from error
-    registered = (Path(folder) for folder in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep) if folder)
-    for path in [producer] if producer else [str(file) for folder in registered for file in sorted(folder.glob("*.cti"))]:
+    registered = (
+        Path(folder)
+        for folder in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep)
+        if folder
+    )
+    for path in (
+        [producer]
+        if producer
+        else [str(file) for folder in registered for file in sorted(folder.glob("*.cti"))]
+    ):
         try:
             ctypes.CDLL(path)  # harvesters skips what it can not load
         except OSError as error:
             harvester.reset()
             raise DeviceNotFound(
-                f"GenTL camera: producer '{path}' can not be loaded ({error}); install the camera maker's GenTL producer,"
+                f"GenTL camera: producer '{path}' can not be loaded ({error}); install the camera"
+                " maker's GenTL producer,"
                 " and set camera.producer to its .cti file"
             ) from error
         harvester.add_file(path)
@@ -181,4 +226,7 @@ def _text(info: Any, name: str) -> str:
 
 
 def _found(info: Any) -> Found:
-    return Found(_text(info, "serial_number"), f"{_text(info, 'vendor')} {_text(info, 'model')} ({_text(info, 'tl_type')})")
+    return Found(
+        _text(info, "serial_number"),
+        f"{_text(info, 'vendor')} {_text(info, 'model')} ({_text(info, 'tl_type')})",
+    )

@@ -1,4 +1,6 @@
-"""A Basler camera through pylon: fired on a line by the DAQ board, images one by one and none replaced by a newer one."""
+"""A Basler camera through pylon: fired on a line by the DAQ board, images one by one and none
+replaced by a newer one.
+"""
 
 from __future__ import annotations
 
@@ -54,13 +56,26 @@ class PylonCamera(GenICamCamera):
 
     def _choose(self, infos: Any) -> Any:
         wanted = self._settings.device
-        named = [d for d in infos if wanted in ("", d.GetSerialNumber(), d.GetUserDefinedName(), d.GetFriendlyName())]
+        named = [
+            d
+            for d in infos
+            if wanted in ("", d.GetSerialNumber(), d.GetUserDefinedName(), d.GetFriendlyName())
+        ]
         if len(named) == 1:
             return named[0]
-        there = ", ".join(f"{found.device} ({found.description})" for found in map(_found, infos)) or "none"
+        there = (
+            ", ".join(f"{found.device} ({found.description})" for found in map(_found, infos))
+            or "none"
+        )
         if named:
-            raise DeviceNotFound(f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial number of one")
-        raise DeviceNotFound(f"{self.name}: it was asked, found: {there}; check its cable and power, or camera.device")
+            raise DeviceNotFound(
+                f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial"
+                " number of one"
+            )
+        raise DeviceNotFound(
+            f"{self.name}: it was asked, found: {there}; check its cable and power, or"
+            " camera.device"
+        )
 
     def _release(self) -> None:
         device, self.device = self.device, None
@@ -78,25 +93,38 @@ class PylonCamera(GenICamCamera):
         return _FIRST_ID.get(self.device.GetDeviceInfo().GetDeviceClass())
 
     def _receive(self, wait_s: float) -> Delivered | None:
-        # RetrieveResult is not let wait: its first time-out after a start may never come (pylon 12.4)
+        # RetrieveResult is not let wait: its first time-out after a start may never come (pylon
+        # 12.4)
         if self.device.GetGrabResultWaitObject().Wait(round(wait_s * 1e3)):
             result = self.device.RetrieveResult(0, self._pylon.TimeoutHandling_Return)
             if result:
                 return self._delivered(result)
         if self.device.IsCameraDeviceRemoved():
-            raise DeviceFault(f"{self.name}: a frame was asked, the camera is gone; check its cable and power, then start a new run")
+            raise DeviceFault(
+                f"{self.name}: a frame was asked, the camera is gone; check its cable and power,"
+                " then start a new run"
+            )
         return None
 
     def _delivered(self, result: Any) -> Delivered:
         frame_id = None if result.BlockID == _NO_ID else int(result.BlockID)
         if not result.GrabSucceeded():
-            return Delivered(frame_id, None, None, f"grab failed: {result.ErrorDescription} (0x{result.ErrorCode:08x})")
+            return Delivered(
+                frame_id,
+                None,
+                None,
+                f"grab failed: {result.ErrorDescription} (0x{result.ErrorCode:08x})",
+            )
         image = result.Array  # a copy of its own, unpacked
         image.setflags(write=False)
         if not result.TimeStamp:
             return Delivered(frame_id, None, image)
         ticks_per_s = self._node("GevTimestampTickFrequency", to_read=True)
-        return Delivered(frame_id, result.TimeStamp / (self._value(ticks_per_s) if ticks_per_s is not None else 1e9), image)
+        return Delivered(
+            frame_id,
+            result.TimeStamp / (self._value(ticks_per_s) if ticks_per_s is not None else 1e9),
+            image,
+        )
 
     def _node(self, name: str, *, to_read: bool = False) -> Any:
         node = self.device.GetNodeMap().GetNode(name)
@@ -113,11 +141,18 @@ class PylonCamera(GenICamCamera):
         if hasattr(node, "GetSettableValues"):
             return tuple(node.GetSettableValues())
         has_step = hasattr(node, "GetInc") and getattr(node, "HasInc", lambda: True)()
-        return (f"{node.GetMin():g} to {node.GetMax():g}" + (f" in steps of {node.GetInc():g}" if has_step else ""),)
+        return (
+            f"{node.GetMin():g} to {node.GetMax():g}"
+            + (f" in steps of {node.GetInc():g}" if has_step else ""),
+        )
 
 
 def _found(info: Any) -> Found:
-    return Found(info.GetSerialNumber(), f"{info.GetVendorName()} {info.GetModelName()} ({info.GetDeviceClass().removeprefix('Basler')})")
+    return Found(
+        info.GetSerialNumber(),
+        f"{info.GetVendorName()} {info.GetModelName()}"
+        f" ({info.GetDeviceClass().removeprefix('Basler')})",
+    )
 
 
 def _library() -> Any:
@@ -125,5 +160,6 @@ def _library() -> Any:
         return library("pypylon.pylon")
     except ImportError as error:
         raise DeviceNotFound(
-            f"pylon camera: its package can not be loaded ({error}); in the folder of SlipScope: pip install '.[basler]'"
+            f"pylon camera: its package can not be loaded ({error}); in the folder of SlipScope:"
+            " pip install '.[basler]'"
         ) from error

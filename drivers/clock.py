@@ -1,4 +1,6 @@
-"""What the devices of one bench may know of the DAQ's sample clock: how far it has been read, and on which samples the camera exposed."""
+"""What the devices of one bench may know of the DAQ's sample clock: how far it has been read, and
+on which samples the camera exposed.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from numpy.typing import NDArray
 
 
 class SampleClock:
-    """The sample counter, as far as the program has read it; fed by whoever reads the forces, seen from any thread.
+    """The sample counter, as far as the program has read it; fed by whoever reads the forces, seen
+    from any thread.
 
     Attributes
     ----------
@@ -19,7 +22,8 @@ class SampleClock:
     phase : str
         "idle", "running" or "stopped".
     counts_exposures : bool
-        Whether the board counts the camera's exposures beside the samples; then `exposure` knows where each of them began.
+        Whether the board counts the camera's exposures beside the samples; then `exposure` knows
+        where each of them began.
     """
 
     def __init__(self) -> None:
@@ -37,14 +41,17 @@ class SampleClock:
             self._changed.notify_all()
 
     def advance(self, now: int, counts: NDArray[np.int64] | None = None) -> None:
-        """All samples before `now` are known; `counts` is how many exposures had begun by each of the newest ones, its last is ``now - 1``.
+        """All samples before `now` are known; `counts` is how many exposures had begun by each of
+        the newest ones, its last is ``now - 1``.
 
         An exposure whose beginning lies in lost samples is put on the first sample after them.
         """
         with self._changed:
             if counts is not None:
                 steps = np.diff(counts, prepend=len(self._exposures))
-                self._exposures += np.repeat(np.arange(now - len(counts), now), np.maximum(steps, 0)).tolist()
+                self._exposures += np.repeat(
+                    np.arange(now - len(counts), now), np.maximum(steps, 0)
+                ).tolist()
             self.now = now
             self._changed.notify_all()
 
@@ -60,6 +67,8 @@ class SampleClock:
             return self._exposures[k] if k < len(self._exposures) else None
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Whether a condition came true in `timeout_s` seconds of the wall clock; it is looked at whenever the clock changes."""
+        """Whether a condition came true in `timeout_s` seconds of the wall clock; it is looked at
+        whenever the clock changes.
+        """
         with self._changed:
             return self._changed.wait_for(condition, min(timeout_s, threading.TIMEOUT_MAX))

@@ -1,6 +1,7 @@
 """What can go wrong with a device, as one small tree.
 
-Every message is one sentence that an operator can act on: who, what was asked, what was found, what to do.
+Every message is one sentence that an operator can act on: who, what was asked, what was found, what
+to do.
 """
 
 

@@ -1,4 +1,6 @@
-"""Which trigger does each delivered image belong to? One answer per trigger, in order, and never a silent shift."""
+"""Which trigger does each delivered image belong to? One answer per trigger, in order, and never a
+silent shift.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,16 @@ from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
 
 PATIENCE_S = {"proved": 2.0, "timed": 2.0, "inferred": 1.0}
-"""Images, and the samples taken with them, reach the program within this time of the exposure, or half a trigger period if that is more."""
+"""Images, and the samples taken with them, reach the program within this time of the exposure, or
+half a trigger period if that is more.
+"""
 
 _IDS = 65535  # a 16-bit frame id goes from 65535 to 1; 0 is not used
 _BACK = 32768  # a step this long, or longer, is a step back
 _SLICE_S = 0.02
-_REMEDY = "wire the camera's exposure output to a counter of the board, which proves each frame's trigger"
+_REMEDY = (
+    "wire the camera's exposure output to a counter of the board, which proves each frame's trigger"
+)
 _MISSED = "missed trigger: the board counted no exposure for it"
 
 
@@ -42,12 +48,15 @@ class Delivered:
 
 
 class FrameNumbers:
-    """The account of one run: takes what the camera delivers, gives a `Frame` or `LostFrame` for each trigger.
+    """The account of one run: takes what the camera delivers, gives a `Frame` or `LostFrame` for
+    each trigger.
 
-    The best of three ways is taken. *proved*: the board counts exposures; each belongs to the last trigger before it, and the camera
-    numbers images as it exposes. *timed*: gaps between the camera's timestamps are whole trigger periods. *inferred*: images come in the
-    order of the triggers. In all three a jump of the camera's frame ids is a loss. Without a counter, which trigger the camera missed
-    can be told only where images come slowly enough to belong to one trigger alone; where it can not, that is a `DeviceFault`.
+    The best of three ways is taken. *proved*: the board counts exposures; each belongs to the last
+    trigger before it, and the camera numbers images as it exposes. *timed*: gaps between the
+    camera's timestamps are whole trigger periods. *inferred*: images come in the order of the
+    triggers. In all three a jump of the camera's frame ids is a loss. Without a counter, which
+    trigger the camera missed can be told only where images come slowly enough to belong to one
+    trigger alone; where it can not, that is a `DeviceFault`.
 
     Parameters
     ----------
@@ -58,11 +67,18 @@ class FrameNumbers:
     sample_rate_hz : float
     exposure_samples : int
     first_id : int or None
-        Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None where the transport does not say: that of the first image.
+        Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None where the transport does
+        not say: that of the first image.
     """
 
     def __init__(
-        self, name: str, train: TriggerTrain, clock: SampleClock, sample_rate_hz: float, exposure_samples: int, first_id: int | None
+        self,
+        name: str,
+        train: TriggerTrain,
+        clock: SampleClock,
+        sample_rate_hz: float,
+        exposure_samples: int,
+        first_id: int | None,
     ) -> None:
         self._name, self._train, self._clock = name, train, clock
         self._rate, self._open, self._first_id = sample_rate_hz, exposure_samples, first_id
@@ -76,13 +92,20 @@ class FrameNumbers:
         self._complaint = ""  # of a failed grab that has no frame id
         self._is_certain = True  # that all images so far have their true numbers
         self._unclear_to = -1
-        self._seen: deque[tuple[float, int]] = deque()  # (wall clock, sample clock) while no image came
+        # (wall clock, sample clock) while no image came
+        self._seen: deque[tuple[float, int]] = deque()
         self._settled = -1  # triggers whose exposure ended before this sample have been waited for
 
     @property
     def way(self) -> str:
         """How images get their trigger numbers: "proved", "timed" or "inferred"."""
-        return "proved" if self._clock.counts_exposures else "inferred" if self._stamp is None else "timed"
+        return (
+            "proved"
+            if self._clock.counts_exposures
+            else "inferred"
+            if self._stamp is None
+            else "timed"
+        )
 
     def describe(self) -> str:
         """The way, in words."""
@@ -92,13 +115,16 @@ class FrameNumbers:
             "inferred": "frame numbers inferred from their order",
         }[self.way]
 
-    def answer(self, fetch: Callable[[float], Delivered | None], timeout_s: float) -> Frame | LostFrame:
+    def answer(
+        self, fetch: Callable[[float], Delivered | None], timeout_s: float
+    ) -> Frame | LostFrame:
         """The fate of the next trigger, within `timeout_s`.
 
         Parameters
         ----------
         fetch : callable
-            The next image, or None where none comes within so many seconds; may raise a `DeviceError`.
+            The next image, or None where none comes within so many seconds; may raise a
+            `DeviceError`.
 
         Raises
         ------
@@ -121,8 +147,10 @@ class FrameNumbers:
                 self.nothing_came(time.monotonic())
                 if left <= 0:
                     raise DeviceTimeout(
-                        f"{self._name}: trigger {self._next} had no answer within {timeout_s:g} s (sample {self._clock.now},"
-                        f" it falls on {self._train.sample(self._next)}); wait longer, or look at the trigger line"
+                        f"{self._name}: trigger {self._next} had no answer within {timeout_s:g} s"
+                        f" (sample {self._clock.now},"
+                        f" it falls on {self._train.sample(self._next)}); wait longer, or look at"
+                        " the trigger line"
                     )
         return answer
 
@@ -137,23 +165,39 @@ class FrameNumbers:
         number, missed = before + step, ""
         if not self._clock.counts_exposures:
             number, missed = self._trigger(step, delivered.timestamp_s)
-        reason = missed or f"lost on its way: the camera's frame ids jump to {delivered.frame_id}{self._complaint}"
+        reason = missed or (
+            f"lost on its way: the camera's frame ids jump to {delivered.frame_id}{self._complaint}"
+        )
         self._lost.update((n, reason) for n in range(before + 1, number))
-        self._newest, self._complaint, self._stamp = number, "", delivered.timestamp_s or self._stamp
-        if number >= (self._exposure if self._clock.counts_exposures else self._next):  # else it was given up already
+        self._newest, self._complaint, self._stamp = (
+            number,
+            "",
+            delivered.timestamp_s or self._stamp,
+        )
+        # else it was given up already
+        if number >= (self._exposure if self._clock.counts_exposures else self._next):
             self._waiting[number] = delivered
 
     def nothing_came(self, now_s: float) -> None:
-        """No image is waiting at this moment of the wall clock: what was exposed long before is lost."""
+        """No image is waiting at this moment of the wall clock: what was exposed long before is
+        lost.
+        """
         patience_s = max(PATIENCE_S[self.way], self._train.divisor / self._rate / 2)
         self._seen.append((now_s, self._clock.now))
         while self._seen and self._seen[0][0] <= now_s - patience_s:
             self._settled = self._seen.popleft()[1]
 
     def next(self) -> Frame | LostFrame | None:
-        """The next trigger's answer; None while nothing is known. DeviceFault where nothing ever will be."""
+        """The next trigger's answer; None while nothing is known.
+
+        DeviceFault where nothing ever will be.
+        """
         index, sample = self._next, self._train.sample(self._next)
-        answer = self._by_exposure(index, sample) if self._clock.counts_exposures else self._by_order(index, sample)
+        answer = (
+            self._by_exposure(index, sample)
+            if self._clock.counts_exposures
+            else self._by_order(index, sample)
+        )
         if answer is not None:
             self._next += 1
         return answer
@@ -162,25 +206,39 @@ class FrameNumbers:
 
     def _by_exposure(self, index: int, sample: int) -> Frame | LostFrame | None:
         if index <= self._unclear_to:
-            return LostFrame(index, sample, "samples were lost here: which of these triggers the camera missed can not be told")
+            return LostFrame(
+                index,
+                sample,
+                "samples were lost here: which of these triggers the camera missed can not be told",
+            )
         k, clock, train = self._exposure, self._clock, self._train
         began = clock.exposure(k)
         if began is None:
             cut = clock.phase == "stopped" and clock.now > sample + 1
-            return LostFrame(index, sample, _MISSED) if cut or clock.now >= sample + train.divisor else None
-        last = (began + 1 - train.first) // train.divisor  # the exposure's trigger; it may be counted a sample early, never more
+            return (
+                LostFrame(index, sample, _MISSED)
+                if cut or clock.now >= sample + train.divisor
+                else None
+            )
+        # the exposure's trigger; it may be counted a sample early, never more
+        last = (began + 1 - train.first) // train.divisor
         at_once = 1  # lost samples put several exposures on one
         while clock.exposure(k + at_once) == began:
             at_once += 1
         pending = last - index + 1
         if at_once > max(pending, 0):
             raise self._fault(
-                f"exposure {k} began on sample {began}, before trigger {index} on {sample}; look for noise on the trigger line"
+                f"exposure {k} began on sample {began}, before trigger {index} on {sample}; look"
+                " for noise on the trigger line"
             )
         if at_once < pending:
             if at_once > 1:
                 self._unclear_to, self._exposure = last, k + at_once
-            return self._by_exposure(index, sample) if at_once > 1 else LostFrame(index, sample, _MISSED)
+            return (
+                self._by_exposure(index, sample)
+                if at_once > 1
+                else LostFrame(index, sample, _MISSED)
+            )
         alone = at_once == 1 and (k == 0 or clock.exposure(k - 1) != began)
         answer = self._image(k, index, began if alone and began > sample + 1 else sample, began)
         self._exposure += answer is not None
@@ -192,28 +250,46 @@ class FrameNumbers:
         answer = self._image(index, index, sample, sample)
         if isinstance(answer, LostFrame) and index > self._newest and not self._is_certain:
             raise self._fault(
-                f"there is an image less than triggers by number {index}, and which one was missed can not be told; {_REMEDY}"
+                f"there is an image less than triggers by number {index}, and which one was missed"
+                f" can not be told; {_REMEDY}"
             )
         return answer
 
     def _trigger(self, step: int, stamp_s: float | None) -> tuple[int, str]:
-        """Number of the trigger of an image `step` frame ids after the last one; why triggers between have none, if not for that step."""
+        """Number of the trigger of an image `step` frame ids after the last one; why triggers
+        between have none, if not for that step.
+        """
         fits = self._newest + step
         if stamp_s and self._stamp:
             gap = round((stamp_s - self._stamp) * self._rate / self._train.divisor)
             if gap < step:
-                raise self._fault(f"{step} images came within {gap} trigger periods; look for noise on the trigger line, or {_REMEDY}")
+                raise self._fault(
+                    f"{step} images came within {gap} trigger periods; look for noise on the"
+                    f" trigger line, or {_REMEDY}"
+                )
             missed = gap - step
-            number, why = self._newest + gap, f"missed trigger: by timestamps {missed} of {gap - 1} were missed here" if missed else ""
+            number, why = (
+                self._newest + gap,
+                f"missed trigger: by timestamps {missed} of {gap - 1} were missed here"
+                if missed
+                else "",
+            )
         else:
             number, why = max(fits, self._next), ""
         latest = self._clock.now + max(PATIENCE_S["inferred"] * self._rate, self._train.divisor / 2)
         if latest < self._train.sample(number):
-            raise self._fault(f"an image came long before trigger {number}; look for noise on the trigger line, or for its setting")
-        if latest < self._train.sample(number + 1) + self._open:  # the next trigger's image can not be here yet
+            raise self._fault(
+                f"an image came long before trigger {number}; look for noise on the trigger line,"
+                " or for its setting"
+            )
+        # the next trigger's image can not be here yet
+        if latest < self._train.sample(number + 1) + self._open:
             self._is_certain = True
         elif number > fits and not why:
-            raise self._fault(f"an image came after trigger {number - 1} had none, and whether it is {number}'s can not be told; {_REMEDY}")
+            raise self._fault(
+                f"an image came after trigger {number - 1} had none, and whether it is {number}'s"
+                f" can not be told; {_REMEDY}"
+            )
         elif not (stamp_s and self._stamp):
             self._is_certain = False
         return number, why
@@ -227,11 +303,20 @@ class FrameNumbers:
         if delivered is not None:
             return LostFrame(index, self._train.sample(index), delivered.reason)
         if number <= self._newest:
-            return LostFrame(index, self._train.sample(index), self._lost.pop(number, "its image came too late"))
+            return LostFrame(
+                index, self._train.sample(index), self._lost.pop(number, "its image came too late")
+            )
         if began + self._open <= self._settled:
             if self._newest >= 0 and not self._is_certain:
-                raise self._fault(f"an image is missing by trigger {index}, and which one can not be told; {_REMEDY}")
-            return LostFrame(index, self._train.sample(index), f"no image came in time: trigger missed, or image lost{self._complaint}")
+                raise self._fault(
+                    f"an image is missing by trigger {index}, and which one can not be told;"
+                    f" {_REMEDY}"
+                )
+            return LostFrame(
+                index,
+                self._train.sample(index),
+                f"no image came in time: trigger missed, or image lost{self._complaint}",
+            )
         return None
 
     def _step(self, frame_id: int) -> int:
@@ -242,7 +327,10 @@ class FrameNumbers:
             return 1 + max(0, frame_id - (frame_id if self._first_id is None else self._first_id))
         step = frame_id - last if frame_id > last else (frame_id - last) % _IDS
         if not 0 < step < _BACK:
-            raise self._fault(f"its frame id went from {last} to {frame_id}; start the run anew, check cable and camera")
+            raise self._fault(
+                f"its frame id went from {last} to {frame_id}; start the run anew, check cable and"
+                " camera"
+            )
         return step
 
     def _await_clock(self, now: int, timeout_s: float) -> None:

@@ -1,4 +1,6 @@
-"""What every camera with GenICam features has in common, whichever library reaches it: its settings, its triggers, its frame numbers."""
+"""What every camera with GenICam features has in common, whichever library reaches it: its
+settings, its triggers, its frame numbers.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,20 @@ from drivers.settings import CameraSettings
 
 FORMATS = ("Mono8", "Mono10", "Mono10p", "Mono12", "Mono12p", "Mono12Packed", "Mono16")
 _BUFFERED_S = 2.0
-_LIMITS = ("BslResultingAcquisitionFrameRate", "ResultingFrameRate", "ResultingFrameRateAbs", "AcquisitionResultingFrameRate")
+_LIMITS = (
+    "BslResultingAcquisitionFrameRate",
+    "ResultingFrameRate",
+    "ResultingFrameRateAbs",
+    "AcquisitionResultingFrameRate",
+)
 
 
 class GenICamCamera(ABC):
-    """A camera fired on a line by the DAQ board; see `drivers.protocols.Camera`. A subclass names the library and does what only it can.
+    """A camera fired on a line by the DAQ board; see `drivers.protocols.Camera`. A subclass names
+    the library and does what only it can.
 
-    Without a trigger line in the settings, trigger and exposure stay as the camera (or its frame grabber) has been set.
+    Without a trigger line in the settings, trigger and exposure stay as the camera (or its frame
+    grabber) has been set.
     """
 
     kind = "camera"
@@ -33,7 +42,9 @@ class GenICamCamera(ABC):
     def __init__(self, settings: CameraSettings, scene: Scene) -> None:
         self.name = f"camera '{settings.device}'" if settings.device else self.kind
         self.shape = settings.shape
-        self.dtype: np.dtype[Any] = np.dtype(np.uint8 if settings.pixel_format == "Mono8" else np.uint16)
+        self.dtype: np.dtype[Any] = np.dtype(
+            np.uint8 if settings.pixel_format == "Mono8" else np.uint16
+        )
         self.exposure_samples = settings.exposure_samples
         self._settings = settings
         self._clock = scene.clock
@@ -91,7 +102,10 @@ class GenICamCamera(ABC):
             It can not be set so; the message holds what it offers.
         """
         if self._settings.pixel_format not in FORMATS:
-            raise OutOfLimits(f"{self.name}: pixel format {self._settings.pixel_format} was asked; use one of {', '.join(FORMATS)}")
+            raise OutOfLimits(
+                f"{self.name}: pixel format {self._settings.pixel_format} was asked; use one of"
+                f" {', '.join(FORMATS)}"
+            )
         try:
             self._found = self._claim()
             self._configure()
@@ -100,34 +114,54 @@ class GenICamCamera(ABC):
             raise
         except self._errors as error:
             self.close()
-            raise DeviceFault(f"{self.name}: to open it was asked, {sentence(error)}; end other programs that use it") from error
+            raise DeviceFault(
+                f"{self.name}: to open it was asked, {sentence(error)}; end other programs that use"
+                " it"
+            ) from error
 
     def describe(self) -> str:
         """Model, what it is set to, and how frames get their numbers."""
         s = self._settings
         if self._found is None:
             return f"{self.name}, not open"
-        trigger = f"{s.exposure_s * 1e3:g} ms, trigger {s.trigger_line}" if s.trigger_line else "trigger and exposure as it is set"
+        trigger = (
+            f"{s.exposure_s * 1e3:g} ms, trigger {s.trigger_line}"
+            if s.trigger_line
+            else "trigger and exposure as it is set"
+        )
         text = f"{self._found.description}: {s.shape[1]} x {s.shape[0]} {s.pixel_format}, {trigger}"
         return f"{text}; {self._numbers.describe()}" if self._numbers else text
 
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers; `OutOfLimits` where they come faster than the camera can follow."""
         if self._found is None:
-            raise DeviceFault(f"{self.name}: to wait for triggers was asked, it is not open; open it first")
+            raise DeviceFault(
+                f"{self.name}: to wait for triggers was asked, it is not open; open it first"
+            )
         rate = self._settings.sample_rate_hz
-        node = next((node for name in _LIMITS if (node := self._node(name, to_read=True)) is not None), None)
-        limit = min(self._value(node) if node is not None else math.inf, rate / self.exposure_samples)
+        node = next(
+            (node for name in _LIMITS if (node := self._node(name, to_read=True)) is not None), None
+        )
+        limit = min(
+            self._value(node) if node is not None else math.inf, rate / self.exposure_samples
+        )
         if rate / train.divisor > limit * 1.001:
             raise OutOfLimits(
-                f"{self.name}: {rate / train.divisor:.4g} Hz asked, {limit:.4g} Hz is its limit with an exposure of"
-                f" {self._settings.exposure_s * 1e3:g} ms; use a divisor of {math.ceil(rate / limit / 1.001)} or more, or expose shorter"
+                f"{self.name}: {rate / train.divisor:.4g} Hz asked, {limit:.4g} Hz is its limit"
+                " with an exposure of"
+                f" {self._settings.exposure_s * 1e3:g} ms; use a divisor of"
+                f" {math.ceil(rate / limit / 1.001)} or more, or expose shorter"
             )
         try:
             self._arm(max(10, math.ceil(_BUFFERED_S * rate / train.divisor)))
         except self._errors as error:
-            raise DeviceFault(f"{self.name}: to wait for triggers was asked, {sentence(error)}; close it and open it anew") from error
-        self._numbers = FrameNumbers(self.name, train, self._clock, rate, self.exposure_samples, self._first_id())
+            raise DeviceFault(
+                f"{self.name}: to wait for triggers was asked, {sentence(error)}; close it and open"
+                " it anew"
+            ) from error
+        self._numbers = FrameNumbers(
+            self.name, train, self._clock, rate, self.exposure_samples, self._first_id()
+        )
         self._waits = True
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
@@ -141,16 +175,22 @@ class GenICamCamera(ABC):
             The camera is gone, or its images can not be numbered any more.
         """
         if self._numbers is None or not self._waits:
-            raise DeviceFault(f"{self.name}: a frame was asked, it does not wait for triggers; start it first")
+            raise DeviceFault(
+                f"{self.name}: a frame was asked, it does not wait for triggers; start it first"
+            )
         return self._numbers.answer(self._fetch, timeout_s)
 
     def _fetch(self, wait_s: float) -> Delivered | None:
         if not self._waits:
-            raise DeviceTimeout(f"{self.name}: a frame was asked, it was stopped meanwhile; start it again")
+            raise DeviceTimeout(
+                f"{self.name}: a frame was asked, it was stopped meanwhile; start it again"
+            )
         try:
             return self._receive(wait_s)
         except self._errors as error:
-            raise DeviceFault(f"{self.name}: a frame was asked, {sentence(error)}; check its cable and power") from error
+            raise DeviceFault(
+                f"{self.name}: a frame was asked, {sentence(error)}; check its cable and power"
+            ) from error
 
     def stop(self) -> None:
         """Wait for triggers no longer; a `read` that waits ends with `DeviceTimeout`."""
@@ -170,7 +210,9 @@ class GenICamCamera(ABC):
         try:
             action()
         except self._errors as error:
-            raise DeviceFault(f"{self.name}: to end it was asked, {sentence(error)}; check its cable and power") from error
+            raise DeviceFault(
+                f"{self.name}: to end it was asked, {sentence(error)}; check its cable and power"
+            ) from error
 
     # ------------------------------------------------------------------ features
 
@@ -220,20 +262,29 @@ class GenICamCamera(ABC):
             self._set(name, value)
 
     def _set(self, name: str, value: Any, other_name: str = "") -> None:
-        """Set a feature, which GigE cameras may have under another name; `OutOfLimits` with what is offered where it can not be."""
+        """Set a feature, which GigE cameras may have under another name; `OutOfLimits` with what is
+        offered where it can not be.
+        """
         node = self._node(name)
         if node is None and other_name:
             node = self._node(other_name)
         if node is None:
-            raise OutOfLimits(f"{self.name}: {name} = {value} was asked, it has no such feature that can be set; see its manual")
+            raise OutOfLimits(
+                f"{self.name}: {name} = {value} was asked, it has no such feature that can be set;"
+                " see its manual"
+            )
         try:
             self._assign(node, value)
         except self._errors as error:
-            raise OutOfLimits(f"{self.name}: {name} = {value} was asked, it offers {', '.join(self._offer(node))}") from error
+            raise OutOfLimits(
+                f"{self.name}: {name} = {value} was asked, it offers {', '.join(self._offer(node))}"
+            ) from error
 
 
 def library(name: str) -> Any:
-    """A vendor's module; what its import warns of is ignored, for pypylon dies of a warning that is made an error."""
+    """A vendor's module; what its import warns of is ignored, for pypylon dies of a warning that is
+    made an error.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return import_module(name)

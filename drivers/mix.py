@@ -1,7 +1,9 @@
-"""What makes one bench of any mix of devices: the sample clock that cameras look at, and a simulated world that keeps up with what is real.
+"""What makes one bench of any mix of devices: the sample clock that cameras look at, and a
+simulated world that keeps up with what is real.
 
-Exactly one party lets the simulated world's time pass: the simulated forces, the emulated board, or, beside a real board,
-`ClockedForces`. Where the actuator is real and anything else is not, the world's stage goes where the real one goes (`FollowedActuator`).
+Exactly one party lets the simulated world's time pass: the simulated forces, the emulated board,
+or, beside a real board, `ClockedForces`. Where the actuator is real and anything else is not, the
+world's stage goes where the real one goes (`FollowedActuator`).
 """
 
 from __future__ import annotations
@@ -9,19 +11,24 @@ from __future__ import annotations
 from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock, TriggerTrain
 from drivers.scene import Scene
 
-OWN_THE_TIME = frozenset({"sim", "nidaqmx-emulated"})  # force sources in which the world's time passes by itself
-OWN_THE_STAGE = frozenset({"sim", "smc100-emulated", "conex-cc-emulated"})  # actuators that move the world's stage themselves
+# force sources in which the world's time passes by itself
+OWN_THE_TIME = frozenset({"sim", "nidaqmx-emulated"})
+# actuators that move the world's stage themselves
+OWN_THE_STAGE = frozenset({"sim", "smc100-emulated", "conex-cc-emulated"})
 
 
 def connected(
     devices: tuple[ForceSource, Camera, Actuator], names: tuple[str, str, str], scene: Scene
 ) -> tuple[ForceSource, Camera, Actuator]:
-    """The three devices, wrapped where one of them must be told what another one does; `names` are those of their drivers."""
+    """The three devices, wrapped where one of them must be told what another one does; `names` are
+    those of their drivers.
+    """
     forces, camera, actuator = devices
     has_world = any(name == "sim" or name.endswith("-emulated") for name in names)
     leads = has_world and names[0] not in OWN_THE_TIME
     follows = has_world and names[2] not in OWN_THE_STAGE
-    in_read_time = names[2] == "replay" or (leads and names[2] in OWN_THE_STAGE)  # where the stage is, it is at the last sample read
+    # where the stage is, it is at the last sample read
+    in_read_time = names[2] == "replay" or (leads and names[2] in OWN_THE_STAGE)
     return (
         ClockedForces(forces, scene, leads=leads, stage_in_read_time=in_read_time),
         camera,
@@ -30,9 +37,13 @@ def connected(
 
 
 class ClockedForces:
-    """A force source that tells the scene's clock of every block that is read; `leads`: the world's time passes with it too."""
+    """A force source that tells the scene's clock of every block that is read; `leads`: the world's
+    time passes with it too.
+    """
 
-    def __init__(self, forces: ForceSource, scene: Scene, *, leads: bool, stage_in_read_time: bool = False) -> None:
+    def __init__(
+        self, forces: ForceSource, scene: Scene, *, leads: bool, stage_in_read_time: bool = False
+    ) -> None:
         self.device = forces
         self.name = forces.name
         self.sample_rate_hz = forces.sample_rate_hz
@@ -64,12 +75,16 @@ class ClockedForces:
             self._scene.world.advance(block.end - self._scene.world.now)
         if isinstance(block, SampleBlock):
             self._scene.clock.advance(block.end, block.exposures)
-        elif not self.counts_exposures:  # else what was exposed in the gap is known with the next block
+        elif (
+            not self.counts_exposures
+        ):  # else what was exposed in the gap is known with the next block
             self._scene.clock.advance(block.end)
         return block
 
     def backlog(self) -> int:
-        """Samples of the device that wait to be read; none where the stage knows no later time than that of the last one read."""
+        """Samples of the device that wait to be read; none where the stage knows no later time than
+        that of the last one read.
+        """
         return 0 if self._stage_in_read_time else self.device.backlog()
 
     def stop(self) -> None:
@@ -91,7 +106,9 @@ class ClockedForces:
 
 
 class FollowedActuator:
-    """A real actuator beside a simulated world, whose stage is put where each reading of the position says."""
+    """A real actuator beside a simulated world, whose stage is put where each reading of the
+    position says.
+    """
 
     def __init__(self, actuator: Actuator, scene: Scene) -> None:
         self.device = actuator

@@ -1,7 +1,8 @@
-"""The line to a Newport controller: commands out, answers in, from any thread; serial, or over the network.
+"""The line to a Newport controller: commands out, answers in, from any thread; serial, or over the
+network.
 
-The controllers speak ASCII: ``1PA12.5`` and no answer, or ``1TP`` and the answer ``1TP12.5``. What was wrong with a command they keep until
-``TE`` asks for it.
+The controllers speak ASCII: ``1PA12.5`` and no answer, or ``1TP`` and the answer ``1TP12.5``. What
+was wrong with a command they keep until ``TE`` asks for it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeo
 from drivers.protocols import Found
 
 ANSWER_S = 0.25  # the controllers take some 10 ms
-PATIENCE_S = 0.8  # for one query, with its turn and its repetitions: a dead line is known within a second
+# for one query, with its turn and its repetitions: a dead line is known within a second
+PATIENCE_S = 0.8
 TRIES = 3
 _DAMAGED = "AS"  # what a command that came damaged is answered with: it is sent again
 
@@ -34,14 +36,18 @@ def find() -> list[Found]:
 
 
 def _no_pyserial(who: str) -> DeviceNotFound:
-    return DeviceNotFound(f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install '.[serial]'")
+    return DeviceNotFound(
+        f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install"
+        " '.[serial]'"
+    )
 
 
 class NewportLine:
     """The line to one controller.
 
-    Queries and their answers take turns, one query at a time, and those of a stop come first. Writing has a lock of its own, held for one
-    command only: a stop goes out at once, even while an answer is awaited, for it has none that could be mistaken for another.
+    Queries and their answers take turns, one query at a time, and those of a stop come first.
+    Writing has a lock of its own, held for one command only: a stop goes out at once, even while an
+    answer is awaited, for it has none that could be mistaken for another.
     """
 
     def __init__(self, who: str, port: str, address: int, baud: int) -> None:
@@ -71,8 +77,12 @@ class NewportLine:
             self.stops += 1
             self._write("ST")
 
-    def ask(self, query: str, form: str, *, urgent: bool = False, give_up: float | None = None) -> str:
-        """What a query is answered with, of the given form; asked again where the answer is damaged or does not come."""
+    def ask(
+        self, query: str, form: str, *, urgent: bool = False, give_up: float | None = None
+    ) -> str:
+        """What a query is answered with, of the given form; asked again where the answer is damaged
+        or does not come.
+        """
         give_up, heard = give_up or time.monotonic() + PATIENCE_S, ""
         for _ in range(TRIES):
             answer, noise = self._exchange((query,), form, give_up, urgent=urgent)
@@ -82,16 +92,20 @@ class NewportLine:
         raise self._unanswered(query, heard)
 
     def tell(self, command: str, *, done: str = "", unless_stopped_since: int | None = None) -> str:
-        """The letter that a command is answered with, "@" for none; sent again where that is in doubt, so it must bear repetition.
+        """The letter that a command is answered with, "@" for none; sent again where that is in
+        doubt, so it must bear repetition.
 
-        `done` are letters which say, to a repetition, that it was understood before. Nothing is sent any more once the line has been told
-        to stop more than `unless_stopped_since` times.
+        `done` are letters which say, to a repetition, that it was understood before. Nothing is
+        sent any more once the line has been told to stop more than `unless_stopped_since` times.
         """
         give_up, heard, letter = time.monotonic() + PATIENCE_S, "", None
         for attempt in range(TRIES):
             stops = self.stops
-            self.ask("TE", "([@A-Z])", give_up=give_up)  # what it remembers may be older, or of a stop
-            letter, noise = self._exchange((command, "TE"), "([@A-Z])", give_up, unless_stopped_since=unless_stopped_since)
+            # what it remembers may be older, or of a stop
+            self.ask("TE", "([@A-Z])", give_up=give_up)
+            letter, noise = self._exchange(
+                (command, "TE"), "([@A-Z])", give_up, unless_stopped_since=unless_stopped_since
+            )
             if letter is not None and letter not in _DAMAGED and stops == self.stops:
                 return "@" if attempt and letter in done else letter
             if unless_stopped_since not in (None, self.stops):
@@ -102,7 +116,13 @@ class NewportLine:
         raise self._unanswered(command, heard)
 
     def _exchange(
-        self, commands: tuple[str, ...], form: str, give_up: float, *, urgent: bool = False, unless_stopped_since: int | None = None
+        self,
+        commands: tuple[str, ...],
+        form: str,
+        give_up: float,
+        *,
+        urgent: bool = False,
+        unless_stopped_since: int | None = None,
     ) -> tuple[str | None, str]:
         """One try: the answer to the last of the commands, or None and what was heard instead."""
         prefix, heard = f"{self._address}{commands[-1].rstrip('?')}", ""
@@ -123,7 +143,9 @@ class NewportLine:
 
     def _write(self, *commands: str) -> None:
         with self._alive(commands[0]):
-            self._port.write("".join(f"{self._address}{command}\r\n" for command in commands).encode("ascii"))
+            self._port.write(
+                "".join(f"{self._address}{command}\r\n" for command in commands).encode("ascii")
+            )
 
     def _read_line(self, until: float) -> str:
         raw = b""
@@ -139,7 +161,8 @@ class NewportLine:
             raise
         except Exception as error:  # a dead line shows as OSError, termios.error or, when the port is being closed, TypeError
             raise DeviceFault(
-                f"{self._who}: '{asked}' was asked, the line {self._name} is dead ({error}); a move under way ends by itself at its target:"
+                f"{self._who}: '{asked}' was asked, the line {self._name} is dead ({error}); a move"
+                " under way ends by itself at its target:"
                 " check cable and power, then start again"
             ) from error
 
@@ -147,7 +170,10 @@ class NewportLine:
     def _turn(self, give_up: float, *, urgent: bool = False) -> Iterator[None]:
         with self._turns:
             self._urgent += urgent
-            is_mine = self._turns.wait_for(lambda: not self._is_taken and (urgent or not self._urgent), give_up - time.monotonic())
+            is_mine = self._turns.wait_for(
+                lambda: not self._is_taken and (urgent or not self._urgent),
+                give_up - time.monotonic(),
+            )
             self._urgent -= urgent
             self._turns.notify_all()
             if not is_mine:
@@ -164,11 +190,13 @@ class NewportLine:
         self.heard = heard
         if heard:
             return DeviceFault(
-                f"{self._who}: '{asked}' was asked {TRIES} times, noisy line {self._name}: the last answer was {heard!r};"
+                f"{self._who}: '{asked}' was asked {TRIES} times, noisy line {self._name}: the last"
+                f" answer was {heard!r};"
                 " check cable, shield, and the speed of the line"
             )
         return DeviceTimeout(
-            f"{self._who}: '{asked}' was asked, {self._name} gave no answer within {PATIENCE_S:g} s;"
+            f"{self._who}: '{asked}' was asked, {self._name} gave no answer within {PATIENCE_S:g}"
+            " s;"
             " check that the controller is on, its cable, and the port and address in the settings"
         )
 
@@ -180,17 +208,28 @@ def _claimed(who: str, port: str, baud: int) -> Any:
     except ImportError as error:
         raise _no_pyserial(who) from error
     try:
-        opened = serial.serial_for_url(port, baudrate=baud, xonxoff=True, timeout=0.05, write_timeout=0.3, exclusive=True)
-        if port.startswith("socket://"):  # or a stop waits for the acknowledgement of the query before it: 16 ms at worst instead of 6
+        opened = serial.serial_for_url(
+            port, baudrate=baud, xonxoff=True, timeout=0.05, write_timeout=0.3, exclusive=True
+        )
+        # or a stop waits for the acknowledgement of the query before it: 16 ms at worst instead of
+        # 6
+        if port.startswith("socket://"):
             opened._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return opened
     except Exception as error:  # SerialException for most, ValueError for a strange name, termios.error for a strange device
         code = getattr(error, "errno", None)
-        if code in (errno.EAGAIN, errno.EBUSY) or "PermissionError" in str(error):  # the latter on Windows
-            raise DeviceFault(f"{who}: {port} was asked, another program has it open; close that program") from error
+        # the latter on Windows
+        if code in (errno.EAGAIN, errno.EBUSY) or "PermissionError" in str(error):
+            raise DeviceFault(
+                f"{who}: {port} was asked, another program has it open; close that program"
+            ) from error
         if code == errno.EACCES:
-            raise DeviceFault(f"{who}: {port} was asked, you may not use it; become a member of its group (often 'dialout')") from error
+            raise DeviceFault(
+                f"{who}: {port} was asked, you may not use it; become a member of its group (often"
+                " 'dialout')"
+            ) from error
         ports = ", ".join(found.device for found in find()) or "none"
         raise DeviceNotFound(
-            f"{who}: the port '{port}' was asked, it can not be opened ({error}); serial ports of this computer: {ports}"
+            f"{who}: the port '{port}' was asked, it can not be opened ({error}); serial ports of"
+            f" this computer: {ports}"
         ) from error

@@ -1,8 +1,10 @@
-"""A board of National Instruments (PCI-6251 and its relatives), in this computer or another one, through NI's own `nidaqmx`.
+"""A board of National Instruments (PCI-6251 and its relatives), in this computer or another one,
+through NI's own `nidaqmx`.
 
-One oscillator makes everything: the samples, the camera's trigger pulses (a counter in ticks of the board's 20 MHz that starts with the
-samples, or a digital line that they clock), and the samples of the counter that counts the camera's exposures.
-Samples are always asked for by their number since the start, so that neither a time-out nor an overflow can shift those that follow.
+One oscillator makes everything: the samples, the camera's trigger pulses (a counter in ticks of the
+board's 20 MHz that starts with the samples, or a digital line that they clock), and the samples of
+the counter that counts the camera's exposures. Samples are always asked for by their number since
+the start, so that neither a time-out nor an overflow can shift those that follow.
 """
 
 from __future__ import annotations
@@ -25,12 +27,14 @@ from drivers.scene import Scene
 from drivers.settings import ForceSettings
 
 TIMEBASE_HZ = 20_000_000
-WAIT_S = 0.1  # of one call to the library at most, so that `stop` does not wait longer for a read to end
+# of one call to the library at most, so that `stop` does not wait longer for a read to end
+WAIT_S = 0.1
 LAST_SAMPLE = 2**31 - 1  # 24 days at 1 kHz
 WIRINGS = {"differential": "DIFF", "rse": "RSE", "nrse": "NRSE"}
 OPTIONS = [
     ("grpc.enable_http_proxy", 0),
-    ("grpc.keepalive_time_ms", 2000),  # a frozen server or a cut cable is found out by a call that lasts longer than this
+    # a frozen server or a cut cable is found out by a call that lasts longer than this
+    ("grpc.keepalive_time_ms", 2000),
     ("grpc.keepalive_timeout_ms", 2000),
     ("grpc.http2.ping_timeout_ms", 2000),
     ("grpc.min_reconnect_backoff_ms", 3000),  # also how long a first connection may take
@@ -38,7 +42,9 @@ OPTIONS = [
 
 
 def find() -> list[Found]:
-    """The boards that NI's driver knows on this computer; DeviceNotFound where package or driver is not installed."""
+    """The boards that NI's driver knows on this computer; DeviceNotFound where package or driver is
+    not installed.
+    """
     need("NI boards", "nidaqmx")
     from nidaqmx.errors import Error
     from nidaqmx.system import System
@@ -50,13 +56,16 @@ def find() -> list[Found]:
 
 
 def _model(board: Any) -> str:
-    return f"NI {board.product_type}, " + ("simulated" if board.is_simulated else f"serial number {board.serial_num:X}")
+    return f"NI {board.product_type}, " + (
+        "simulated" if board.is_simulated else f"serial number {board.serial_num:X}"
+    )
 
 
 class NiForces:
     """Two sensors on a board of National Instruments, and the camera's triggers.
 
-    A camera begins to expose some microseconds after its trigger, so that the next sample is the first to count the exposure.
+    A camera begins to expose some microseconds after its trigger, so that the next sample is the
+    first to count the exposure.
     """
 
     def __init__(self, settings: ForceSettings, scene: Scene) -> None:
@@ -81,8 +90,8 @@ class NiForces:
     def open(self) -> None:
         """Claim inputs and counters, and see that the board can do what the settings say.
 
-        Raises DeviceNotFound without package, driver, server, board or channel, OutOfLimits for a rate or a range that the board does not
-        have, DeviceFault where another program uses it.
+        Raises DeviceNotFound without package, driver, server, board or channel, OutOfLimits for a
+        rate or a range that the board does not have, DeviceFault where another program uses it.
         """
         need(self.name, "nidaqmx")
         self.close()
@@ -109,11 +118,21 @@ class NiForces:
         from nidaqmx import GrpcSessionOptions
 
         try:
-            trusted = grpc.ssl_channel_credentials(Path(certificate).read_bytes()) if certificate else None
+            trusted = (
+                grpc.ssl_channel_credentials(Path(certificate).read_bytes())
+                if certificate
+                else None
+            )
         except OSError as error:
             found = f"it can not be read ({error.strerror})"
-            raise DeviceNotFound(f"{self.name}: certificate {certificate} was asked, {found}; correct `certificate`") from None
-        self._channel = grpc.secure_channel(server, trusted, OPTIONS) if trusted else grpc.insecure_channel(server, OPTIONS)
+            raise DeviceNotFound(
+                f"{self.name}: certificate {certificate} was asked, {found}; correct `certificate`"
+            ) from None
+        self._channel = (
+            grpc.secure_channel(server, trusted, OPTIONS)
+            if trusted
+            else grpc.insecure_channel(server, OPTIONS)
+        )
         self._remote = {"grpc_options": GrpcSessionOptions(self._channel, "")}
 
     def _describe(self) -> None:
@@ -122,42 +141,74 @@ class NiForces:
         s = self._settings
         with self._ni(f"'{s.device}'"):
             model = _model(Device(s.device, **self._remote))
-        trigger = s.trigger_line if s.trigger == "digital" else s.trigger_counter + f" at {s.trigger_terminal}" * bool(s.trigger_terminal)
-        counted = f", exposures counted by {s.exposure_counter} at {s.exposure_terminal}" if self.counts_exposures else ""
+        trigger = (
+            s.trigger_line
+            if s.trigger == "digital"
+            else s.trigger_counter + f" at {s.trigger_terminal}" * bool(s.trigger_terminal)
+        )
+        counted = (
+            f", exposures counted by {s.exposure_counter} at {s.exposure_terminal}"
+            if self.counts_exposures
+            else ""
+        )
         inputs = f"{s.channels[0]} and {s.channels[1]}, {s.wiring}, at {s.sample_rate_hz:g} Hz"
-        self._description = model + f" on {s.server}" * bool(s.server) + f": {inputs}; triggers from {trigger}{counted}"
+        self._description = (
+            model
+            + f" on {s.server}" * bool(s.server)
+            + f": {inputs}; triggers from {trigger}{counted}"
+        )
 
     def _open_sensors(self) -> None:
         from nidaqmx.constants import TerminalConfiguration
 
         s = self._settings
         if s.wiring not in WIRINGS:
-            raise OutOfLimits(f"{self.name}: wiring '{s.wiring}' was asked; there are {', '.join(WIRINGS)}")
+            raise OutOfLimits(
+                f"{self.name}: wiring '{s.wiring}' was asked; there are {', '.join(WIRINGS)}"
+            )
         wiring = TerminalConfiguration[WIRINGS[s.wiring]]
-        with self._ni(f"{s.channels[0]} and {s.channels[1]} at {s.sample_rate_hz:g} Hz"), self._task() as task:
+        with (
+            self._ni(f"{s.channels[0]} and {s.channels[1]} at {s.sample_rate_hz:g} Hz"),
+            self._task() as task,
+        ):
             for channel, limit in zip(s.channels, s.range_v, strict=True):
-                task.ai_channels.add_ai_voltage_chan(f"{s.device}/{channel}", terminal_config=wiring, min_val=-limit, max_val=limit)
+                task.ai_channels.add_ai_voltage_chan(
+                    f"{s.device}/{channel}", terminal_config=wiring, min_val=-limit, max_val=limit
+                )
             self._sample(task, "")
             rate = task.timing.samp_clk_rate
-            if not (math.isclose(rate, s.sample_rate_hz, rel_tol=1e-9) and (TIMEBASE_HZ / s.sample_rate_hz).is_integer()):
+            if not (
+                math.isclose(rate, s.sample_rate_hz, rel_tol=1e-9)
+                and (TIMEBASE_HZ / s.sample_rate_hz).is_integer()
+            ):
                 found = f"the nearest that the board has is {rate:.10g} Hz"
-                raise OutOfLimits(f"{self.name}: {s.sample_rate_hz:.10g} Hz was asked, {found}; use a sample rate that divides 20 MHz")
+                raise OutOfLimits(
+                    f"{self.name}: {s.sample_rate_hz:.10g} Hz was asked, {found}; use a sample rate"
+                    " that divides 20 MHz"
+                )
         self._inputs.append(task)
 
     def _open_counter(self) -> None:
         s = self._settings
-        with self._ni(f"{s.exposure_counter} to count at {s.exposure_terminal}"), self._task() as task:
+        with (
+            self._ni(f"{s.exposure_counter} to count at {s.exposure_terminal}"),
+            self._task() as task,
+        ):
             channel = task.ci_channels.add_ci_count_edges_chan(f"{s.device}/{s.exposure_counter}")
             channel.ci_count_edges_term = f"/{s.device}/{s.exposure_terminal}"
             self._sample(task, f"/{s.device}/ai/SampleClock")
         self._inputs.append(task)
 
     def _sample(self, task: Any, clock: str) -> None:
-        """Make it sample without end into a buffer that is read by number and loses its oldest samples where it is not read."""
+        """Make it sample without end into a buffer that is read by number and loses its oldest
+        samples where it is not read.
+        """
         from nidaqmx.constants import AcquisitionType, OverwriteMode, ReadRelativeTo, TaskMode
 
         size = max(2 * self.block_samples, math.ceil(self._settings.buffer_s * self.sample_rate_hz))
-        task.timing.cfg_samp_clk_timing(self.sample_rate_hz, clock, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=size)
+        task.timing.cfg_samp_clk_timing(
+            self.sample_rate_hz, clock, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=size
+        )
         task.in_stream.input_buf_size = size
         task.in_stream.overwrite = OverwriteMode.OVERWRITE_UNREAD_SAMPLES
         task.in_stream.relative_to = ReadRelativeTo.FIRST_SAMPLE
@@ -171,19 +222,39 @@ class NiForces:
         is_line = s.trigger == "digital"
         first, divisor, high = train.first, train.divisor, train.divisor // 2
         if divisor < 2 or first < 0 or (is_line and first >= divisor):
-            limits = "a trigger needs 2 samples and can not come before sample 0" + ", a line begins within its first period" * is_line
-            raise OutOfLimits(f"{self.name}: a trigger every {divisor} samples from {first} on was asked; {limits}")
+            limits = (
+                "a trigger needs 2 samples and can not come before sample 0"
+                + ", a line begins within its first period" * is_line
+            )
+            raise OutOfLimits(
+                f"{self.name}: a trigger every {divisor} samples from {first} on was asked;"
+                f" {limits}"
+            )
         with self._task() as task:
             if is_line:
                 task.do_channels.add_do_chan(f"{s.device}/{s.trigger_line}")
                 clock = f"/{s.device}/ai/SampleClock"
-                task.timing.cfg_samp_clk_timing(s.sample_rate_hz, clock, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=divisor)
-                task.write([(sample - first) % divisor < high for sample in range(divisor)], auto_start=False)
+                task.timing.cfg_samp_clk_timing(
+                    s.sample_rate_hz,
+                    clock,
+                    sample_mode=AcquisitionType.CONTINUOUS,
+                    samps_per_chan=divisor,
+                )
+                task.write(
+                    [(sample - first) % divisor < high for sample in range(divisor)],
+                    auto_start=False,
+                )
             else:
                 ticks = int(TIMEBASE_HZ / s.sample_rate_hz)
-                times = {"initial_delay": ticks * first, "high_ticks": ticks * high, "low_ticks": ticks * (divisor - high)}
+                times = {
+                    "initial_delay": ticks * first,
+                    "high_ticks": ticks * high,
+                    "low_ticks": ticks * (divisor - high),
+                }
                 counters, timebase = task.co_channels, f"/{s.device}/20MHzTimebase"
-                channel = counters.add_co_pulse_chan_ticks(f"{s.device}/{s.trigger_counter}", timebase, **times)
+                channel = counters.add_co_pulse_chan_ticks(
+                    f"{s.device}/{s.trigger_counter}", timebase, **times
+                )
                 if s.trigger_terminal:
                     channel.co_pulse_term = f"/{s.device}/{s.trigger_terminal}"
                 task.timing.cfg_implicit_timing(sample_mode=AcquisitionType.CONTINUOUS)
@@ -225,15 +296,21 @@ class NiForces:
     # ------------------------------------------------------------------ a run
 
     def start(self, train: TriggerTrain) -> None:
-        """Start the samples and the triggers on one edge; see `drivers.protocols.ForceSource.start`."""
+        """Start the samples and the triggers on one edge; see
+        `drivers.protocols.ForceSource.start`.
+        """
         with self._lock:
             if not self._inputs or self._trigger or self._is_gone:
-                raise DeviceFault(f"{self.name}: a start was asked, it is not open, or runs already, or is gone; open it, or stop it first")
+                raise DeviceFault(
+                    f"{self.name}: a start was asked, it is not open, or runs already, or is gone;"
+                    " open it, or stop it first"
+                )
             self._next = self._margin = self._count = self._waiting = 0
             try:
                 with self._ni("a start"):
                     self._trigger = self._make_trigger(train)
-                    for task in (self._trigger, *reversed(self._inputs)):  # the sensors last: their start is everybody's
+                    # the sensors last: their start is everybody's
+                    for task in (self._trigger, *reversed(self._inputs)):
                         task.start()
             except BaseException:
                 with suppress(DeviceError):  # the first error is the one to tell
@@ -242,19 +319,30 @@ class NiForces:
             self._is_running = True
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next block, or the gap where samples were overwritten before they were read; see `drivers.protocols.ForceSource.read`."""
+        """The next block, or the gap where samples were overwritten before they were read; see
+        `drivers.protocols.ForceSource.read`.
+        """
         give_up = time.monotonic() + timeout_s
         while True:
             with self._lock:
                 if not self._is_running:
-                    raise DeviceFault(f"{self.name}: samples were asked, the board is stopped or gone; read between start and stop")
+                    raise DeviceFault(
+                        f"{self.name}: samples were asked, the board is stopped or gone; read"
+                        " between start and stop"
+                    )
                 with self._ni(f"sample {self._next}"):
                     block = self._next_block(max(0.0, min(WAIT_S, give_up - time.monotonic())))
             if block is not None:
                 return block
             if time.monotonic() >= give_up:
-                asked = f"{self.block_samples} samples from {self._next} on were asked within {timeout_s:g} s"
-                raise DeviceTimeout(f"{self.name}: {asked}, they have not all come, none is lost; ask again, or wait longer than a block")
+                asked = (
+                    f"{self.block_samples} samples from {self._next} on were asked within"
+                    f" {timeout_s:g} s"
+                )
+                raise DeviceTimeout(
+                    f"{self.name}: {asked}, they have not all come, none is lost; ask again, or"
+                    " wait longer than a block"
+                )
 
     def _next_block(self, wait_s: float) -> SampleBlock | LostSamples | None:
         """None: not all of it is there yet."""
@@ -264,9 +352,17 @@ class NiForces:
         first, n = self._next, max(self.block_samples, min(self._waiting, int(self.sample_rate_hz)))
         self._waiting = 0
         if first + n > LAST_SAMPLE:
-            raise OutOfLimits(f"{self.name}: sample {first} was asked, NI's library reads by number up to {LAST_SAMPLE}; start a new run")
+            raise OutOfLimits(
+                f"{self.name}: sample {first} was asked, NI's library reads by number up to"
+                f" {LAST_SAMPLE}; start a new run"
+            )
         volts, counts = np.empty((2, n)), np.empty(n, np.uint32)
-        readers = [reader(task.in_stream) for reader, task in zip((AnalogMultiChannelReader, CounterReader), self._inputs, strict=False)]
+        readers = [
+            reader(task.in_stream)
+            for reader, task in zip(
+                (AnalogMultiChannelReader, CounterReader), self._inputs, strict=False
+            )
+        ]
         try:
             for reader, task in zip(readers, self._inputs, strict=True):
                 reader.verify_array_shape = False  # it would ask the board for what we know
@@ -281,15 +377,24 @@ class NiForces:
                 return self._gap()
             raise
         self._next, self._margin = first + n, 0
-        return SampleBlock(first, np.ascontiguousarray(volts.T), self._unwrapped(counts) if self.counts_exposures else None)
+        return SampleBlock(
+            first,
+            np.ascontiguousarray(volts.T),
+            self._unwrapped(counts) if self.counts_exposures else None,
+        )
 
     def _gap(self) -> LostSamples:
-        """From the next sample to the oldest in the buffer, and further each time that this one too was overwritten before it was read."""
+        """From the next sample to the oldest in the buffer, and further each time that this one too
+        was overwritten before it was read.
+        """
         stream, first = self._inputs[0].in_stream, self._next
         oldest = stream.total_samp_per_chan_acquired - stream.input_buf_size
         self._next = max(oldest, first + 1) + self._margin
         self._margin = 2 * self._margin or self.block_samples
-        reason = f"{self.name}: samples were overwritten before they were read; end other programs on this computer, or raise `buffer`"
+        reason = (
+            f"{self.name}: samples were overwritten before they were read; end other programs on"
+            " this computer, or raise `buffer`"
+        )
         return LostSamples(first, self._next - first, reason)
 
     def _unwrapped(self, counts: NDArray[np.uint32]) -> NDArray[np.int64]:
@@ -305,11 +410,16 @@ class NiForces:
             if not self._is_running:
                 return 0
             with self._ni("the number of the newest sample"):
-                self._waiting = max(0, int(self._inputs[0].in_stream.total_samp_per_chan_acquired) - self._next)
+                self._waiting = max(
+                    0, int(self._inputs[0].in_stream.total_samp_per_chan_acquired) - self._next
+                )
                 return self._waiting
 
     def stop(self) -> None:
-        """End the triggers and the samples, in that order. May be called twice, and from any thread."""
+        """End the triggers and the samples, in that order.
+
+        May be called twice, and from any thread.
+        """
         self._is_running = False  # a read that waits gives way
         with self._lock:
             self._halt()
@@ -337,7 +447,9 @@ class NiForces:
 
     @contextmanager
     def _ni(self, asked: str) -> Iterator[None]:
-        """Whatever NI's library raises inside leaves as a sentence, and a board that is gone is remembered as such."""
+        """Whatever NI's library raises inside leaves as a sentence, and a board that is gone is
+        remembered as such.
+        """
         from nidaqmx.errors import DaqError, Error
 
         try:
@@ -354,8 +466,10 @@ class NiForces:
             kind = DeviceFault if self._inputs else DeviceNotFound
             self._trigger, self._inputs = None, []  # there is nobody to close them
             raise kind(
-                f"{self.name}: {asked} was asked, the server {self._settings.server} does not answer ({details() if details else error});"
-                " see that NI's gRPC device server runs there, and check address, certificate and firewall"
+                f"{self.name}: {asked} was asked, the server {self._settings.server} does not"
+                f" answer ({details() if details else error});"
+                " see that NI's gRPC device server runs there, and check address, certificate and"
+                " firewall"
             ) from error
 
     def _boards(self) -> str:

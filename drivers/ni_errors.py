@@ -9,11 +9,36 @@ OVERWRITTEN = (-200279, -200222)
 GONE = (-201003, -88705, -50808, -50405)
 _KNOWN: tuple[tuple[tuple[int, ...], type[DeviceError], str, str], ...] = (
     (GONE, DeviceFault, "the board is gone", "check its cable and power, then start again"),
-    ((-200220,), DeviceNotFound, "no board has that name", "correct `device`, or the board's name in NI MAX"),
-    ((-200170,), DeviceNotFound, "the board has no channel of that name", "correct it in the settings; NI MAX lists those of the board"),
-    ((-50103, -200022, -200587), DeviceFault, "another program has reserved it", "end that program, or a test panel of NI MAX"),
-    ((-200077, -200081, -200332), OutOfLimits, "the board can not do that: {text}", "correct sample rate or range in the settings"),
-    ((-200361, -200010, -200019), DeviceFault, "the board's own memory overflowed", "end other programs on this computer, start again"),
+    (
+        (-200220,),
+        DeviceNotFound,
+        "no board has that name",
+        "correct `device`, or the board's name in NI MAX",
+    ),
+    (
+        (-200170,),
+        DeviceNotFound,
+        "the board has no channel of that name",
+        "correct it in the settings; NI MAX lists those of the board",
+    ),
+    (
+        (-50103, -200022, -200587),
+        DeviceFault,
+        "another program has reserved it",
+        "end that program, or a test panel of NI MAX",
+    ),
+    (
+        (-200077, -200081, -200332),
+        OutOfLimits,
+        "the board can not do that: {text}",
+        "correct sample rate or range in the settings",
+    ),
+    (
+        (-200361, -200010, -200019),
+        DeviceFault,
+        "the board's own memory overflowed",
+        "end other programs on this computer, start again",
+    ),
 )
 """NI's codes, the error that they become, what was found, what to do."""
 
@@ -24,7 +49,8 @@ def need(who: str, package: str) -> None:
         __import__(package)
     except ImportError as error:
         raise DeviceNotFound(
-            f"{who}: package {package} was asked, it is not there ({error}); in the folder of SlipScope: pip install '.[ni]'"
+            f"{who}: package {package} was asked, it is not there ({error}); in the folder of"
+            " SlipScope: pip install '.[ni]'"
         ) from None
 
 
@@ -35,9 +61,15 @@ def sentence(who: str, asked: str, error: Exception) -> DeviceError:
     text = str(error).splitlines()[0].rstrip(".")
     if isinstance(error, DaqNotFoundError | DaqNotSupportedError):
         remedy = "install NI-DAQmx from ni.com, or name the `server` that has the board"
-        return DeviceNotFound(f"{who}: {asked} was asked, NI's driver is not installed on this computer ({text}); {remedy}")
+        return DeviceNotFound(
+            f"{who}: {asked} was asked, NI's driver is not installed on this computer ({text});"
+            f" {remedy}"
+        )
     if not isinstance(error, DaqError):
-        return DeviceFault(f"{who}: {asked} was asked, NI's driver can not do it ({text}); install a newer NI-DAQmx")
+        return DeviceFault(
+            f"{who}: {asked} was asked, NI's driver can not do it ({text}); install a newer"
+            " NI-DAQmx"
+        )
     default = ((), DeviceFault, "{text}", f"look up NI's error {error.error_code}")
     _, kind, found, remedy = next((row for row in _KNOWN if error.error_code in row[0]), default)
     return kind(f"{who}: {asked} was asked, {found.format(text=text)}; {remedy}")

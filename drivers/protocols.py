@@ -1,15 +1,18 @@
 """The three devices of a bench and what they hand over, all on one clock.
 
-The DAQ sample counter is the only time base: sample 0 is the first sample after `ForceSource.start`. The board divides
-its sample clock to trigger the camera, so trigger ``n`` falls on sample ``first + n * divisor`` and every frame carries that
-number. No host time appears anywhere.
+The DAQ sample counter is the only time base: sample 0 is the first sample after
+`ForceSource.start`. The board divides its sample clock to trigger the camera, so trigger ``n``
+falls on sample ``first + n * divisor`` and every frame carries that number. No host time appears
+anywhere.
 
 Rules that every implementation keeps (``tests/contracts.py`` runs each one through them):
 
-- Constructing a device touches nothing; `open` claims the hardware and is the only place that imports a vendor library;
-  `close` may be called at any time, twice, and after a failure.
-- Order of a run: ``camera.start(train)``, then ``forces.start(train)``, then reads; ``forces.stop()`` ends the trigger train.
-- `ForceSource.read` and `Camera.read` are each called from one thread; `Actuator.stop` and `close` from any thread.
+- Constructing a device touches nothing; `open` claims the hardware and is the only place that
+  imports a vendor library; `close` may be called at any time, twice, and after a failure.
+- Order of a run: ``camera.start(train)``, then ``forces.start(train)``, then reads;
+  ``forces.stop()`` ends the trigger train.
+- `ForceSource.read` and `Camera.read` are each called from one thread; `Actuator.stop` and `close`
+  from any thread.
 - Errors are `drivers.errors.DeviceError` only.
 """
 
@@ -35,7 +38,8 @@ class SampleBlock:
     volts : ndarray, shape (n, 2), float64
         Column 0 the normal sensor, column 1 the shear sensor. The receiver owns the array.
     exposures : ndarray, shape (n,), int64, or None
-        How many exposures of the camera had begun by each sample, counted by the board on its sample clock; None where it does not count.
+        How many exposures of the camera had begun by each sample, counted by the board on its
+        sample clock; None where it does not count.
     """
 
     first: int
@@ -50,7 +54,9 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class LostSamples:
-    """Samples that the board took and nobody will ever read: a gap with its place and length, never a shift of what follows."""
+    """Samples that the board took and nobody will ever read: a gap with its place and length, never
+    a shift of what follows.
+    """
 
     first: int
     count: int
@@ -64,7 +70,9 @@ class LostSamples:
 
 @dataclass(frozen=True, slots=True)
 class TriggerTrain:
-    """The camera triggers cut from the sample clock: trigger ``n`` falls on sample ``first + n * divisor``."""
+    """The camera triggers cut from the sample clock: trigger ``n`` falls on sample ``first + n *
+    divisor``.
+    """
 
     first: int
     divisor: int
@@ -87,7 +95,8 @@ class Frame:
     index : int
         Trigger number, counted from 0.
     sample : int
-        Sample on which the exposure started: of the trigger, or later where the board counts exposures and saw it late.
+        Sample on which the exposure started: of the trigger, or later where the board counts
+        exposures and saw it late.
     image : ndarray, shape (rows, columns), uint8 or uint16
         Grey levels, read-only; the receiver may keep it.
     """
@@ -108,7 +117,9 @@ class LostFrame:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A device that a driver's `find` has found: what to write in the settings (`device` or `port`), and what it is."""
+    """A device that a driver's `find` has found: what to write in the settings (`device` or
+    `port`), and what it is.
+    """
 
     device: str
     description: str
@@ -132,7 +143,8 @@ class ForceSource(Protocol):
         """Start sampling at sample 0 and the trigger train with it, on the same edge."""
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next `block_samples` samples, or more where `backlog` said that more wait, or the gap that takes their place.
+        """The next `block_samples` samples, or more where `backlog` said that more wait, or the gap
+        that takes their place.
 
         Each sample comes in order, and once.
 
@@ -145,7 +157,9 @@ class ForceSource(Protocol):
         """
 
     def backlog(self) -> int:
-        """Samples that the board has taken and nobody has read yet: the newest one is that far ahead of the last block."""
+        """Samples that the board has taken and nobody has read yet: the newest one is that far
+        ahead of the last block.
+        """
 
     def stop(self) -> None:
         """Stop sampling and the trigger train. May be called twice."""
@@ -165,13 +179,16 @@ class Camera(Protocol):
     def open(self) -> None: ...
 
     def describe(self) -> str:
-        """What was found, in a line, once open; after a start also how frames get their trigger numbers."""
+        """What was found, in a line, once open; after a start also how frames get their trigger
+        numbers.
+        """
 
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers; call before ``ForceSource.start``."""
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The fate of the next trigger: its frame, or the reason there is none. Indices come in order, each once.
+        """The fate of the next trigger: its frame, or the reason there is none. Indices come in
+        order, each once.
 
         Raises
         ------
@@ -205,16 +222,23 @@ class Actuator(Protocol):
         """What was found, in a line, once open: model, and the state of its controller."""
 
     def home(self) -> None:
-        """Find the origin. Returns at once; `is_moving` tells when it is done. Never called unless a user asked for it."""
+        """Find the origin.
+
+        Returns at once; `is_moving` tells when it is done. Never called unless a user asked for it.
+        """
 
     def set_velocity(self, velocity_m_s: float) -> None:
-        """Speed of the moves to come. Raises `OutOfLimits` and changes nothing where it can not be kept."""
+        """Speed of the moves to come.
+
+        Raises `OutOfLimits` and changes nothing where it can not be kept.
+        """
 
     def move_to(self, position_m: float) -> None:
         """Start a move that ends by itself at `position_m`; returns at once.
 
-        A bounded move is the only way to set the block in motion, so that a dead program leaves a bench that stops by itself.
-        Raises `OutOfLimits` and does not move where the target lies outside `travel_limits_m`.
+        A bounded move is the only way to set the block in motion, so that a dead program leaves a
+        bench that stops by itself. Raises `OutOfLimits` and does not move where the target lies
+        outside `travel_limits_m`.
         """
 
     def position_m(self) -> float: ...
@@ -222,7 +246,10 @@ class Actuator(Protocol):
     def is_moving(self) -> bool: ...
 
     def stop(self) -> None:
-        """End any motion now. From any thread, at any time after `open`, also when nothing moves."""
+        """End any motion now.
+
+        From any thread, at any time after `open`, also when nothing moves.
+        """
 
     def close(self) -> None:
         """Stop any motion, then let go of the device."""

@@ -1,4 +1,6 @@
-"""What the devices of one bench share: the sample clock, and one simulated world for all that are not real."""
+"""What the devices of one bench share: the sample clock, and one simulated world for all that are
+not real.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,12 @@ class Scene:
         Fed by the bench with every block of forces that is read.
     """
 
-    def __init__(self, settings: WorldSettings | None = None, pace: float | None = 1.0, recording: Recording | None = None) -> None:
+    def __init__(
+        self,
+        settings: WorldSettings | None = None,
+        pace: float | None = 1.0,
+        recording: Recording | None = None,
+    ) -> None:
         self.clock = SampleClock()
         self.pace = pace
         self._settings = settings
@@ -48,12 +55,17 @@ class Scene:
             None was given.
         """
         if self._recording is None:
-            raise DeviceNotFound("stored devices: a recorded experiment was asked, none is named; set replay.session to its file")
+            raise DeviceNotFound(
+                "stored devices: a recorded experiment was asked, none is named; set replay.session"
+                " to its file"
+            )
         return self._recording
 
     @cached_property
     def world(self) -> World:
-        """The simulated world, made when the first device asks for it: a bench of real devices has none."""
+        """The simulated world, made when the first device asks for it: a bench of real devices has
+        none.
+        """
         from drivers.sim.world import World, WorldSettings
 
         return World(self._settings or WorldSettings(), self.pace)

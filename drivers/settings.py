@@ -1,4 +1,7 @@
-"""What a driver is told about its device: one plain structure per kind, in SI units. A driver uses what applies to it."""
+"""What a driver is told about its device: one plain structure per kind, in SI units.
+
+A driver uses what applies to it.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +31,14 @@ class ForceSettings:
     certificate : str
         File (PEM) of the authority that vouches for the server; empty: a plain connection.
     trigger : str
-        "counter": pulses of a counter, in ticks of the board's 20 MHz, started with the samples; "digital": a line clocked by the samples.
+        "counter": pulses of a counter, in ticks of the board's 20 MHz, started with the samples;
+        "digital": a line clocked by the samples.
     trigger_counter, trigger_terminal, trigger_line : str
-        Counter and the terminal its pulses come out of (empty: the counter's own), or the digital line.
+        Counter and the terminal its pulses come out of (empty: the counter's own), or the digital
+        line.
     exposure_counter, exposure_terminal : str
-        Counter of the camera's exposures on the sample clock (empty: none), and the terminal that the camera's exposure output is wired to.
+        Counter of the camera's exposures on the sample clock (empty: none), and the terminal that
+        the camera's exposure output is wired to.
     """
 
     sample_rate_hz: float = 1000.0
@@ -65,15 +71,15 @@ class CameraSettings:
     device : str
         Serial number or name of the camera; empty: the only one there is.
     pixel_format : str
-        "Mono8", or one with more bits ("Mono10", "Mono12", "Mono12p", "Mono12Packed", "Mono16"), which gives 16-bit images on the format's
-        own scale (0 to 4095 for 12 bit).
+        "Mono8", or one with more bits ("Mono10", "Mono12", "Mono12p", "Mono12Packed", "Mono16"),
+        which gives 16-bit images on the format's own scale (0 to 4095 for 12 bit).
     offset_px : (x, y)
         Top-left pixel of the image on the sensor.
     gain_db : float or None
         None: as the camera is set.
     trigger_line, exposure_line : str
-        Input of the trigger (empty: trigger and exposure stay as the camera is set); output that is high while the camera exposes (empty:
-        not set).
+        Input of the trigger (empty: trigger and exposure stay as the camera is set); output that is
+        high while the camera exposes (empty: not set).
     producer : str
         GenTL producer (.cti) of the camera's vendor.
     folder : str

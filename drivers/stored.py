@@ -1,7 +1,9 @@
-"""The three devices of a recorded experiment, played back on the sample clock: for benches where some devices are there and some are not.
+"""The three devices of a recorded experiment, played back on the sample clock: for benches where
+some devices are there and some are not.
 
-A stored force source keeps the pace of the recording, each sample and each gap at its number. A stored camera hands over the
-picture of a trigger when its exposure has passed on the clock. A stored stage is where it was, whatever it is told.
+A stored force source keeps the pace of the recording, each sample and each gap at its number. A
+stored camera hands over the picture of a trigger when its exposure has passed on the clock. A
+stored stage is where it was, whatever it is told.
 """
 
 from __future__ import annotations
@@ -70,7 +72,8 @@ class StoredForces:
         r = self._recording
         if r.sample_rate_hz != self.sample_rate_hz:
             raise OutOfLimits(
-                f"{self.name}: {self.sample_rate_hz:g} Hz was asked, it was recorded at {r.sample_rate_hz:g} Hz;"
+                f"{self.name}: {self.sample_rate_hz:g} Hz was asked, it was recorded at"
+                f" {r.sample_rate_hz:g} Hz;"
                 " set forces.sample_rate to that"
             )
         self._state = "open"
@@ -91,7 +94,10 @@ class StoredForces:
         first, volts = self._next, self._recording.volts
         lost = np.isnan(volts[first:, 0])
         if not lost.size:
-            raise DeviceFault(f"{self.name}: sample {first} was asked, the recording ends there; it has been played to its end")
+            raise DeviceFault(
+                f"{self.name}: sample {first} was asked, the recording ends there; it has been"
+                " played to its end"
+            )
         if lost[0]:
             n = int(np.argmin(lost)) if not lost.all() else lost.size
         else:
@@ -101,7 +107,8 @@ class StoredForces:
             time.sleep(min(wait, timeout_s))
         if wait > timeout_s:
             raise DeviceTimeout(
-                f"{self.name}: {n} samples were asked within {timeout_s:g} s, the pace of the recording holds them back; wait longer"
+                f"{self.name}: {n} samples were asked within {timeout_s:g} s, the pace of the"
+                " recording holds them back; wait longer"
             )
         self._next = first + n
         if lost[0]:
@@ -112,7 +119,9 @@ class StoredForces:
         """Samples whose time has come and that were not read."""
         if self._state != "running" or math.isinf(self._pace):
             return 0
-        return max(0, int((time.monotonic() - self._began) * self._pace * self.sample_rate_hz) - self._next)
+        return max(
+            0, int((time.monotonic() - self._began) * self._pace * self.sample_rate_hz) - self._next
+        )
 
     def stop(self) -> None:
         """Play no further."""
@@ -124,7 +133,9 @@ class StoredForces:
 
     def _need(self, state: str, asked: str) -> None:
         if self._state != state:
-            raise DeviceFault(f"{self.name}: it was asked {asked}, it is {self._state}; open and start it first")
+            raise DeviceFault(
+                f"{self.name}: it was asked {asked}, it is {self._state}; open and start it first"
+            )
 
 
 class StoredCamera:
@@ -152,10 +163,13 @@ class StoredCamera:
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers, which must come as they were recorded."""
         if not self._is_open:
-            raise DeviceFault(f"{self.name}: it was asked to wait for triggers, it is closed; open it first")
+            raise DeviceFault(
+                f"{self.name}: it was asked to wait for triggers, it is closed; open it first"
+            )
         if train.divisor != self._recording.divisor:
             raise OutOfLimits(
-                f"{self.name}: a trigger every {train.divisor} samples was asked, it was recorded with one every {self._recording.divisor};"
+                f"{self.name}: a trigger every {train.divisor} samples was asked, it was recorded"
+                f" with one every {self._recording.divisor};"
                 " set camera.divisor to that"
             )
         self._train, self._next = train, 0
@@ -166,15 +180,20 @@ class StoredCamera:
         if train is None:
             raise DeviceFault(f"{self.name}: a frame was asked, it is not started; start it first")
         end = train.sample(index) + self.exposure_samples
-        clock.wait_for(lambda: clock.now >= end or clock.phase == "stopped" or self._train is None, timeout_s)
+        clock.wait_for(
+            lambda: clock.now >= end or clock.phase == "stopped" or self._train is None, timeout_s
+        )
         if clock.now < end or self._train is None:
             raise DeviceTimeout(
-                f"{self.name}: frame {index} was asked within {timeout_s:g} s, its time has not come; wait longer, or end here"
+                f"{self.name}: frame {index} was asked within {timeout_s:g} s, its time has not"
+                " come; wait longer, or end here"
             )
         image = self._recording.image(index)
         self._next = index + 1
         if image is None:
-            return LostFrame(index, train.sample(index), f"{self.name}: the recording ends before it")
+            return LostFrame(
+                index, train.sample(index), f"{self.name}: the recording ends before it"
+            )
         if isinstance(image, str):
             return LostFrame(index, train.sample(index), f"{self.name}: {image}")
         image.setflags(write=False)
@@ -191,7 +210,9 @@ class StoredCamera:
 
 
 class StoredActuator:
-    """The stage of a recorded experiment: it goes where it went, on the clock of the samples, once it was told to move."""
+    """The stage of a recorded experiment: it goes where it went, on the clock of the samples, once
+    it was told to move.
+    """
 
     def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
         self._recording, self._clock = scene.recording, scene.clock
@@ -203,17 +224,26 @@ class StoredActuator:
     def open(self) -> None:
         """See that there is a stage in the recording."""
         if not self._recording.positions_m.size:
-            raise DeviceFault(f"{self.name}: its positions were asked, none was recorded; take another actuator.source")
+            raise DeviceFault(
+                f"{self.name}: its positions were asked, none was recorded; take another"
+                " actuator.source"
+            )
         self._is_open = True
 
     def describe(self) -> str:
         """What is played."""
         travel = float(np.ptp(self._recording.positions_m))
-        return f"{len(self._recording.positions_m)} positions, {travel * 1e6:.1f} um of travel, recorded"
+        return (
+            f"{len(self._recording.positions_m)} positions, {travel * 1e6:.1f} um of travel,"
+            " recorded"
+        )
 
     def home(self) -> None:
         """Refused: a recorded stage can not be sent anywhere."""
-        raise DeviceFault(f"{self.name}: it was asked to find its origin, it is a recording; take a real or simulated stage")
+        raise DeviceFault(
+            f"{self.name}: it was asked to find its origin, it is a recording; take a real or"
+            " simulated stage"
+        )
 
     def set_velocity(self, velocity_m_s: float) -> None:
         """The recording has its own; only what no stage could do is refused."""
@@ -230,20 +260,29 @@ class StoredActuator:
         low, high = self.travel_limits_m
         if not low <= position_m <= high:
             raise OutOfLimits(
-                f"{self.name}: a move to {position_m * 1e3:.6g} mm was asked; its travel is {low * 1e3:g} to {high * 1e3:g} mm"
+                f"{self.name}: a move to {position_m * 1e3:.6g} mm was asked; its travel is"
+                f" {low * 1e3:g} to {high * 1e3:g} mm"
             )
         self._is_told = True
 
     def position_m(self) -> float:
         """Where the stage was at the newest sample."""
         self._need("for its position")
-        return float(np.interp(self._clock.now, self._recording.position_samples, self._recording.positions_m))
+        return float(
+            np.interp(
+                self._clock.now, self._recording.position_samples, self._recording.positions_m
+            )
+        )
 
     def is_moving(self) -> bool:
         """Whether the recorded stage has somewhere to go, and was told to."""
         self._need("whether it moves")
         goes = np.flatnonzero(np.diff(self._recording.positions_m))
-        return bool(self._is_told and goes.size and self._clock.now < self._recording.position_samples[goes[-1] + 1])
+        return bool(
+            self._is_told
+            and goes.size
+            and self._clock.now < self._recording.position_samples[goes[-1] + 1]
+        )
 
     def stop(self) -> None:
         """A recording moves nothing; it counts as standing."""

@@ -1,7 +1,9 @@
-"""What every device of a kind must do, real, simulated or replayed: test classes that each implementation runs through.
+"""What every device of a kind must do, real, simulated or replayed: test classes that each
+implementation runs through.
 
-A subclass supplies the fixtures named in its base's docstring, devices neither open nor started; its module imports the base
-class by name, which pytest does not collect because it does not begin with Test.
+A subclass supplies the fixtures named in its base's docstring, devices neither open nor started;
+its module imports the base class by name, which pytest does not collect because it does not begin
+with Test.
 """
 
 import numpy as np
@@ -77,7 +79,9 @@ class ForceSourceContract:
 
 
 class CameraContract:
-    """Fixtures `camera`, `run_until(sample)`, which starts the clock and lets it pass up to there, and `end_clock()`, which ends it."""
+    """Fixtures `camera`, `run_until(sample)`, which starts the clock and lets it pass up to there,
+    and `end_clock()`, which ends it.
+    """
 
     def test_it_is_a_camera(self, camera):
         assert isinstance(camera, Camera)
@@ -128,7 +132,9 @@ class CameraContract:
             camera.read(0.01)
         camera.close()
 
-    def test_what_was_exposed_when_the_clock_ended_can_still_be_read(self, camera, run_until, end_clock):
+    def test_what_was_exposed_when_the_clock_ended_can_still_be_read(
+        self, camera, run_until, end_clock
+    ):
         camera.open()
         camera.start(TRAIN)
         run_until(TRAIN.sample(1) + camera.exposure_samples)
@@ -165,7 +171,9 @@ class CameraContract:
 
 
 class ActuatorContract:
-    """Fixtures `actuator`, free to move both ways, and `pass_time(seconds)`: lets that much of its own time pass."""
+    """Fixtures `actuator`, free to move both ways, and `pass_time(seconds)`: lets that much of its
+    own time pass.
+    """
 
     def test_it_is_an_actuator(self, actuator):
         assert isinstance(actuator, Actuator)

@@ -68,8 +68,14 @@ def _values(rng: random.Random) -> bytes:
             tables[line] = []
         elif line and not line.startswith("#"):
             tables[list(tables)[-1]].append(line.partition(" = ")[0])
-    chosen = rng.sample([(table, name) for table, names in tables.items() for name in names], rng.choice([1, 1, 2, 3, 10]))
-    texts = {table: [f"{name} = {rng.choice(VALUES)}" for at, name in chosen if at == table] for table in tables}
+    chosen = rng.sample(
+        [(table, name) for table, names in tables.items() for name in names],
+        rng.choice([1, 1, 2, 3, 10]),
+    )
+    texts = {
+        table: [f"{name} = {rng.choice(VALUES)}" for at, name in chosen if at == table]
+        for table in tables
+    }
     return "\n".join("\n".join([table, *lines]) for table, lines in texts.items() if lines).encode()
 
 
@@ -77,7 +83,9 @@ def _lines(rng: random.Random) -> bytes:
     lines = default_toml().splitlines()
     for _ in range(rng.randint(1, 5)):
         a, b = rng.randrange(len(lines)), rng.randrange(len(lines))
-        lines[a] = rng.choice([lines[b], lines[a][: rng.randrange(1 + len(lines[a]))], lines[a] + lines[b], ""])
+        lines[a] = rng.choice(
+            [lines[b], lines[a][: rng.randrange(1 + len(lines[a]))], lines[a] + lines[b], ""]
+        )
     return "\n".join(lines).encode()
 
 
@@ -95,7 +103,13 @@ def _random_bytes(rng: random.Random) -> bytes:
 
 def _nested(rng: random.Random) -> bytes:
     depth = rng.choice([3, 200, 2000, 100_000])
-    text = rng.choice([f"a = {'[' * depth}{']' * depth}", f"a = {'{a=' * depth}1{'}' * depth}", f"[{'.'.join('a' * depth)}]"])
+    text = rng.choice(
+        [
+            f"a = {'[' * depth}{']' * depth}",
+            f"a = {'{a=' * depth}1{'}' * depth}",
+            f"[{'.'.join('a' * depth)}]",
+        ]
+    )
     return f"{rng.choice(['', '[run]', '[forces]'])}\n{text}\n".encode()
 
 

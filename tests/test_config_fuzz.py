@@ -25,7 +25,11 @@ def toml(value: object) -> str:
         return str(value).lower()
     if isinstance(value, list):
         return f"[{', '.join(toml(part) for part in value)}]"
-    return '"' + "".join(f"\\U{ord(c):08x}" for c in value) + '"' if isinstance(value, str) else repr(value)
+    return (
+        '"' + "".join(f"\\U{ord(c):08x}" for c in value) + '"'
+        if isinstance(value, str)
+        else repr(value)
+    )
 
 
 def read_or_refused(path: Path, overrides: list[str]) -> Config | None:
@@ -51,7 +55,9 @@ def test_any_value_of_an_option(tmp_path: Path, found: dict[str, object]) -> Non
         path.write_text("\n".join(texts), encoding="utf-8")
         for key in found:
             table, _, name = key.partition(".")
-            assert isinstance(getattr(getattr(from_file, table), name), bool | int | float | str | tuple)
+            assert isinstance(
+                getattr(getattr(from_file, table), name), bool | int | float | str | tuple
+            )
 
 
 @pytest.mark.parametrize("seed", range(60))

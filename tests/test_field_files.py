@@ -30,7 +30,12 @@ def write_table(path: Path, header: str, *, rows=None, order=1) -> Path:
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_table_in_pixels_in_any_order(tmp_path: Path, order: int) -> None:
-    path = write_table(tmp_path / "t.csv", "frame,x_px,y_px,ux_px,ux_std_px", order=order, rows=lambda f, j, i: (j, i) != (1, 2))
+    path = write_table(
+        tmp_path / "t.csv",
+        "frame,x_px,y_px,ux_px,ux_std_px",
+        order=order,
+        rows=lambda f, j, i: (j, i) != (1, 2),
+    )
     found = read_fields(path, 2e-6)
     np.testing.assert_allclose(found.x_m, X * 2e-6)
     np.testing.assert_allclose(found.y_m, Y * 2e-6)
@@ -82,7 +87,9 @@ def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
         ("x_px,y_px,ux_px\n" + "".join(f"{n},{n},1\n" for n in range(100)), "do not fill"),
     ],
 )
-def test_a_table_that_is_none_is_refused_in_a_sentence(tmp_path: Path, text: str, word: str) -> None:
+def test_a_table_that_is_none_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, word: str
+) -> None:
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(UserError, match=word):
         read_fields(tmp_path / "t.csv", 1e-6)

@@ -1,1 +1,3 @@
-"""The apparent contact: rigid registration, background difference, centre, radius, means over rings."""
+"""The apparent contact: rigid registration, background difference, centre, radius, means over
+rings.
+"""

@@ -1,4 +1,6 @@
-"""Apparent contact on one image: centre, radius a and profile I(r) from the difference with the free block (paper, section 2.3.1)."""
+"""Apparent contact on one image: centre, radius a and profile I(r) from the difference with the
+free block (paper, section 2.3.1).
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,14 @@ RING_PIXELS = 3000
 LEAST_RIM = 0.4  # share of the contact's rim that must be seen
 DARK_RINGS = 3  # rings in a row below background + 3 sd that end the contact
 FEWEST_MICRO_CONTACTS = 12
-LEAST_GAIN = 15.0  # by which the disc must explain the micro-contacts better than chance does, in log-likelihood
+# by which the disc must explain the micro-contacts better than chance does, in log-likelihood
+LEAST_GAIN = 15.0
 
 
 @dataclass(frozen=True, slots=True)
 class ApparentContact:
-    """The apparent contact; pixels and grey levels. NaN where it is not seen, with the reason in `notes`.
+    """The apparent contact; pixels and grey levels. NaN where it is not seen, with the reason in
+    `notes`.
 
     Attributes
     ----------
@@ -34,11 +38,13 @@ class ApparentContact:
     radius_px, radius_sd_px : float
         a, where the micro-contacts end, and its standard uncertainty.
     dark_radius_px : float
-        The paper's criterion to the letter: first of several rings in a row whose mean stays below background + 3 sd.
+        The paper's criterion to the letter: first of several rings in a row whose mean stays below
+        background + 3 sd.
     shift_px : (dx, dy)
         Rigid displacement of the block from the background to the image.
     profile_radius_px, profile_grey : ndarray, shape (n,)
-        I(r): means over rings of 3000 px of the difference, the background far from the contact taken off.
+        I(r): means over rings of 3000 px of the difference, the background far from the contact
+        taken off.
     micro_contacts : int
         How many were found.
     notes : tuple of str
@@ -56,8 +62,11 @@ class ApparentContact:
     notes: tuple[str, ...] = ()
 
 
-def apparent_contact(background: NDArray[np.generic], image: NDArray[np.generic]) -> ApparentContact:
-    """Centre, radius and profile of the apparent contact that `image` shows and `background`, the free block, does not.
+def apparent_contact(
+    background: NDArray[np.generic], image: NDArray[np.generic]
+) -> ApparentContact:
+    """Centre, radius and profile of the apparent contact that `image` shows and `background`, the
+    free block, does not.
 
     Parameters
     ----------
@@ -66,9 +75,10 @@ def apparent_contact(background: NDArray[np.generic], image: NDArray[np.generic]
 
     Notes
     -----
-    The paper takes a where the ring means I(r) reach zero. They do so where the micro-contacts end, but a threshold on
-    I(r) finds that late or early by tens of micrometres, as the last rings hold a handful of them. So a and the centre come from
-    the places of the micro-contacts (`analysis.contact.disc`), whatever the law by which they thin out; `dark_radius_px` keeps the
+    The paper takes a where the ring means I(r) reach zero. They do so where the micro-contacts end,
+    but a threshold on I(r) finds that late or early by tens of micrometres, as the last rings hold
+    a handful of them. So a and the centre come from the places of the micro-contacts
+    (`analysis.contact.disc`), whatever the law by which they thin out; `dark_radius_px` keeps the
     threshold's answer.
 
     References
@@ -84,17 +94,26 @@ def apparent_contact(background: NDArray[np.generic], image: NDArray[np.generic]
     seen = known[y.astype(int), x.astype(int)]
     x, y = x[seen], y[seen]
     if len(x) < FEWEST_MICRO_CONTACTS:
-        return _unseen(f"contact: {len(x)} micro-contacts stand out of the background, {FEWEST_MICRO_CONTACTS} are needed", shift, len(x))
+        return _unseen(
+            f"contact: {len(x)} micro-contacts stand out of the background,"
+            f" {FEWEST_MICRO_CONTACTS} are needed",
+            shift,
+            len(x),
+        )
     rows, columns = difference.shape
     disc = micro_contact_disc(x, y, (rows, columns))
     if disc.gain < LEAST_GAIN:
         return _unseen(
-            f"contact: the {len(x)} bright spots of the difference are scattered over the picture and form no disc", shift, len(x)
+            f"contact: the {len(x)} bright spots of the difference are scattered over the picture"
+            " and form no disc",
+            shift,
+            len(x),
         )
     visible = _visible_rim(disc, (rows, columns))
     if visible < LEAST_RIM:
         return _unseen(
-            f"contact: {1 - visible:.0%} of its rim lies outside the picture, so a can not be measured; use a lower force or magnification",
+            f"contact: {1 - visible:.0%} of its rim lies outside the picture, so a can not be"
+            " measured; use a lower force or magnification",
             shift,
             len(x),
         )
@@ -107,14 +126,18 @@ def apparent_contact(background: NDArray[np.generic], image: NDArray[np.generic]
 def _visible_rim(disc: Disc, shape: tuple[int, int]) -> float:
     """Share of the circle of radius a that lies in the picture."""
     angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    x, y = disc.centre_px[0] + disc.radius_px * np.cos(angle), disc.centre_px[1] + disc.radius_px * np.sin(angle)
+    x, y = (
+        disc.centre_px[0] + disc.radius_px * np.cos(angle),
+        disc.centre_px[1] + disc.radius_px * np.sin(angle),
+    )
     return float(np.mean((x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])))
 
 
 def background_difference(
     background: NDArray[np.generic], image: NDArray[np.generic], shift: tuple[float, float]
 ) -> tuple[F32, NDArray[np.bool_]]:
-    """Image minus the background moved by `shift` and scaled to its brightness, and which pixels are known; both (rows, columns).
+    """Image minus the background moved by `shift` and scaled to its brightness, and which pixels
+    are known; both (rows, columns).
 
     Pixels that the moved background does not cover are 0 and not known.
     """
@@ -151,7 +174,10 @@ def _profile(difference: F32, known: NDArray[np.bool_], disc: Disc) -> tuple[F64
     outside = radius > 1.15 * disc.radius_px
     if np.count_nonzero(outside) < 8:
         return radius, mean, np.nan
-    level, spread = float(np.median(mean[outside])), 1.4826 * float(np.median(np.abs(mean[outside] - np.median(mean[outside]))))
+    level, spread = (
+        float(np.median(mean[outside])),
+        1.4826 * float(np.median(np.abs(mean[outside] - np.median(mean[outside])))),
+    )
     mean -= level
     dark = mean < 3 * spread
     run = np.convolve(dark, np.ones(DARK_RINGS), mode="valid") == DARK_RINGS
@@ -161,4 +187,6 @@ def _profile(difference: F32, known: NDArray[np.bool_], disc: Disc) -> tuple[F64
 def _unseen(reason: str, shift: tuple[float, float], count: int = 0) -> ApparentContact:
     nothing = np.empty(0)
     nowhere = (np.nan, np.nan)
-    return ApparentContact(nowhere, nowhere, np.nan, np.nan, np.nan, shift, nothing, nothing, count, (reason,))
+    return ApparentContact(
+        nowhere, nowhere, np.nan, np.nan, np.nan, shift, nothing, nothing, count, (reason,)
+    )

@@ -15,7 +15,8 @@ ROUNDS = 8
 DRAWS = 512
 FEWEST_DRAWS = 80.0  # effective number of draws that a round keeps by flattening the likelihood
 RADIAL_NODES = 24
-LOCALISATION_PX = 0.5  # how well a micro-contact's place is known: no radius or centre is known better
+# how well a micro-contact's place is known: no radius or centre is known better
+LOCALISATION_PX = 0.5
 CHUNK = 50_000  # densities worked on at a time: they stay in the cache
 
 
@@ -23,7 +24,8 @@ CHUNK = 50_000  # densities worked on at a time: they stay in the cache
 class Disc:
     """Where micro-contacts end: density ``(1 - (r/radius)^2)^exponent``; pixels.
 
-    `gain` is the logarithm of how much better the disc explains the positions than an even scatter over the picture does.
+    `gain` is the logarithm of how much better the disc explains the positions than an even scatter
+    over the picture does.
     """
 
     centre_px: tuple[float, float]
@@ -37,9 +39,10 @@ class Disc:
 def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     """Centre and radius of the disc of micro-contacts, with standard uncertainties.
 
-    Their density is taken as ``(1 - (r/a)^2)^m`` with m between 0 and 2 unknown (0: even, 1/2: Hertz), plus stray points anywhere
-    in the picture. The result is the mean over everything that the positions allow (flat prior over centre, a and m): the largest
-    distance found is biased low, the most likely radius as well, this mean is not.
+    Their density is taken as ``(1 - (r/a)^2)^m`` with m between 0 and 2 unknown (0: even, 1/2:
+    Hertz), plus stray points anywhere in the picture. The result is the mean over everything that
+    the positions allow (flat prior over centre, a and m): the largest distance found is biased low,
+    the most likely radius as well, this mean is not.
 
     Parameters
     ----------
@@ -50,8 +53,9 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
 
     Notes
     -----
-    Importance sampling on a fixed low-discrepancy set: the same positions give the same bits. Each round draws around what the previous one
-    found; the likelihood is flattened until enough draws count, and no longer in the last.
+    Importance sampling on a fixed low-discrepancy set: the same positions give the same bits. Each
+    round draws around what the previous one found; the likelihood is flattened until enough draws
+    count, and no longer in the last.
     """
     area = float(shape[0] * shape[1])
     middle = np.array([np.median(x), np.median(y)])
@@ -65,23 +69,36 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
         normal = ndtri(_even_points(turn))
         draws = centre + normal @ np.linalg.cholesky(spread).T
         level = _log_likelihood(draws, x, y, shape, stray)
-        weight = _weights(level, 0.5 * (normal**2).sum(axis=1), FEWEST_DRAWS if turn < ROUNDS - 1 else 0.0)
+        weight = _weights(
+            level, 0.5 * (normal**2).sum(axis=1), FEWEST_DRAWS if turn < ROUNDS - 1 else 0.0
+        )
         centre = weight @ draws
         covariance = np.cov(draws.T, aweights=weight, ddof=0)
         spread = 1.5 * covariance + np.diag([0.05, 0.05, 0.05, 1e-4])
     sd = np.sqrt(np.diag(covariance) + LOCALISATION_PX**2)
     gain = float(level.max() + len(x) * np.log(area))
-    return Disc((float(centre[0]), float(centre[1])), (float(sd[0]), float(sd[1])), float(centre[2]), float(sd[2]), float(centre[3]), gain)
+    return Disc(
+        (float(centre[0]), float(centre[1])),
+        (float(sd[0]), float(sd[1])),
+        float(centre[2]),
+        float(sd[2]),
+        float(centre[3]),
+        gain,
+    )
 
 
 def _stray_share(r: F64, limit: float, area: float) -> float:
-    """Share of the points that belong to no contact, from those beyond `limit`; at least half a point."""
+    """Share of the points that belong to no contact, from those beyond `limit`; at least half a
+    point.
+    """
     outside = max(area - np.pi * limit**2, 0.1 * area)
     return float(min(max(0.5, np.count_nonzero(r > limit) * area / outside) / len(r), 0.9))
 
 
 def _even_points(turn: int) -> F64:
-    """Points that fill the unit cube of four dimensions evenly, shape (DRAWS, 4): additive recurrence of the generalised golden ratio."""
+    """Points that fill the unit cube of four dimensions evenly, shape (DRAWS, 4): additive
+    recurrence of the generalised golden ratio.
+    """
     golden = 1.1673039782614187  # root of x^5 = x + 1
     index = np.arange(1, DRAWS + 1)[:, None] + turn * DRAWS
     return np.asarray((0.5 + index * golden ** -np.arange(1.0, 5.0)) % 1.0)
@@ -96,7 +113,8 @@ def _log_likelihood(draws: F64, x: F64, y: F64, shape: tuple[int, int], stray: f
         x0, y0, a, m = (column[:, None] for column in draws[rows].T)
         scale = (1 - stray) * (m + 1) / (np.pi * a**2) / _visible_share(x0, y0, a, m, shape)
         inside = 1 - ((x - x0) ** 2 + (y - y0) ** 2) / a**2
-        # exp(m log) is several times faster than a power; the floor keeps the logarithm finite where the result is not used
+        # exp(m log) is several times faster than a power; the floor keeps the logarithm finite
+        # where the result is not used
         density = np.exp(m * np.log(np.maximum(inside, 1e-12)) + np.log(scale))
         density[inside <= 0] = 0
         level[rows] = np.log(density + stray / (shape[0] * shape[1])).sum(axis=1)
@@ -110,7 +128,9 @@ def _visible_share(x0: F64, y0: F64, a: F64, m: F64, shape: tuple[int, int]) -> 
         return np.ones_like(a)
     part = (np.arange(RADIAL_NODES) + 0.5) / RADIAL_NODES
     r = a * np.sqrt(1 - (1 - part) ** (1 / (m + 1)))
-    left, right, top, bottom = np.moveaxis(np.arccos(np.clip(sides[:, :, None] / r[:, None, :], -1, 1)), 1, 0)
+    left, right, top, bottom = np.moveaxis(
+        np.arccos(np.clip(sides[:, :, None] / r[:, None, :], -1, 1)), 1, 0
+    )
     hidden = 2 * (left + right + top + bottom)
     # beyond a corner two sides hide the same arc
     for corner in (left + top, left + bottom, right + top, right + bottom):
@@ -119,7 +139,9 @@ def _visible_share(x0: F64, y0: F64, a: F64, m: F64, shape: tuple[int, int]) -> 
 
 
 def _weights(level: F64, correction: F64, fewest: float) -> F64:
-    """Normalised weights of the draws; the likelihood is flattened until at least `fewest` of them count."""
+    """Normalised weights of the draws; the likelihood is flattened until at least `fewest` of them
+    count.
+    """
     power = 1.0
     while True:
         logarithm = power * (level + correction)

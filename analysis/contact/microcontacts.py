@@ -9,17 +9,24 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-SPOT_PX = 1.2  # standard deviation of the matched filter; a micro-contact is about as wide as the resolution of the optics
+# standard deviation of the matched filter; a micro-contact is about as wide as the resolution of
+# the optics
+SPOT_PX = 1.2
 LIGHT_PX = 61  # side of the box whose mean is taken for slow light
-SIGNIFICANT = 6.0  # standard deviations of the filtered noise: less than one false spot in 1600x1200
+# standard deviations of the filtered noise: less than one false spot in 1600x1200
+SIGNIFICANT = 6.0
 
 
 def micro_contacts(difference: F32) -> tuple[F64, F64]:
-    """Positions x, y (px) of the local maxima of a background difference that stand out of its noise; both of shape (n,).
+    """Positions x, y (px) of the local maxima of a background difference that stand out of its
+    noise; both of shape (n,).
 
-    The noise is that of the picture's rim, where the block is free, so that a large contact does not raise its own threshold.
+    The noise is that of the picture's rim, where the block is free, so that a large contact does
+    not raise its own threshold.
     """
-    filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - cv2.blur(difference, (LIGHT_PX, LIGHT_PX))
+    filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - cv2.blur(
+        difference, (LIGHT_PX, LIGHT_PX)
+    )
     threshold = SIGNIFICANT * _rim_noise(filtered)
     highest = cv2.dilate(filtered, np.ones((5, 5), np.uint8))
     y, x = np.nonzero((filtered >= highest) & (filtered > threshold))
@@ -28,8 +35,12 @@ def micro_contacts(difference: F32) -> tuple[F64, F64]:
 
 
 def _rim_noise(filtered: F32) -> float:
-    """Standard deviation of the noise, from the median absolute value along the four sides: a contact that touches one hardly raises it."""
+    """Standard deviation of the noise, from the median absolute value along the four sides: a
+    contact that touches one hardly raises it.
+    """
     rows, columns = filtered.shape
     band = max(8, min(rows, columns) // 10)
     sides = (filtered[:band], filtered[-band:], filtered[:, :band], filtered[:, -band:])
-    return 1.4826 * float(np.median(np.abs(np.concatenate([side[::2, ::2].ravel() for side in sides]))))
+    return 1.4826 * float(
+        np.median(np.abs(np.concatenate([side[::2, ::2].ravel() for side in sides])))
+    )

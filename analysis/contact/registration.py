@@ -1,4 +1,6 @@
-"""Rigid displacement of the block between two images, sub-pixel, from the part of the picture that the contact leaves alone."""
+"""Rigid displacement of the block between two images, sub-pixel, from the part of the picture that
+the contact leaves alone.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +26,9 @@ class NotRegistered(ValueError):
 def rigid_shift(background: NDArray[np.generic], image: NDArray[np.generic]) -> tuple[float, float]:
     """Displacement (dx, dy) in pixels of the block from `background` to `image`.
 
-    Whole pixels come from the phase correlation of the whole pictures. Tiles along the rim are then followed one by one, by zero-
-    mean normalised correlation and least squares; the median over the tiles that found their speckle is immune to a contact that
-    covers some of them.
+    Whole pixels come from the phase correlation of the whole pictures. Tiles along the rim are then
+    followed one by one, by zero- mean normalised correlation and least squares; the median over the
+    tiles that found their speckle is immune to a contact that covers some of them.
 
     Parameters
     ----------
@@ -50,14 +52,18 @@ def rigid_shift(background: NDArray[np.generic], image: NDArray[np.generic]) -> 
     Prevost et al. 2013, section 2.3.1 (note on the rigid displacement of the block).
     """
     if background.shape != image.shape or background.ndim != 2:
-        raise ValueError(f"registration: two grey images of one shape are needed, found {background.shape} and {image.shape}")
+        raise ValueError(
+            f"registration: two grey images of one shape are needed, found {background.shape} and"
+            f" {image.shape}"
+        )
     first, second = _flattened(background), _flattened(image)
     coarse = _coarse_shift(first, second)
     tiles = [_tile_shift(first, second, *corner, coarse) for corner in _rim(background.shape)]
     found = [shift for shift in tiles if shift is not None]
     if len(found) < 3:
         raise NotRegistered(
-            f"registration: {len(found)} tiles of the background are found in the image within {LARGEST_SHIFT_PX} px, 3 are needed; "
+            f"registration: {len(found)} tiles of the background are found in the image within"
+            f" {LARGEST_SHIFT_PX} px, 3 are needed; "
             "take the background on the same spot and with the same light"
         )
     dx, dy = np.median(found, axis=0)
@@ -65,7 +71,9 @@ def rigid_shift(background: NDArray[np.generic], image: NDArray[np.generic]) -> 
 
 
 def shifted(image: NDArray[np.generic], dx: float, dy: float) -> F32:
-    """The image moved by (dx, dy) px: Blackman-windowed sinc of 10 taps; NaN-free, edge pixels are repeated beyond the border."""
+    """The image moved by (dx, dy) px: Blackman-windowed sinc of 10 taps; NaN-free, edge pixels are
+    repeated beyond the border.
+    """
     ix, iy = round(dx), round(dy)
     moved = np.asarray(image, dtype=np.float32)
     if ix or iy:
@@ -73,14 +81,22 @@ def shifted(image: NDArray[np.generic], dx: float, dy: float) -> F32:
         padded = cv2.copyMakeBorder(moved, pad, pad, pad, pad, cv2.BORDER_REPLICATE)
         rows, columns = moved.shape
         moved = padded[pad - iy : pad - iy + rows, pad - ix : pad - ix + columns]
-    return np.asarray(cv2.sepFilter2D(moved, cv2.CV_32F, _taps(dx - ix), _taps(dy - iy), borderType=cv2.BORDER_REPLICATE))
+    return np.asarray(
+        cv2.sepFilter2D(
+            moved, cv2.CV_32F, _taps(dx - ix), _taps(dy - iy), borderType=cv2.BORDER_REPLICATE
+        )
+    )
 
 
 def _taps(fraction: float) -> F64:
     """Correlation kernel that moves a signal by `fraction` of a pixel; unit sum."""
     # sample at x - fraction: tap k weighs the pixel x + k
     distance = np.arange(-SINC_HALF, SINC_HALF + 1) + fraction
-    window = 0.42 + 0.5 * np.cos(np.pi * distance / (SINC_HALF + 1)) + 0.08 * np.cos(2 * np.pi * distance / (SINC_HALF + 1))
+    window = (
+        0.42
+        + 0.5 * np.cos(np.pi * distance / (SINC_HALF + 1))
+        + 0.08 * np.cos(2 * np.pi * distance / (SINC_HALF + 1))
+    )
     taps = np.sinc(distance) * window
     return np.asarray(taps / taps.sum())
 
@@ -92,25 +108,39 @@ def _flattened(image: NDArray[np.generic]) -> F32:
 
 
 def _rim(shape: tuple[int, ...]) -> list[tuple[int, int, int]]:
-    """Corner (x, y) and side of the tiles along the rim, each with room for the search where the picture is large enough."""
+    """Corner (x, y) and side of the tiles along the rim, each with room for the search where the
+    picture is large enough.
+    """
     rows, columns = shape
     side = min(TILE_PX, rows // 3, columns // 3)
     room = min(LARGEST_SHIFT_PX, (min(rows, columns) - side) // 4)
     nx, ny = BORDER_TILES
     xs = np.linspace(room, columns - room - side, nx).round().astype(int)
     ys = np.linspace(room, rows - room - side, ny).round().astype(int)
-    return [(int(x), int(y), side) for j, y in enumerate(ys) for i, x in enumerate(xs) if i in (0, nx - 1) or j in (0, ny - 1)]
+    return [
+        (int(x), int(y), side)
+        for j, y in enumerate(ys)
+        for i, x in enumerate(xs)
+        if i in (0, nx - 1) or j in (0, ny - 1)
+    ]
 
 
 def _coarse_shift(first: F32, second: F32) -> tuple[int, int]:
-    """Whole-pixel displacement, good to about 2 px, by phase correlation of the whole pictures at half size."""
-    halves = [cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for image in (first, second)]
+    """Whole-pixel displacement, good to about 2 px, by phase correlation of the whole pictures at
+    half size.
+    """
+    halves = [
+        cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        for image in (first, second)
+    ]
     window = cv2.createHanningWindow(halves[0].shape[::-1], cv2.CV_32F)
     (dx, dy), _ = cv2.phaseCorrelate(halves[0], halves[1], window)
     return round(2 * dx), round(2 * dy)
 
 
-def _tile_shift(first: F32, second: F32, x: int, y: int, side: int, coarse: tuple[int, int]) -> tuple[float, float] | None:
+def _tile_shift(
+    first: F32, second: F32, x: int, y: int, side: int, coarse: tuple[int, int]
+) -> tuple[float, float] | None:
     """Displacement of one tile of `first`, None where its speckle is not found in `second`."""
     rows, columns = second.shape
     left, top = x + coarse[0] - SEARCH_PX, y + coarse[1] - SEARCH_PX
@@ -118,14 +148,18 @@ def _tile_shift(first: F32, second: F32, x: int, y: int, side: int, coarse: tupl
     tile = np.ascontiguousarray(first[y : y + side, x : x + side])
     if min(left, top) < 0 or right > columns or bottom > rows or not tile.std() > 0:
         return None
-    score = cv2.matchTemplate(np.ascontiguousarray(second[top:bottom, left:right]), tile, cv2.TM_CCOEFF_NORMED)
+    score = cv2.matchTemplate(
+        np.ascontiguousarray(second[top:bottom, left:right]), tile, cv2.TM_CCOEFF_NORMED
+    )
     _, best, _, (px, py) = cv2.minMaxLoc(score)
     if best < LEAST_CORRELATION:
         return None
     return _refined(first, second, x, y, side, left + px - x, top + py - y)
 
 
-def _refined(first: F32, second: F32, x: int, y: int, side: int, dx: float, dy: float) -> tuple[float, float] | None:
+def _refined(
+    first: F32, second: F32, x: int, y: int, side: int, dx: float, dy: float
+) -> tuple[float, float] | None:
     """Least squares of zero-mean, unit-variance tiles by Gauss-Newton, from a whole-pixel start."""
     margin = SINC_HALF + 1
     rows, columns = second.shape
@@ -137,10 +171,17 @@ def _refined(first: F32, second: F32, x: int, y: int, side: int, dx: float, dy: 
     for _ in range(8):
         ix, iy = round(dx), round(dy)
         top, left = y + iy - margin, x + ix - margin
-        if top < 0 or left < 0 or top + side + 2 * margin > rows or left + side + 2 * margin > columns:
+        if (
+            top < 0
+            or left < 0
+            or top + side + 2 * margin > rows
+            or left + side + 2 * margin > columns
+        ):
             return None
         piece = second[top : top + side + 2 * margin, left : left + side + 2 * margin]
-        moved = shifted(piece, ix - dx, iy - dy)[margin + 1 : margin + side - 1, margin + 1 : margin + side - 1].astype(np.float64)
+        moved = shifted(piece, ix - dx, iy - dy)[
+            margin + 1 : margin + side - 1, margin + 1 : margin + side - 1
+        ].astype(np.float64)
         moved -= moved.mean()
         error = moved * (_sum(moved, tile) / _sum(moved, moved)) - tile
         step = np.linalg.solve(hessian, [_sum(gx, error), _sum(gy, error)])
@@ -153,5 +194,8 @@ def _refined(first: F32, second: F32, x: int, y: int, side: int, dx: float, dy: 
 
 
 def _sum(a: F64, b: F64) -> float:
-    """Sum of products. Not BLAS: its threads cost ten times the work on tiles of this size when other threads are busy."""
+    """Sum of products.
+
+    Not BLAS: its threads cost ten times the work on tiles of this size when other threads are busy.
+    """
     return float(np.einsum("ij,ij->", a, b))

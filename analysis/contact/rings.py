@@ -1,4 +1,6 @@
-"""Means over the azimuth: u_x(r) and other profiles about the contact's centre (paper, Figs 3, 7 and 11 to 13)."""
+"""Means over the azimuth: u_x(r) and other profiles about the contact's centre (paper, Figs 3, 7
+and 11 to 13).
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ F64 = NDArray[np.float64]
 
 FEWEST = 12  # points of a ring whose mean comes from a fit; with fewer it is the plain mean
 CENTRAL_RINGS = 4
-OUTLIER_MAD = 5.0  # a point this many median absolute deviations (scaled to a standard deviation) from its ring is left out
+# a point this many median absolute deviations (scaled to a standard deviation) from its ring is
+# left out
+OUTLIER_MAD = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,27 +39,36 @@ class Rings:
     count: NDArray[np.int64]
 
 
-def ring_means(r: ArrayLike, values: ArrayLike, width: float, r_max: float | None = None, *, theta: ArrayLike | None = None) -> Rings:
+def ring_means(
+    r: ArrayLike,
+    values: ArrayLike,
+    width: float,
+    r_max: float | None = None,
+    *,
+    theta: ArrayLike | None = None,
+) -> Rings:
     """Azimuthal mean of a field in rings of a given width about r = 0, and its standard error.
 
     Parameters
     ----------
     r, values : array_like, any common shape
-        Distance from the centre and value of each grid point; points where either is NaN are ignored.
+        Distance from the centre and value of each grid point; points where either is NaN are
+        ignored.
     width : float
         Width of a ring, in the units of `r`.
     r_max : float, optional
         No ring reaches beyond; default: up to the farthest point.
     theta : array_like, optional
-        Azimuth of each point. With it the mean is that of the fit ``mean + slope (r - radius) + first and second harmonics of
-        theta`` in each ring: a grid samples a ring unevenly, and the cos 2 theta of a sheared contact (u_x of a Hertz-like
-        traction) would leak into the mean and swell its standard error.
+        Azimuth of each point. With it the mean is that of the fit ``mean + slope (r - radius) +
+        first and second harmonics of theta`` in each ring: a grid samples a ring unevenly, and the
+        cos 2 theta of a sheared contact (u_x of a Hertz-like traction) would leak into the mean and
+        swell its standard error.
 
     Notes
     -----
-    Points further than five scaled median absolute deviations from their ring's median (or fit) are left out. The standard error counts
-    points as independent; boxes that overlap share noise, so that it is too small by up to the square root of the number of
-    boxes on one place.
+    Points further than five scaled median absolute deviations from their ring's median (or fit) are
+    left out. The standard error counts points as independent; boxes that overlap share noise, so
+    that it is too small by up to the square root of the number of boxes on one place.
     """
     if not width > 0:
         raise ValueError(f"rings: a width of {width} was asked; it must be positive")
@@ -77,9 +90,11 @@ def ring_means(r: ArrayLike, values: ArrayLike, width: float, r_max: float | Non
 
 
 def central_value(r: ArrayLike, values: ArrayLike, radius: float) -> float:
-    """Value of a field at the centre: of the parabola ``u0 + k r^2`` through its means over the rings within `radius`, outliers left out.
+    """Value of a field at the centre: of the parabola ``u0 + k r^2`` through its means over the
+    rings within `radius`, outliers left out.
 
-    A plain mean over the disc would be off by half of what the field bends over it. NaN where there are too few points.
+    A plain mean over the disc would be off by half of what the field bends over it. NaN where there
+    are too few points.
     """
     if not radius > 0:
         return float("nan")
@@ -116,8 +131,12 @@ def _ring_median(values: F64, ring: NDArray[np.int64], n: int) -> F64:
 
 
 @njit(cache=True, nogil=True)
-def _normal_equations(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tuple[F64, F64]:
-    """Sums over each ring of the products of the columns, shape (n, k, k), and of the columns with the values, shape (n, k)."""
+def _normal_equations(
+    columns: F64, values: F64, ring: NDArray[np.int64], n: int
+) -> tuple[F64, F64]:
+    """Sums over each ring of the products of the columns, shape (n, k, k), and of the columns with
+    the values, shape (n, k).
+    """
     size = columns.shape[1]
     normal, right = np.zeros((n, size, size)), np.zeros((n, size))
     for p in range(values.size):
@@ -143,7 +162,9 @@ def _radii(r: F64, ring: NDArray[np.int64], n: int, width: float) -> tuple[NDArr
     """Number of points of each ring and their mean radius."""
     count = np.bincount(ring, minlength=n)
     middle = (np.arange(n) + 0.5) * width
-    return count, np.where(count > 0, np.bincount(ring, r, minlength=n) / np.maximum(count, 1), middle)
+    return count, np.where(
+        count > 0, np.bincount(ring, r, minlength=n) / np.maximum(count, 1), middle
+    )
 
 
 def _plain_means(r: F64, values: F64, ring: NDArray[np.int64], n: int, width: float) -> Rings:
@@ -156,15 +177,21 @@ def _plain_means(r: F64, values: F64, ring: NDArray[np.int64], n: int, width: fl
 
 
 def _columns(offset: F64, theta: F64) -> F64:
-    """What the values of a ring may depend on, shape (points, 6): 1, distance from the ring's middle, two harmonics of the azimuth."""
+    """What the values of a ring may depend on, shape (points, 6): 1, distance from the ring's
+    middle, two harmonics of the azimuth.
+    """
     cos, sin = np.cos(theta), np.sin(theta)
-    return np.stack([np.ones_like(offset), offset, cos, sin, cos * cos - sin * sin, 2 * sin * cos], axis=1)
+    return np.stack(
+        [np.ones_like(offset), offset, cos, sin, cos * cos - sin * sin, 2 * sin * cos], axis=1
+    )
 
 
 def _ring_fits(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tuple[F64, F64]:
-    """Least squares in each ring: coefficients, shape (n, 6), and the factor from variance of a point to that of the mean, shape (n,).
+    """Least squares in each ring: coefficients, shape (n, 6), and the factor from variance of a
+    point to that of the mean, shape (n,).
 
-    NaN factor: the ring has too few points, or too small a part of the circle; its only coefficient is the plain mean.
+    NaN factor: the ring has too few points, or too small a part of the circle; its only coefficient
+    is the plain mean.
     """
     size = columns.shape[1]
     normal, sums = _normal_equations(columns, values, ring, n)
@@ -178,7 +205,9 @@ def _ring_fits(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tu
     return np.asarray(np.linalg.solve(normal, sums[:, :, None])[:, :, 0], dtype=np.float64), factor
 
 
-def _fitted_means(columns: F64, r: F64, values: F64, ring: NDArray[np.int64], n: int, width: float) -> Rings:
+def _fitted_means(
+    columns: F64, r: F64, values: F64, ring: NDArray[np.int64], n: int, width: float
+) -> Rings:
     plain = _plain_means(r, values, ring, n, width)
     coefficients, factor = _ring_fits(columns, values, ring, n)
     residual = values - np.einsum("ij,ij->i", columns, coefficients[ring])

@@ -1,8 +1,10 @@
-"""Digital image correlation: the displacement field of the interface between a reference image and the images of a run.
+"""Digital image correlation: the displacement field of the interface between a reference image and
+the images of a run.
 
 ================================  ============================================================
 paper, section 2.3.2 and Fig. 4   `DirectTracker`: direct correlation, 2D Gaussian, warm start
-beyond the paper                  `Correlation`: that, IC-GN and shared passes behind one `Tracker`; `strain`
+beyond the paper                  `Correlation`: that, IC-GN and shared passes behind one `Tracker`;
+`strain`
 ================================  ============================================================
 """
 

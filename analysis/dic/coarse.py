@@ -36,7 +36,9 @@ class CoarseSearch:
         self._levels: dict[int, DirectTracker] = {}
 
     def find(self, image: NDArray[Any]) -> F64:
-        """Displacement of every point of the grid, shape (2, ny, nx), px, right to a fraction of a pixel where it is right."""
+        """Displacement of every point of the grid, shape (2, ny, nx), px, right to a fraction of a
+        pixel where it is right.
+        """
         for factor in FACTORS:
             tracker = self._level(factor)
             if tracker is None:
@@ -50,11 +52,23 @@ class CoarseSearch:
             return np.zeros((2, *self._grid.shape))
         finer = self._level(2)
         if factor > 2 and finer is not None:
-            start = 2 * _at(tracker.grid, np.array([field.ux_px, field.uy_px], np.float64), found, finer.grid, 2 / factor)
+            start = 2 * _at(
+                tracker.grid,
+                np.array([field.ux_px, field.uy_px], np.float64),
+                found,
+                finer.grid,
+                2 / factor,
+            )
             finer.start_from(*start)
             field, tracker, factor = finer.track(_reduced(image, 2)), finer, 2
             found = field.status == 0
-        return factor * _at(tracker.grid, np.array([field.ux_px, field.uy_px], np.float64), found, self._grid, 1 / factor)
+        return factor * _at(
+            tracker.grid,
+            np.array([field.ux_px, field.uy_px], np.float64),
+            found,
+            self._grid,
+            1 / factor,
+        )
 
     def close(self) -> None:
         """End the threads. May be called twice."""
@@ -70,13 +84,20 @@ class CoarseSearch:
                 return None
             search = min(max(3, -(-self._search // factor)), 32 if factor > 1 else 16)
             self._levels[factor] = DirectTracker(
-                reduced, box, STEP if factor > 1 else self._grid.step_px, search=search, threads=self._threads, uncertainty=False
+                reduced,
+                box,
+                STEP if factor > 1 else self._grid.step_px,
+                search=search,
+                threads=self._threads,
+                uncertainty=False,
             )
         return self._levels[factor]
 
 
 def _reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
-    """The image averaged over factor x factor pixels; rows and columns that do not fill a pixel are left out."""
+    """The image averaged over factor x factor pixels; rows and columns that do not fill a pixel are
+    left out.
+    """
     if factor == 1:
         return image
     rows, columns = (size // factor for size in image.shape)
@@ -85,8 +106,18 @@ def _reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
 
 
 def _at(grid: Grid, field: F64, valid: NDArray[np.bool_], other: Grid, scale: float) -> F64:
-    """A field, shape (2, ny, nx), read linearly at the points of another grid, whose pixels are `scale` of its own wide."""
+    """A field, shape (2, ny, nx), read linearly at the points of another grid, whose pixels are
+    `scale` of its own wide.
+    """
     u = filled(field, valid)
-    x, y = ((((p + 0.5) * scale - 0.5) - q[0]) / grid.step_px for p, q in ((other.x_px, grid.x_px), (other.y_px, grid.y_px)))
+    x, y = (
+        (((p + 0.5) * scale - 0.5) - q[0]) / grid.step_px
+        for p, q in ((other.x_px, grid.x_px), (other.y_px, grid.y_px))
+    )
     map_x, map_y = (m.astype(np.float32) for m in np.meshgrid(x, y))
-    return np.stack([cv2.remap(plane, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for plane in u])
+    return np.stack(
+        [
+            cv2.remap(plane, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for plane in u
+        ]
+    )

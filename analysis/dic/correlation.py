@@ -32,10 +32,11 @@ class Correlation:
     Attributes
     ----------
     method : str
-        ``shared``: passes over the whole image, each deforming it back by a smoothed field (`analysis.dic.passes`): the
-        fastest, and the most accurate where the field is smooth on the scale of a box. ``icgn``: inverse-compositional
-        Gauss-Newton of each box for itself (`analysis.dic.icgn`). ``direct``: the paper's search for the highest correlation
-        and 2D Gaussian (`analysis.dic.direct`).
+        ``shared``: passes over the whole image, each deforming it back by a smoothed field
+        (`analysis.dic.passes`): the fastest, and the most accurate where the field is smooth on the
+        scale of a box. ``icgn``: inverse-compositional Gauss-Newton of each box for itself
+        (`analysis.dic.icgn`). ``direct``: the paper's search for the highest correlation and 2D
+        Gaussian (`analysis.dic.direct`).
     box, step : int
         Side of the correlation boxes (4 to 200) and pitch of their grid, px.
     order : int
@@ -46,15 +47,15 @@ class Correlation:
     precision : str
         ``single`` or ``double`` arithmetic (``icgn``; ``shared`` and ``direct`` know single only).
     tolerance : float or None
-        A step shorter than this is the last, px; None: 0.06 (``shared``, whose next step would be a hundred times shorter) or
-        0.001 (``icgn``).
+        A step shorter than this is the last, px; None: 0.06 (``shared``, whose next step would be a
+        hundred times shorter) or 0.001 (``icgn``).
     search : int
         Largest jump that must be found, px.
     min_correlation, min_contrast, max_saturated, full_scale, threads
         See `RefiningTracker`.
     update : str
-        When the current image becomes the reference: ``never``, ``every`` so many images, or on loss of ``quality``; see
-        `UpdatingTracker`.
+        When the current image becomes the reference: ``never``, ``every`` so many images, or on
+        loss of ``quality``; see `UpdatingTracker`.
     update_every : int
     update_below : float
         Median correlation.
@@ -90,17 +91,27 @@ class Correlation:
         _one_of("order", self.order, (0, 1, 2))
         if not 4 <= self.box <= 200 or self.step < 1:
             raise ValueError(
-                f"correlation: box {self.box} px and step {self.step} px asked; use a box of 4 to 200 px and a step of 1 px or more"
+                f"correlation: box {self.box} px and step {self.step} px asked; use a box of 4 to"
+                " 200 px and a step of 1 px or more"
             )
         if self.method != "icgn" and self.precision == "double":
-            raise ValueError(f"correlation: double precision asked of method '{self.method}'; use method 'icgn', or single precision")
+            raise ValueError(
+                f"correlation: double precision asked of method '{self.method}'; use method 'icgn',"
+                " or single precision"
+            )
         if self.tolerance is not None and not self.tolerance > 0:
             raise ValueError(f"correlation: tolerance {self.tolerance} px asked; use more than 0")
         if self.update_every < 1:
-            raise ValueError(f"correlation: an update every {self.update_every} images asked; use 1 or more")
+            raise ValueError(
+                f"correlation: an update every {self.update_every} images asked; use 1 or more"
+            )
 
     def open(
-        self, reference: NDArray[Any], *, usable: NDArray[np.bool_] | None = None, roi: tuple[int, int, int, int] | None = None
+        self,
+        reference: NDArray[Any],
+        *,
+        usable: NDArray[np.bool_] | None = None,
+        roi: tuple[int, int, int, int] | None = None,
     ) -> Tracker:
         """A tracker against `reference`; `usable` pixels and `roi` as for `RefiningTracker`.
 
@@ -112,11 +123,21 @@ class Correlation:
         if self.update == "never":
             return self._open(reference, usable, roi)
         if usable is not None:
-            raise ValueError("correlation: a mask of the first reference asked together with updates of the reference; use one of them")
+            raise ValueError(
+                "correlation: a mask of the first reference asked together with updates of the"
+                " reference; use one of them"
+            )
         every = self.update_every if self.update == "every" else None
-        return UpdatingTracker(lambda image: self._open(image, None, roi), reference, every, self.update_below)
+        return UpdatingTracker(
+            lambda image: self._open(image, None, roi), reference, every, self.update_below
+        )
 
-    def _open(self, reference: NDArray[Any], usable: NDArray[np.bool_] | None, roi: tuple[int, int, int, int] | None) -> Tracker:
+    def _open(
+        self,
+        reference: NDArray[Any],
+        usable: NDArray[np.bool_] | None,
+        roi: tuple[int, int, int, int] | None,
+    ) -> Tracker:
         common: dict[str, Any] = {
             "search": self.search,
             "min_correlation": self.min_correlation,
@@ -125,29 +146,47 @@ class Correlation:
         }
         if self.method == "direct":
             if usable is not None or roi is not None:
-                raise ValueError("correlation: a mask or region asked of method 'direct'; use method 'shared' or 'icgn'")
+                raise ValueError(
+                    "correlation: a mask or region asked of method 'direct'; use method 'shared' or"
+                    " 'icgn'"
+                )
             grid = Grid.cover((reference.shape[0], reference.shape[1]), self.box, self.step)
             coarse = CoarseSearch(np.array(reference), grid, self.search, self.threads)
-            near = min(self.search, DIRECT_SEARCH)  # further away, reduced images are searched first
+            # further away, reduced images are searched first
+            near = min(self.search, DIRECT_SEARCH)
             guess = coarse.find if self.search > near else None
-            return DirectTracker(reference, self.box, self.step, **{**common, "search": near}, first_guess=guess)
+            return DirectTracker(
+                reference, self.box, self.step, **{**common, "search": near}, first_guess=guess
+            )
         interpolant = CLASSICAL.get(self.interpolant)
         if self.method == "shared":
-            make: Any = partial(SharedPasses, interpolant=interpolant, tolerance_px=self.tolerance or 0.06)
+            make: Any = partial(
+                SharedPasses, interpolant=interpolant, tolerance_px=self.tolerance or 0.06
+            )
         else:
-            options: dict[str, Any] = {"order": self.order, "precision": self.precision, "tolerance_px": self.tolerance or 1e-3}
+            options: dict[str, Any] = {
+                "order": self.order,
+                "precision": self.precision,
+                "tolerance_px": self.tolerance or 1e-3,
+            }
             make = partial(SeparatePoints, interpolant=interpolant, **options)
         common |= {"max_saturated": self.max_saturated, "full_scale": self.full_scale}
-        return RefiningTracker(reference, self.box, self.step, make, **common, usable=usable, roi=roi)
+        return RefiningTracker(
+            reference, self.box, self.step, make, **common, usable=usable, roi=roi
+        )
 
 
 def _one_of(name: str, value: Any, known: tuple[Any, ...]) -> None:
     if value not in known:
-        raise ValueError(f"correlation: {name} '{value}' asked; use one of {', '.join(map(str, known))}")
+        raise ValueError(
+            f"correlation: {name} '{value}' asked; use one of {', '.join(map(str, known))}"
+        )
 
 
 def compile_kernels(correlation: Correlation | None = None, dtype: Any = np.uint8) -> None:
-    """Compile what a correlation of images of a type needs, or load it from the cache; takes seconds the first time on a machine."""
+    """Compile what a correlation of images of a type needs, or load it from the cache; takes
+    seconds the first time on a machine.
+    """
     rng = np.random.default_rng(0)
     images = rng.integers(0, 255, (2, 64, 64)).astype(dtype)
     settings = replace(correlation or Correlation(), box=8, step=8, search=2, update="never")

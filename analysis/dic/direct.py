@@ -1,9 +1,11 @@
-"""The paper's correlation of one box with an image, computed directly, for a row of boxes at a time.
+"""The paper's correlation of one box with an image, computed directly, for a row of boxes at a
+time.
 
-Every correlation is one dot product over contiguous memory. The box, less its mean, is laid out with a row pitch a little
-wider than itself and zeros in between; the part of the image around it is laid out with the same pitch. A displacement of
-the box is then an offset into the second array. The order of summation is the same whatever the offset, hence a
-correlation has the same bits from wherever the search came to it.
+Every correlation is one dot product over contiguous memory. The box, less its mean, is laid out
+with a row pitch a little wider than itself and zeros in between; the part of the image around it is
+laid out with the same pitch. A displacement of the box is then an offset into the second array. The
+order of summation is the same whatever the offset, hence a correlation has the same bits from
+wherever the search came to it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,11 @@ FLAT = -1.5  # ... and of a box without contrast
 LEAST_CORRELATION = 0.02  # values below are raised to this before the logarithm is taken
 
 OK, LOW_CONTRAST, OUT_OF_IMAGE = int(Status.OK), int(Status.LOW_CONTRAST), int(Status.OUT_OF_IMAGE)
-DECORRELATED, NOT_CONVERGED, MASKED = int(Status.DECORRELATED), int(Status.NOT_CONVERGED), int(Status.MASKED)
+DECORRELATED, NOT_CONVERGED, MASKED = (
+    int(Status.DECORRELATED),
+    int(Status.NOT_CONVERGED),
+    int(Status.MASKED),
+)
 
 
 class Boxes(NamedTuple):
@@ -58,10 +64,11 @@ class Scratch(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def summed_area(image: NDArray[np.float32], out: NDArray[np.float64]) -> None:
-    """Sums of grey levels and of their squares over all pixels above and to the left, shape (rows + 1, columns + 1, 2).
+    """Sums of grey levels and of their squares over all pixels above and to the left, shape (rows +
+    1, columns + 1, 2).
 
-    Exact for integer grey levels as long as the sum of squares stays below 2**53 (8 bit: any image; 16 bit: 2 million pixels
-    of full brightness; beyond, rounded to 1e-16 of the whole).
+    Exact for integer grey levels as long as the sum of squares stays below 2**53 (8 bit: any image;
+    16 bit: 2 million pixels of full brightness; beyond, rounded to 1e-16 of the whole).
     """
     rows, columns = image.shape
     out[0] = 0.0
@@ -82,15 +89,21 @@ def summed_area(image: NDArray[np.float32], out: NDArray[np.float64]) -> None:
 def box_moments(sums: NDArray[np.float64], top: int, left: int, box: int) -> tuple[float, float]:
     """Mean grey level of a box and the sum of its squared deviations from it."""
     bottom, right = top + box, left + box
-    total = (sums[bottom, right, 0] - sums[bottom, left, 0]) - (sums[top, right, 0] - sums[top, left, 0])
-    squares = (sums[bottom, right, 1] - sums[bottom, left, 1]) - (sums[top, right, 1] - sums[top, left, 1])
+    total = (sums[bottom, right, 0] - sums[bottom, left, 0]) - (
+        sums[top, right, 0] - sums[top, left, 0]
+    )
+    squares = (sums[bottom, right, 1] - sums[bottom, left, 1]) - (
+        sums[top, right, 1] - sums[top, left, 1]
+    )
     mean = total / (box * box)
     return mean, max(0.0, squares - total * mean)
 
 
 # Re-ordering within a sum lets the compiler use the vector unit; the order is fixed once compiled.
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def five_products(template: NDArray[np.float32], window: NDArray[np.float32], at: int, out: NDArray[np.float64]) -> None:
+def five_products(
+    template: NDArray[np.float32], window: NDArray[np.float32], at: int, out: NDArray[np.float64]
+) -> None:
     """Sum of template x window for five neighbouring offsets into the window, the first one `at`."""
     n = template.size
     w0, w1, w2 = window[at : at + n], window[at + 1 : at + 1 + n], window[at + 2 : at + 2 + n]
@@ -107,8 +120,12 @@ def five_products(template: NDArray[np.float32], window: NDArray[np.float32], at
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def normalise(scores: NDArray[np.float64], deviations: NDArray[np.float64], reference: float, least: float) -> None:
-    """Turn product sums into correlations, given the squared deviations of box and image; negative ones mean outside."""
+def normalise(
+    scores: NDArray[np.float64], deviations: NDArray[np.float64], reference: float, least: float
+) -> None:
+    """Turn product sums into correlations, given the squared deviations of box and image; negative
+    ones mean outside.
+    """
     for k in range(scores.size):
         found = deviations[k]
         value = scores[k] / math.sqrt(reference * max(found, 1e-9))
@@ -121,14 +138,29 @@ def scratch(box: int, radius: int) -> Scratch:
     pitch = (box + 2 * REACH + 7) // 8 * 8
     rows = 2 * max(radius, REACH) + 1
     window = np.zeros((rows + box - 1) * pitch + WIDTH, np.float32)
-    return Scratch(pitch, np.zeros(box * pitch, np.float32), window, np.empty((rows, WIDTH)), np.empty((rows, WIDTH)))
+    return Scratch(
+        pitch,
+        np.zeros(box * pitch, np.float32),
+        window,
+        np.empty((rows, WIDTH)),
+        np.empty((rows, WIDTH)),
+    )
 
 
 @njit(cache=True, nogil=True)
 def load(
-    image: NDArray[np.float32], top: int, left: int, rows: int, columns: int, mean: float, pitch: int, out: NDArray[np.float32]
+    image: NDArray[np.float32],
+    top: int,
+    left: int,
+    rows: int,
+    columns: int,
+    mean: float,
+    pitch: int,
+    out: NDArray[np.float32],
 ) -> None:
-    """Copy a rectangle of the image, less `mean`, to rows of length `pitch`; `out` stays as it was where there is no image."""
+    """Copy a rectangle of the image, less `mean`, to rows of length `pitch`; `out` stays as it was
+    where there is no image.
+    """
     level = np.float32(mean)
     first, last = max(0, -left), min(columns, image.shape[1] - left)
     for i in range(max(0, -top), min(rows, image.shape[0] - top)):
@@ -140,10 +172,14 @@ def load(
 
 
 @njit(cache=True, nogil=True)
-def correlate(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, top: int, left: int, rows: int) -> NDArray[np.float64]:
-    """Zero-mean normalised cross-correlations of box (i, j) at displaced places, OUTSIDE or FLAT where there is none.
+def correlate(
+    boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, top: int, left: int, rows: int
+) -> NDArray[np.float64]:
+    """Zero-mean normalised cross-correlations of box (i, j) at displaced places, OUTSIDE or FLAT
+    where there is none.
 
-    The first of the places is (top, left). The answer, shape (rows, 5), is a view of the working memory.
+    The first of the places is (top, left). The answer, shape (rows, 5), is a view of the working
+    memory.
     """
     box, scores, deviations = boxes.box, memory.scores[:rows], memory.deviations[:rows]
     sums, template, window, pitch = target.sums, memory.template, memory.window, memory.pitch
@@ -156,7 +192,9 @@ def correlate(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, top
             x = left + m
             is_inside = y >= 0 and x >= 0 and y + box <= image_rows and x + box <= image_columns
             deviations[k, m] = box_moments(sums, y, x, box)[1] if is_inside else -1.0
-    normalise(scores.reshape(-1), deviations.reshape(-1), boxes.deviations[i, j], boxes.least_deviations)
+    normalise(
+        scores.reshape(-1), deviations.reshape(-1), boxes.deviations[i, j], boxes.least_deviations
+    )
     return scores
 
 
@@ -173,10 +211,11 @@ def highest(scores: NDArray[np.float64]) -> tuple[int, int]:
 
 @njit(cache=True, nogil=True)
 def gaussian_peak(c: NDArray[np.float64]) -> tuple[float, float, bool]:
-    """Offset (x, y) from the middle of nine correlations, shape (3, 3), to the top of their 2D Gaussian; whether there is one.
+    """Offset (x, y) from the middle of nine correlations, shape (3, 3), to the top of their 2D
+    Gaussian; whether there is one.
 
-    Least squares on the logarithm: ``ln C = a + b x + c y + d x^2 + e x y + f y^2``. Correlations below
-    LEAST_CORRELATION are raised to it: they have no logarithm, and they lie far from the top.
+    Least squares on the logarithm: ``ln C = a + b x + c y + d x^2 + e x y + f y^2``. Correlations
+    below LEAST_CORRELATION are raised to it: they have no logarithm, and they lie far from the top.
     """
     bx, by, dxx, dxy, dyy = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(3):
@@ -196,11 +235,24 @@ def gaussian_peak(c: NDArray[np.float64]) -> tuple[float, float, bool]:
 
 
 @njit(cache=True, nogil=True)
-def scan(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, x: int, y: int, radius: int) -> tuple[int, int]:
-    """The displacement (x, y) of highest correlation within `radius` of the given one: all of them are tried."""
+def scan(
+    boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, x: int, y: int, radius: int
+) -> tuple[int, int]:
+    """The displacement (x, y) of highest correlation within `radius` of the given one: all of them
+    are tried.
+    """
     best, best_x, best_y = OUTSIDE, x, y
     for first in range(x - radius, x + radius + 1, WIDTH):
-        scores = correlate(boxes, target, memory, i, j, boxes.top[i] + y - radius, boxes.left[j] + first, 2 * radius + 1)
+        scores = correlate(
+            boxes,
+            target,
+            memory,
+            i,
+            j,
+            boxes.top[i] + y - radius,
+            boxes.left[j] + first,
+            2 * radius + 1,
+        )
         k, m = highest(scores)
         if scores[k, m] > best:
             best, best_x, best_y = scores[k, m], first + m, y - radius + k
@@ -208,11 +260,17 @@ def scan(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, x: int, 
 
 
 @njit(cache=True, nogil=True)
-def climb(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, x: int, y: int, furthest: int) -> tuple[float, float, float, int]:
-    """Displacement (x, y), correlation and status of the peak reached uphill from the displacement (x, y)."""
+def climb(
+    boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, x: int, y: int, furthest: int
+) -> tuple[float, float, float, int]:
+    """Displacement (x, y), correlation and status of the peak reached uphill from the displacement
+    (x, y).
+    """
     start_x, start_y = x, y
     while abs(x - start_x) <= furthest and abs(y - start_y) <= furthest:
-        scores = correlate(boxes, target, memory, i, j, boxes.top[i] + y - REACH, boxes.left[j] + x - REACH, WIDTH)
+        scores = correlate(
+            boxes, target, memory, i, j, boxes.top[i] + y - REACH, boxes.left[j] + x - REACH, WIDTH
+        )
         k, m = highest(scores)
         if scores[k, m] == OUTSIDE:
             return math.nan, math.nan, math.nan, OUT_OF_IMAGE
@@ -248,7 +306,8 @@ def match_rows(
     start : ndarray, shape (2, ny, nx)
         Displacement (x, y) at which the search of each point begins.
     radius : ndarray, shape (ny, nx)
-        Negative: leave the point as it is; 0: climb from `start`; more: try every displacement within it first.
+        Negative: leave the point as it is; 0: climb from `start`; more: try every displacement
+        within it first.
     furthest : int
         How far from its start a point may climb.
     field : ndarray, shape (3, ny, nx)
@@ -259,9 +318,25 @@ def match_rows(
         for j in range(boxes.left.size):
             if radius[i, j] < 0:
                 continue
-            x, y, ux, uy, zncc, state = start[0, i, j], start[1, i, j], math.nan, math.nan, math.nan, LOW_CONTRAST
+            x, y, ux, uy, zncc, state = (
+                start[0, i, j],
+                start[1, i, j],
+                math.nan,
+                math.nan,
+                math.nan,
+                LOW_CONTRAST,
+            )
             if boxes.deviations[i, j] > boxes.least_deviations:
-                load(boxes.image, boxes.top[i], boxes.left[j], boxes.box, boxes.box, boxes.mean[i, j], memory.pitch, memory.template)
+                load(
+                    boxes.image,
+                    boxes.top[i],
+                    boxes.left[j],
+                    boxes.box,
+                    boxes.box,
+                    boxes.mean[i, j],
+                    memory.pitch,
+                    memory.template,
+                )
                 if radius[i, j] > 0:
                     x, y = scan(boxes, target, memory, i, j, x, y, radius[i, j])
                 ux, uy, zncc, state = climb(boxes, target, memory, i, j, x, y, furthest)
@@ -287,8 +362,12 @@ def grid_moments(
 
 
 @njit(cache=True, nogil=True)
-def neighbour_median(shift: NDArray[np.int32], valid: NDArray[np.bool_], least: int) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Median displacement (2, ny, nx) of the valid among a point's 8 neighbours, and where at least `least` of them are valid."""
+def neighbour_median(
+    shift: NDArray[np.int32], valid: NDArray[np.bool_], least: int
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Median displacement (2, ny, nx) of the valid among a point's 8 neighbours, and where at least
+    `least` of them are valid.
+    """
     _, ny, nx = shift.shape
     median = np.zeros_like(shift)
     found = np.zeros((ny, nx), np.bool_)
@@ -313,8 +392,12 @@ def neighbour_median(shift: NDArray[np.int32], valid: NDArray[np.bool_], least: 
 
 
 @njit(cache=True, nogil=True)
-def contradicted(field: NDArray[np.float32], status: NDArray[np.uint8], tolerance: float) -> NDArray[np.bool_]:
-    """OK points, shape (ny, nx), with neighbours that have contrast, none of which is OK and within `tolerance` px of them."""
+def contradicted(
+    field: NDArray[np.float32], status: NDArray[np.uint8], tolerance: float
+) -> NDArray[np.bool_]:
+    """OK points, shape (ny, nx), with neighbours that have contrast, none of which is OK and within
+    `tolerance` px of them.
+    """
     _, ny, nx = field.shape
     out = np.zeros((ny, nx), np.bool_)
     for i in range(ny):
@@ -325,14 +408,20 @@ def contradicted(field: NDArray[np.float32], status: NDArray[np.uint8], toleranc
 
 
 @njit(cache=True, nogil=True)
-def is_contradicted(field: NDArray[np.float32], status: NDArray[np.uint8], tolerance: float, i: int, j: int) -> bool:
+def is_contradicted(
+    field: NDArray[np.float32], status: NDArray[np.uint8], tolerance: float, i: int, j: int
+) -> bool:
     """Whether point (i, j) has neighbours that have contrast, none of which agrees with it."""
     alone = True
     for k in range(max(0, i - 1), min(field.shape[1], i + 2)):
         for m in range(max(0, j - 1), min(field.shape[2], j + 2)):
             if k == i and m == j:
                 continue
-            if status[k, m] == OK and max(abs(field[0, k, m] - field[0, i, j]), abs(field[1, k, m] - field[1, i, j])) <= tolerance:
+            if (
+                status[k, m] == OK
+                and max(abs(field[0, k, m] - field[0, i, j]), abs(field[1, k, m] - field[1, i, j]))
+                <= tolerance
+            ):
                 return False
             alone &= status[k, m] == LOW_CONTRAST or status[k, m] == MASKED
     return not alone

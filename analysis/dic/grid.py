@@ -17,8 +17,8 @@ class Grid:
     box_px, step_px : int
         Side lambda of a box and distance between neighbouring centres.
     x_px : ndarray, shape (nx,), float64
-        Centres along x. The box covers the pixels from ``x - (box - 1) / 2`` to ``x + (box - 1) / 2``, so the centre of an
-        even box lies between two pixels.
+        Centres along x. The box covers the pixels from ``x - (box - 1) / 2`` to ``x + (box - 1) /
+        2``, so the centre of an even box lies between two pixels.
     y_px : ndarray, shape (ny,), float64
         Centres along y (down).
     """
@@ -32,7 +32,8 @@ class Grid:
     def cover(cls, shape: tuple[int, int], box: int, step: int) -> Grid:
         """The largest grid in an image of `shape` (rows, columns), centred in it.
 
-        One pixel is left free all round, so that a point which has not moved has its eight neighbouring correlations.
+        One pixel is left free all round, so that a point which has not moved has its eight
+        neighbouring correlations.
 
         Raises
         ------
@@ -40,10 +41,14 @@ class Grid:
             The box or the step is not positive, or the image is too small for a single box.
         """
         if box < 2 or step < 1:
-            raise ValueError(f"grid: box {box} px and step {step} px asked; use a box of 2 px or more and a step of 1 px or more")
+            raise ValueError(
+                f"grid: box {box} px and step {step} px asked; use a box of 2 px or more and a step"
+                " of 1 px or more"
+            )
         if min(shape) < box + 2:
             raise ValueError(
-                f"grid: a box of {box} px and one pixel around it do not fit the {shape[1]} x {shape[0]} image; use a smaller box"
+                f"grid: a box of {box} px and one pixel around it do not fit the {shape[1]} x"
+                f" {shape[0]} image; use a smaller box"
             )
         y, x = (_centres(size, box, step) for size in shape)
         return cls(box, step, x, y)
@@ -64,9 +69,13 @@ class Grid:
         return np.rint(self.y_px - (self.box_px - 1) / 2).astype(np.int64)
 
     def is_inside(self, u_px: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """Whether a box displaced by u, shape (2, ny, nx), lies wholly in an image of `shape` (rows, columns)."""
+        """Whether a box displaced by u, shape (2, ny, nx), lies wholly in an image of `shape`
+        (rows, columns).
+        """
         x, y = self.left + u_px[0], self.top[:, None] + u_px[1]
-        inside: NDArray[np.bool_] = (x >= 0) & (y >= 0) & (x <= shape[1] - self.box_px) & (y <= shape[0] - self.box_px)
+        inside: NDArray[np.bool_] = (
+            (x >= 0) & (y >= 0) & (x <= shape[1] - self.box_px) & (y <= shape[0] - self.box_px)
+        )
         return inside
 
 

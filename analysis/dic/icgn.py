@@ -1,9 +1,11 @@
-"""Displacement and deformation of every correlation box by itself: inverse-compositional Gauss-Newton of order 0, 1 and 2.
+"""Displacement and deformation of every correlation box by itself: inverse-compositional
+Gauss-Newton of order 0, 1 and 2.
 
-The box of the reference is compared with the image read at its deformed places. Level and contrast of the image are free, so the
-step is a linear regression of the grey levels found there on (1, reference, steepest descents), whose normal matrix belongs to
-the reference alone. Inside, places are measured from the centre of the box in units of its half-width, so that every parameter
-is a displacement in pixels at the edge of the box.
+The box of the reference is compared with the image read at its deformed places. Level and contrast
+of the image are free, so the step is a linear regression of the grey levels found there on (1,
+reference, steepest descents), whose normal matrix belongs to the reference alone. Inside, places
+are measured from the centre of the box in units of its half-width, so that every parameter is a
+displacement in pixels at the edge of the box.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ from analysis.dic.status import Status
 F64 = NDArray[np.float64]
 
 PARAMETERS = (2, 6, 12)  # of the orders 0, 1, 2
-# Parameter k is the derivative of order POWER[k] of displacement component COMPONENT[k]; it multiplies term TERM[k] of
-# (1, x, y, x^2, x y, y^2) / FACTOR[k]; INDEX finds it by component and term.
+# Parameter k is the derivative of order POWER[k] of displacement component COMPONENT[k]; it
+# multiplies term TERM[k] of (1, x, y, x^2, x y, y^2) / FACTOR[k]; INDEX finds it by component and
+# term.
 COMPONENT = np.array([0, 1, 0, 0, 1, 1, 0, 0, 0, 1, 1, 1])
 TERM = np.array([0, 0, 1, 2, 1, 2, 3, 4, 5, 3, 4, 5])
 POWER = np.array([0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2])
@@ -34,26 +37,37 @@ FACTOR = np.array([1, 1, 1, 1, 1, 1, 2, 1, 2, 2, 1, 2])
 INDEX = np.array([[0, 2, 3, 6, 7, 8], [1, 4, 5, 9, 10, 11]])
 STEEPEST = 0.5  # a displacement gradient beyond is taken for a runaway
 SINGULAR = 1e-8  # smallest eigenvalue of a normal matrix with ones on its diagonal that counts
-FLAT = 1e-6  # variance of the image in the box, as a share of its mean square, that rounding may produce
+# variance of the image in the box, as a share of its mean square, that rounding may produce
+FLAT = 1e-6
 LEAST_BOX = 4  # px
 LEAST_SHARE = 0.5  # of a box's pixels that must be usable
 
-OK, OUT_OF_IMAGE, NOT_CONVERGED, MASKED = int(Status.OK), int(Status.OUT_OF_IMAGE), int(Status.NOT_CONVERGED), int(Status.MASKED)
+OK, OUT_OF_IMAGE, NOT_CONVERGED, MASKED = (
+    int(Status.OK),
+    int(Status.OUT_OF_IMAGE),
+    int(Status.NOT_CONVERGED),
+    int(Status.MASKED),
+)
 
 
 class Boxes(NamedTuple):
     """The reference and what its boxes need to solve for a displacement."""
 
-    planes: Real  # (4, rows, columns) usable, grey level, gradient along x, gradient along y (0 in pixels that are not usable)
+    # (4, rows, columns) usable, grey level, gradient along x, gradient along y (0 in pixels that
+    # are not usable)
+    planes: Real
     top: NDArray[np.int64]  # (ny,) first row of the boxes
     left: NDArray[np.int64]  # (nx,)
     box: int
     order: int
     pitch: int  # distance of the rows of a box in working memory
     places: Real  # (6, box * pitch): 1, x, y, x^2, x y, y^2 of each pixel
-    pixels: NDArray[np.int32]  # (2, box * pitch) column and row of each pixel; columns beyond the box stand for its last
+    # (2, box * pitch) column and row of each pixel; columns beyond the box stand for its last
+    pixels: NDArray[np.int32]
     moments: F64  # (ny, nx, 3) usable pixels, mean grey level, sum of squared deviations from it
-    inverse: F64  # (ny, nx, k + 2, k + 2) inverse of the normal matrix of (1, reference, k steepest descents); NaN: singular
+    # (ny, nx, k + 2, k + 2) inverse of the normal matrix of (1, reference, k steepest descents);
+    # NaN: singular
+    inverse: F64
 
 
 class Stops(NamedTuple):
@@ -71,12 +85,14 @@ class Result(NamedTuple):
     Attributes
     ----------
     parameters : ndarray, shape (n_parameters, ny, nx)
-        u_x, u_y (px); du_x/dx, du_x/dy, du_y/dx, du_y/dy; the second derivatives xx, xy, yy of u_x and then of u_y (1/px).
+        u_x, u_y (px); du_x/dx, du_x/dy, du_y/dx, du_y/dy; the second derivatives xx, xy, yy of u_x
+        and then of u_y (1/px).
     zncc : ndarray, shape (ny, nx)
         Zero-mean normalised cross-correlation with the deformed box, before the last step.
     iterations : ndarray, shape (ny, nx), uint8
     std : ndarray, shape (2, ny, nx)
-        Standard uncertainty of u_x and u_y (px) from the residuals of the very box, taken as independent.
+        Standard uncertainty of u_x and u_y (px) from the residuals of the very box, taken as
+        independent.
     status : ndarray, shape (ny, nx), uint8
         `Status`; all numbers are NaN where it is not OK.
     """
@@ -91,7 +107,9 @@ class Result(NamedTuple):
     def empty(cls, order: int, shape: tuple[int, int]) -> Result:
         """Arrays of NaN, status MASKED, for a grid of `shape`."""
         parameters, zncc, std = (np.full((n, *shape), np.nan) for n in (PARAMETERS[order], 1, 2))
-        return cls(parameters, zncc[0], np.zeros(shape, np.uint8), std, np.full(shape, MASKED, np.uint8))
+        return cls(
+            parameters, zncc[0], np.zeros(shape, np.uint8), std, np.full(shape, MASKED, np.uint8)
+        )
 
 
 class Scratch(NamedTuple):
@@ -107,8 +125,16 @@ class Scratch(NamedTuple):
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def grey_sums(planes: Real, g: Real, first: int, last: int, out: F64) -> None:
-    """Add products of grey levels, pixels `first` to `last` of a box, with (1, reference, gradients) and themselves."""
-    v, w, f, fx, fy = g[first:last], planes[0, first:last], planes[1, first:last], planes[2, first:last], planes[3, first:last]
+    """Add products of grey levels, pixels `first` to `last` of a box, with (1, reference,
+    gradients) and themselves.
+    """
+    v, w, f, fx, fy = (
+        g[first:last],
+        planes[0, first:last],
+        planes[1, first:last],
+        planes[2, first:last],
+        planes[3, first:last],
+    )
     s = sf = sx = sy = sg = v[0] - v[0]  # zero in the precision of the pixels
     for j in range(v.size):
         u = w[j] * v[j]
@@ -125,7 +151,9 @@ def grey_sums(planes: Real, g: Real, first: int, last: int, out: F64) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def slope_sums(planes: Real, g: Real, place: Real, first: int, last: int, out: F64, to_x: int, to_y: int) -> None:
+def slope_sums(
+    planes: Real, g: Real, place: Real, first: int, last: int, out: F64, to_x: int, to_y: int
+) -> None:
     """Add products of grey levels with both gradients times one of the terms."""
     v, fx, fy, a = g[first:last], planes[2, first:last], planes[3, first:last], place[first:last]
     sx = sy = v[0] - v[0]
@@ -139,19 +167,32 @@ def slope_sums(planes: Real, g: Real, place: Real, first: int, last: int, out: F
 
 @njit(cache=True, nogil=True)
 def add_up(memory: Scratch, places: Real, order: int) -> None:
-    """Products of the grey levels read with everything their regression needs; in double precision from chunk to chunk."""
+    """Products of the grey levels read with everything their regression needs; in double precision
+    from chunk to chunk.
+    """
     sums, n = memory.sums, memory.grey.size
     sums[:] = 0
     for first in range(0, n, CHUNK):
         last = min(first + CHUNK, n)
         grey_sums(memory.planes, memory.grey, first, last, sums)
         for term in range(1, (order + 1) * (order + 2) // 2):
-            slope_sums(memory.planes, memory.grey, places[term], first, last, sums, 2 + INDEX[0, term], 2 + INDEX[1, term])
+            slope_sums(
+                memory.planes,
+                memory.grey,
+                places[term],
+                first,
+                last,
+                sums,
+                2 + INDEX[0, term],
+                2 + INDEX[1, term],
+            )
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def cut(planes: Real, grey: Real, expected: Real) -> None:
-    """Bring grey levels that are too far from what the reference makes expect back to the largest believable distance."""
+    """Bring grey levels that are too far from what the reference makes expect back to the largest
+    believable distance.
+    """
     f, a, b, limit = planes[1], expected[0], expected[1], expected[2]
     for j in range(grey.size):
         level = a * f[j] + b
@@ -160,9 +201,12 @@ def cut(planes: Real, grey: Real, expected: Real) -> None:
 
 @njit(cache=True, nogil=True)
 def compose(p: F64, step: F64, half: float) -> None:
-    """Displace the places that `p` describes back by a small displacement: u(x) <- u(x) - (1 + grad u) step(x), to second order."""
+    """Displace the places that `p` describes back by a small displacement: u(x) <- u(x) - (1 + grad
+    u) step(x), to second order.
+    """
     for c in range(2):
-        slopes = (p[c, 1], 2 * p[c, 3], p[c, 4]), (p[c, 2], p[c, 4], 2 * p[c, 5])  # du/dx and du/dy, each linear in x and y
+        # du/dx and du/dy, each linear in x and y
+        slopes = (p[c, 1], 2 * p[c, 3], p[c, 4]), (p[c, 2], p[c, 4], 2 * p[c, 5])
         for k in range(6):
             p[c, k] -= step[c, k]
         for axis in range(2):
@@ -189,22 +233,48 @@ def load_box(boxes: Boxes, memory: Scratch, i: int, j: int) -> None:
 
 @njit(cache=True, nogil=True)
 def read_box(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, p: F64) -> bool:
-    """Read the image at the places of box (i, j) displaced by `p`; False: some pixel needed lies outside."""
+    """Read the image at the places of box (i, j) displaced by `p`; False: some pixel needed lies
+    outside.
+    """
     x, y = math.floor(p[0, 0]), math.floor(p[1, 0])
     for k in range(6):
         memory.warp[0, k], memory.warp[1, k] = p[0, k], p[1, k]
     memory.warp[0, 0], memory.warp[1, 0] = p[0, 0] - x, p[1, 0] - y
     top, left = boxes.top[i] + y, boxes.left[j] + x
     if boxes.order == 0:
-        return bool(interpolation.read_shifted(target, memory.taps, memory.warp, boxes.box, boxes.pitch, top, left, memory.grey))
+        return bool(
+            interpolation.read_shifted(
+                target, memory.taps, memory.warp, boxes.box, boxes.pitch, top, left, memory.grey
+            )
+        )
     layout = boxes.places, boxes.pixels, boxes.box, boxes.pitch
-    return bool(interpolation.read_deformed(target, memory.taps, memory.warp, *layout, top, left, memory.grey))
+    return bool(
+        interpolation.read_deformed(
+            target, memory.taps, memory.warp, *layout, top, left, memory.grey
+        )
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_box(boxes: Boxes, target: Target, memory: Scratch, stops: Stops, i: int, j: int, p: F64, step: F64, out: F64) -> tuple[int, int]:
-    """Status of one box and iterations done; `p`, shape (2, 6), is improved in place and `out` receives ZNCC and the two stds."""
-    pixels, mean, deviations = boxes.moments[i, j, 0], boxes.moments[i, j, 1], boxes.moments[i, j, 2]
+def solve_box(
+    boxes: Boxes,
+    target: Target,
+    memory: Scratch,
+    stops: Stops,
+    i: int,
+    j: int,
+    p: F64,
+    step: F64,
+    out: F64,
+) -> tuple[int, int]:
+    """Status of one box and iterations done; `p`, shape (2, 6), is improved in place and `out`
+    receives ZNCC and the two stds.
+    """
+    pixels, mean, deviations = (
+        boxes.moments[i, j, 0],
+        boxes.moments[i, j, 1],
+        boxes.moments[i, j, 2],
+    )
     inverse, sums, half, n = boxes.inverse[i, j], memory.sums, boxes.box / 2, boxes.inverse.shape[2]
     if pixels < LEAST_SHARE * boxes.box**2:
         return MASKED, 0
@@ -239,21 +309,46 @@ def solve_box(boxes: Boxes, target: Target, memory: Scratch, stops: Stops, i: in
         bend = 0.0
         for k in range(2, n - 2):
             bend = max(bend, abs(p[COMPONENT[k], TERM[k]]))
-        if not (max(abs(p[0, 0] - start_x), abs(p[1, 0] - start_y)) <= stops.furthest and bend <= STEEPEST * half):
+        if not (
+            max(abs(p[0, 0] - start_x), abs(p[1, 0] - start_y)) <= stops.furthest
+            and bend <= STEEPEST * half
+        ):
             return NOT_CONVERGED, iteration
         if length < stops.tolerance**2:
             out[0] = sums[1] / (deviations * gain)
-            out[1], out[2] = math.sqrt(variance * inverse[2, 2]) / gain, math.sqrt(variance * inverse[3, 3]) / gain
+            out[1], out[2] = (
+                math.sqrt(variance * inverse[2, 2]) / gain,
+                math.sqrt(variance * inverse[3, 3]) / gain,
+            )
             return OK, iteration
     return NOT_CONVERGED, stops.max_iterations
 
 
 @njit(cache=True, nogil=True)
-def solve_rows(boxes: Boxes, target: Target, stops: Stops, rows: tuple[int, int], start: F64, result: Result) -> None:
+def solve_rows(
+    boxes: Boxes, target: Target, stops: Stops, rows: tuple[int, int], start: F64, result: Result
+) -> None:
     """Solve the boxes in some rows of the grid; see `IcgnSolver.solve`."""
-    half, n, size, kind = boxes.box / 2, result.parameters.shape[0], boxes.box * boxes.pitch, boxes.planes.dtype
-    planes, grey, warp, expected = np.zeros((4, size), kind), np.zeros(size, kind), np.zeros((2, 6), kind), np.zeros(3, kind)
-    memory = Scratch(planes, grey, warp, expected, np.zeros(n + 3), interpolation.room(target, boxes.box, boxes.pitch))
+    half, n, size, kind = (
+        boxes.box / 2,
+        result.parameters.shape[0],
+        boxes.box * boxes.pitch,
+        boxes.planes.dtype,
+    )
+    planes, grey, warp, expected = (
+        np.zeros((4, size), kind),
+        np.zeros(size, kind),
+        np.zeros((2, 6), kind),
+        np.zeros(3, kind),
+    )
+    memory = Scratch(
+        planes,
+        grey,
+        warp,
+        expected,
+        np.zeros(n + 3),
+        interpolation.room(target, boxes.box, boxes.pitch),
+    )
     p, step, out = np.zeros((2, 6)), np.zeros((2, 6)), np.zeros(3)
     for i in range(rows[0], rows[1]):
         for j in range(boxes.left.size):
@@ -266,7 +361,9 @@ def solve_rows(boxes: Boxes, target: Target, stops: Stops, rows: tuple[int, int]
             status, iterations = solve_box(boxes, target, memory, stops, i, j, p, step, out)
             is_ok = status == OK
             for k in range(n):
-                result.parameters[k, i, j] = p[COMPONENT[k], TERM[k]] * FACTOR[k] / half ** POWER[k] if is_ok else math.nan
+                result.parameters[k, i, j] = (
+                    p[COMPONENT[k], TERM[k]] * FACTOR[k] / half ** POWER[k] if is_ok else math.nan
+                )
             result.zncc[i, j] = out[0] if is_ok else math.nan
             for axis in range(2):
                 result.std[axis, i, j] = out[1 + axis] if is_ok else math.nan
@@ -274,7 +371,8 @@ def solve_rows(boxes: Boxes, target: Target, stops: Stops, rows: tuple[int, int]
 
 
 class IcgnSolver:
-    """The displacement and deformation of each box of a grid between one reference and any number of images.
+    """The displacement and deformation of each box of a grid between one reference and any number
+    of images.
 
     Parameters
     ----------
@@ -289,7 +387,8 @@ class IcgnSolver:
     weights : ndarray of bool, shape (rows, columns), or None
         Pixels of the reference that may be used; None: all.
     precision : "single" or "double"
-        Arithmetic of the work on pixels; the normal equations are always solved in double precision.
+        Arithmetic of the work on pixels; the normal equations are always solved in double
+        precision.
     max_iterations : int
         At most 255. A point that has not come to rest after so many is NOT_CONVERGED.
     tolerance_px : float
@@ -297,8 +396,8 @@ class IcgnSolver:
     furthest_px : float
         A point that runs further from its start is NOT_CONVERGED.
     clip : float
-        Grey levels further than so many standard deviations of the box's residuals from the expected ones are brought back to
-        that distance, from the second iteration on; 0: never.
+        Grey levels further than so many standard deviations of the box's residuals from the
+        expected ones are brought back to that distance, from the second iteration on; 0: never.
 
     Attributes
     ----------
@@ -314,7 +413,8 @@ class IcgnSolver:
 
     References
     ----------
-    Pan, Li and Tong (2013), inverse-compositional Gauss-Newton on the zero-normalised criterion; Gao et al. (2015), second order.
+    Pan, Li and Tong (2013), inverse-compositional Gauss-Newton on the zero-normalised criterion;
+    Gao et al. (2015), second order.
     """
 
     def __init__(
@@ -336,21 +436,52 @@ class IcgnSolver:
         box = grid.box_px
         is_known = order in (0, 1, 2) and precision in ("single", "double")
         if not (is_known and LEAST_BOX <= box <= CHUNK and 1 <= max_iterations <= 255):
-            asked = f"order {order}, {precision} precision, a box of {box} px and {max_iterations} iterations asked"
-            raise ValueError(f"ic-gn: {asked}; use order 0 to 2, single or double, {LEAST_BOX} to {CHUNK} px and 1 to 255 iterations")
+            asked = (
+                f"order {order}, {precision} precision, a box of {box} px and {max_iterations}"
+                " iterations asked"
+            )
+            raise ValueError(
+                f"ic-gn: {asked}; use order 0 to 2, single or double, {LEAST_BOX} to {CHUNK} px and"
+                " 1 to 255 iterations"
+            )
         kind = np.float32 if precision == "single" else np.float64
         usable = np.ones(reference.shape, np.bool_) if weights is None else weights
         if not (reference.shape == gradient_x.shape == gradient_y.shape == usable.shape):
             found = f"{reference.shape}, {gradient_x.shape}, {gradient_y.shape} and {usable.shape}"
-            raise ValueError(f"ic-gn: reference, gradients and weights of shapes {found} found; use one shape")
-        self._interpolant, self._level = interpolant, float(reference[usable].mean(dtype=np.float64))
-        planes = np.where(usable, np.stack([usable, reference - self._level, gradient_x, gradient_y]), 0).astype(kind)
+            raise ValueError(
+                f"ic-gn: reference, gradients and weights of shapes {found} found; use one shape"
+            )
+        self._interpolant, self._level = (
+            interpolant,
+            float(reference[usable].mean(dtype=np.float64)),
+        )
+        planes = np.where(
+            usable, np.stack([usable, reference - self._level, gradient_x, gradient_y]), 0
+        ).astype(kind)
         self._target = interpolation.target_for(reference.shape, interpolant, kind)
         pitch, pixels, places = interpolation.lay_out(self._target, box, order)
-        moments, inverse = _normal_equations(planes, grid, places.reshape(6, box, pitch)[:, :, :box].reshape(6, -1), order)
-        self._boxes = Boxes(planes, grid.top, grid.left, box, order, pitch, places.astype(kind), pixels, moments, inverse)
-        self._stops = Stops(int(max_iterations), float(tolerance_px), float(furthest_px), float(clip))
-        self.pixels, self.contrast = moments[:, :, 0], np.sqrt(moments[:, :, 2] / np.maximum(moments[:, :, 0], 1))
+        moments, inverse = _normal_equations(
+            planes, grid, places.reshape(6, box, pitch)[:, :, :box].reshape(6, -1), order
+        )
+        self._boxes = Boxes(
+            planes,
+            grid.top,
+            grid.left,
+            box,
+            order,
+            pitch,
+            places.astype(kind),
+            pixels,
+            moments,
+            inverse,
+        )
+        self._stops = Stops(
+            int(max_iterations), float(tolerance_px), float(furthest_px), float(clip)
+        )
+        self.pixels, self.contrast = (
+            moments[:, :, 0],
+            np.sqrt(moments[:, :, 2] / np.maximum(moments[:, :, 0], 1)),
+        )
 
     def load(self, image: NDArray[Any]) -> None:
         """Make `image` the one in which the boxes are looked for.
@@ -362,17 +493,24 @@ class IcgnSolver:
         """
         kind = self._target.image.dtype.type
         if image.shape != (shape := self._boxes.planes.shape[1:]):
-            raise ValueError(f"ic-gn: an image of shape {image.shape} found, the reference has {shape}; use one shape")
+            raise ValueError(
+                f"ic-gn: an image of shape {image.shape} found, the reference has {shape}; use one"
+                " shape"
+            )
         read = self._interpolant.prepare(image.astype(kind) - kind(self._level))
-        self._target.image[...] = cv2.copyMakeBorder(read, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REFLECT_101)
+        self._target.image[...] = cv2.copyMakeBorder(
+            read, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REFLECT_101
+        )
 
     def solve(self, rows: tuple[int, int], start: F64, result: Result) -> None:
-        """Solve the boxes in the rows from rows[0] to before rows[1] of the grid; several threads may, each its own rows.
+        """Solve the boxes in the rows from rows[0] to before rows[1] of the grid; several threads
+        may, each its own rows.
 
         Parameters
         ----------
         start : ndarray, shape (n_parameters, ny, nx), float64
-            Where each point begins, laid out like `Result.parameters`; a point that is NaN in any is left as it is in `result`.
+            Where each point begins, laid out like `Result.parameters`; a point that is NaN in any
+            is left as it is in `result`.
         result : Result
             Receives the answers.
         """
@@ -380,21 +518,31 @@ class IcgnSolver:
 
 
 def _normal_equations(planes: Real, grid: Grid, places: F64, order: int) -> tuple[F64, F64]:
-    """Moments (ny, nx, 3) and inverse normal matrices (ny, nx, k + 2, k + 2) of all boxes; NaN where singular."""
+    """Moments (ny, nx, 3) and inverse normal matrices (ny, nx, k + 2, k + 2) of all boxes; NaN
+    where singular.
+    """
     n, box, (ny, nx) = PARAMETERS[order] + 2, grid.box_px, grid.shape
     moments, inverse = np.zeros((ny * nx, 3)), np.full((ny * nx, n, n), np.nan)
     boxes = sliding_window_view(planes, (box, box), axis=(1, 2))
     for some in np.array_split(np.arange(ny * nx), math.ceil(ny * nx * box**2 / 2**17)):
-        w, f, *slopes = boxes[:, grid.top[some // nx], grid.left[some % nx]].reshape(4, some.size, -1).astype(np.float64)
+        w, f, *slopes = (
+            boxes[:, grid.top[some // nx], grid.left[some % nx]]
+            .reshape(4, some.size, -1)
+            .astype(np.float64)
+        )
         pixels = w.sum(axis=1)
         mean = f.sum(axis=1) / np.maximum(pixels, 1)
         f -= w * mean[:, None]
         moments[some] = np.stack([pixels, mean, (f * f).sum(axis=1)], axis=1)
-        regressors = np.stack([w, f] + [slopes[COMPONENT[k]] * places[TERM[k]] for k in range(n - 2)], axis=1)
+        regressors = np.stack(
+            [w, f] + [slopes[COMPONENT[k]] * places[TERM[k]] for k in range(n - 2)], axis=1
+        )
         normal = regressors @ regressors.transpose(0, 2, 1)
         size = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
         normal /= size[:, :, None] * size[:, None, :]
         regular = (pixels > n) & (np.linalg.eigvalsh(normal)[:, 0] > SINGULAR)
         scale = size[regular]
-        inverse[some[regular]] = np.linalg.inv(normal[regular]) / (scale[:, :, None] * scale[:, None, :])
+        inverse[some[regular]] = np.linalg.inv(normal[regular]) / (
+            scale[:, :, None] * scale[:, None, :]
+        )
     return moments.reshape(ny, nx, 3), inverse.reshape(ny, nx, n, n)

@@ -1,4 +1,6 @@
-"""Displacement fields by passes over the whole image, each deforming it back by a smoothed field and measuring what is left."""
+"""Displacement fields by passes over the whole image, each deforming it back by a smoothed field
+and measuring what is left.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,10 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 SMOOTHING = 2.5  # width of the moving average over the prediction, in boxes
-BELIEVABLE = 3.5  # a grey level further from the expected one than so many times the mean difference is not used ...
-LEAST_BELIEVABLE = 0.15  # ... given this much more, of the contrast, for what the points have moved since
+# a grey level further from the expected one than so many times the mean difference is not used ...
+BELIEVABLE = 3.5
+# ... given this much more, of the contrast, for what the points have moved since
+LEAST_BELIEVABLE = 0.15
 MOST_ODD = 0.15  # share of a box's pixels; if more are not believed, the expectation is wrong
 SETTLED = 0.75  # limits that shrink to less of what they were are tried again
 UNLIMITED = 1e9  # the widest believable difference where nothing is expected
@@ -47,9 +51,11 @@ class SharedPasses:
     bands : int
         Into how many bands a field is cut.
     interpolant : Interpolant or None
-        How the images are read between their pixels; None: the least-squares interpolation of the reference's texture.
+        How the images are read between their pixels; None: the least-squares interpolation of the
+        reference's texture.
     tolerance_px : float
-        No further pass once nearly all points have changed by less than this (or by less than five times their noise).
+        No further pass once nearly all points have changed by less than this (or by less than five
+        times their noise).
     max_passes : int
     """
 
@@ -77,14 +83,22 @@ class SharedPasses:
         slope_y = cv2.filter2D(f, -1, gradient(texture.power_y, texture.noise_share)[:, None])
         w = np.ones_like(f) if usable is None else usable.astype(np.float32)
         planes = w * np.stack([f, slope_x, slope_y])
-        planes, units = _quantised(planes, w > 0, 127 if is_8_bit else 32000, scale if is_8_bit else None)
+        planes, units = _quantised(
+            planes, w > 0, 127 if is_8_bit else 32000, scale if is_8_bit else None
+        )
         self.layout = _layout(grid)
         self.splines, self._pad = _splines(grid, self.layout)
         self._interpolant = interpolant or interpolation(texture.power_x)
-        weights = _eight_taps(self._interpolant), _eight_taps(interpolant or interpolation(texture.power_y))
+        weights = (
+            _eight_taps(self._interpolant),
+            _eight_taps(interpolant or interpolation(texture.power_y)),
+        )
         normal = self._normal_matrices(np.stack([w, *(w * planes * units[:, None, None])]))
         self.pixels = normal[:, :, 0, 0]
-        variance = normal[:, :, 1, 1] / self.pixels.clip(1) - (normal[:, :, 0, 1] / self.pixels.clip(1)) ** 2
+        variance = (
+            normal[:, :, 1, 1] / self.pixels.clip(1)
+            - (normal[:, :, 0, 1] / self.pixels.clip(1)) ** 2
+        )
         self.contrast = np.sqrt(variance.clip(0)) / scale
         inverse = np.full((*grid.shape, 13), np.nan)
         size = np.sqrt(np.einsum("...ii->...i", normal))
@@ -106,10 +120,16 @@ class SharedPasses:
             level,
             scale,
         )
-        self._cells = np.zeros((shared.SUMS, self.layout.row_edges.size - 1, self.layout.column_edges.size - 1))
+        self._cells = np.zeros(
+            (shared.SUMS, self.layout.row_edges.size - 1, self.layout.column_edges.size - 1)
+        )
         ny, nx = grid.shape
-        self._grey = np.stack([np.full(grid.shape, value, np.float32) for value in (1.0, 0.0, UNLIMITED)])
-        self._limits = shared.Limits(ALIKE, MOST_ODD, BELIEVABLE, LEAST_BELIEVABLE, UNLIMITED, float(tolerance_px))
+        self._grey = np.stack(
+            [np.full(grid.shape, value, np.float32) for value in (1.0, 0.0, UNLIMITED)]
+        )
+        self._limits = shared.Limits(
+            ALIKE, MOST_ODD, BELIEVABLE, LEAST_BELIEVABLE, UNLIMITED, float(tolerance_px)
+        )
         self._result = shared.Result(
             u=np.empty((2, ny, nx)),
             step=np.empty((ny, nx)),
@@ -120,10 +140,14 @@ class SharedPasses:
             wrong=np.empty(ny, np.int64),
             restless=np.empty(ny, np.int64),
         )
-        self._cell_bands, self._box_bands = (_bands(n, bands) for n in (self._cells.shape[1], grid.shape[0]))
+        self._cell_bands, self._box_bands = (
+            _bands(n, bands) for n in (self._cells.shape[1], grid.shape[0])
+        )
 
     def refine(self, image: NDArray[Any], start: F64, wanted: NDArray[np.bool_]) -> Estimate:
-        """The displacement of every point, wanted or not, from a guess, shape (2, ny, nx), px: passes until it hardly changes."""
+        """The displacement of every point, wanted or not, from a guess, shape (2, ny, nx), px:
+        passes until it hardly changes.
+        """
         u, grey = start, self._grey
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
@@ -131,15 +155,20 @@ class SharedPasses:
         while not is_last:
             last = self._pass(image, u, grey)
             n, few = n + 1, RESTLESS * last.step.size
-            is_settled = last.wrong.sum() <= few and _typical(last.expected[2]) > SETTLED * _typical(grey[2])
+            is_settled = last.wrong.sum() <= few and _typical(
+                last.expected[2]
+            ) > SETTLED * _typical(grey[2])
             is_last = n == self._max_passes or (is_settled and last.restless.sum() <= few)
             u, grey = last.u.copy(), last.expected.copy()
         self._grey = grey
         at_rest = (last.step <= AT_REST) & (last.odd <= MOST_ODD)
-        return Estimate(u, last.zncc.copy(), last.std.copy(), at_rest, np.full(self._grid.shape, n, np.uint8))
+        return Estimate(
+            u, last.zncc.copy(), last.std.copy(), at_rest, np.full(self._grid.shape, n, np.uint8)
+        )
 
     def _pass(self, image: NDArray[Any], u: F64, grey: F32) -> shared.Result:
-        """One pass: the field that is left after the image is deformed back by the smoothed field `u`, added to it.
+        """One pass: the field that is left after the image is deformed back by the smoothed field
+        `u`, added to it.
 
         Parameters
         ----------
@@ -148,7 +177,13 @@ class SharedPasses:
         grey : ndarray, shape (3, ny, nx), float32
             Expected gain and offset, and largest believable difference of a grey level.
         """
-        layout, reference, splines, cells, result = self.layout, self.reference, self.splines, self._cells, self._result
+        layout, reference, splines, cells, result = (
+            self.layout,
+            self.reference,
+            self.splines,
+            self._cells,
+            self._result,
+        )
         n, (ny, nx), shape = self._pad, self._grid.shape, (image.shape[0], image.shape[1])
         control, centre = np.empty((5, ny + 2 * n, nx + 2 * n), np.float32), np.empty((2, ny, nx))
         guess = shared.Guess(control, grey, u, centre)
@@ -161,8 +196,16 @@ class SharedPasses:
                     widen(grey[k - 2], n, control[k])
 
         self._share(predict, [(0, 1), (1, 2), (2, 5)])
-        self._share(lambda rows: shared.sum_cells(image, layout, reference, splines, guess, rows, cells), self._cell_bands)
-        self._share(lambda rows: shared.solve_boxes(cells, layout, reference, guess, self._limits, shape, rows, result), self._box_bands)
+        self._share(
+            lambda rows: shared.sum_cells(image, layout, reference, splines, guess, rows, cells),
+            self._cell_bands,
+        )
+        self._share(
+            lambda rows: shared.solve_boxes(
+                cells, layout, reference, guess, self._limits, shape, rows, result
+            ),
+            self._box_bands,
+        )
         return result
 
     def _normal_matrices(self, planes: F32) -> F64:
@@ -173,7 +216,12 @@ class SharedPasses:
                 sums = cv2.integral((planes[i] * planes[k]), sdepth=cv2.CV_64F)
                 low_x, low_y = self._grid.left, self._grid.top
                 high_x, high_y = low_x + self._grid.box_px, low_y + self._grid.box_px
-                box = sums[np.ix_(high_y, high_x)] - sums[np.ix_(low_y, high_x)] - sums[np.ix_(high_y, low_x)] + sums[np.ix_(low_y, low_x)]
+                box = (
+                    sums[np.ix_(high_y, high_x)]
+                    - sums[np.ix_(low_y, high_x)]
+                    - sums[np.ix_(high_y, low_x)]
+                    + sums[np.ix_(low_y, low_x)]
+                )
                 out[:, :, i, k] = out[:, :, k, i] = box
         return out
 
@@ -193,7 +241,8 @@ def _layout(grid: Grid) -> shared.Layout:
     strips: list[tuple[int, int]] = []
     begins = [0]
     for low, high in pairwise(row_edges.tolist()):
-        if ((grid.top <= low) & (low < grid.top + grid.box_px)).any():  # else it lies between the boxes
+        # else it lies between the boxes
+        if ((grid.top <= low) & (low < grid.top + grid.box_px)).any():
             n = math.ceil((high - low) / ROWS)
             at = [low + (high - low) * k // n for k in range(n + 1)]
             strips += [(a, b - a) for a, b in pairwise(at)]
@@ -215,21 +264,35 @@ def _layout(grid: Grid) -> shared.Layout:
     )
 
 
-def _quantised(planes: F32, usable: NDArray[np.bool_], most: int, grey: float | None) -> tuple[NDArray[Any], F32]:
-    """The planes as whole numbers up to `most`, and their units; the unit of the grey levels may be given.
+def _quantised(
+    planes: F32, usable: NDArray[np.bool_], most: int, grey: float | None
+) -> tuple[NDArray[Any], F32]:
+    """The planes as whole numbers up to `most`, and their units; the unit of the grey levels may be
+    given.
 
-    Gradients are cut at six times their root mean square: there a gradient is a scratch, not texture.
+    Gradients are cut at six times their root mean square: there a gradient is a scratch, not
+    texture.
     """
     highest = np.abs(planes).max(axis=(1, 2))
     usual = 6 * np.sqrt((planes**2).mean(axis=(1, 2)))
-    units = np.array([grey or highest[0] / most, *(np.minimum(highest, usual)[1:] / most)]).clip(1e-9).astype(np.float32)
-    whole = np.rint(planes / units[:, None, None]).clip(-most, most).astype(np.int8 if most < 128 else np.int16)
+    units = (
+        np.array([grey or highest[0] / most, *(np.minimum(highest, usual)[1:] / most)])
+        .clip(1e-9)
+        .astype(np.float32)
+    )
+    whole = (
+        np.rint(planes / units[:, None, None])
+        .clip(-most, most)
+        .astype(np.int8 if most < 128 else np.int16)
+    )
     whole[0, ~usable] = np.iinfo(whole.dtype).min
     return whole, units
 
 
 def _cut(planes: NDArray[Any], layout: shared.Layout) -> NDArray[Any]:
-    """The planes in the order in which they are read: strip, block, row, plane, column; what fills them up is not usable."""
+    """The planes in the order in which they are read: strip, block, row, plane, column; what fills
+    them up is not usable.
+    """
     first, last = layout.column_edges[0], layout.column_edges[-1]
     blocks = math.ceil((last - first) / BLOCK)
     rows = (int(layout.strip_rows.max()) + 1) // 2 * 2
@@ -244,7 +307,9 @@ def _cut(planes: NDArray[Any], layout: shared.Layout) -> NDArray[Any]:
 
 
 def _splines(grid: Grid, layout: shared.Layout) -> tuple[shared.Splines, int]:
-    """How to read the prediction at columns and strips, and by how many control points it extends beyond the grid."""
+    """How to read the prediction at columns and strips, and by how many control points it extends
+    beyond the grid.
+    """
     step = grid.step_px
     pad = math.ceil((grid.box_px / 2 + MARGIN + 1) / step) + 2
     reach = grid.x_px[0] - (pad + 2) * step  # the first control point's spline begins here
@@ -255,7 +320,10 @@ def _splines(grid: Grid, layout: shared.Layout) -> tuple[shared.Splines, int]:
     weights = np.array([_cubic(3 - k + place - whole) for k in range(4)])
     weights[:, 1] /= step
     return shared.Splines(
-        basis.astype(np.float32), begin - int(layout.left[0]), whole - 1, weights.transpose(1, 0, 2).astype(np.float32)
+        basis.astype(np.float32),
+        begin - int(layout.left[0]),
+        whole - 1,
+        weights.transpose(1, 0, 2).astype(np.float32),
     ), pad
 
 
@@ -271,8 +339,9 @@ def _cubic(t: F64) -> tuple[F64, F64]:
 def _amplification(grid: Grid, width: int) -> float:
     """How much passes without end amplify the noise that one box has.
 
-    A pass gives u = S u' + e - K S u', with S the smoothing, K the average over a box and e the boxes' noise, whose correlation
-    is their overlap; hence u = e / (1 - S + K S), here for every wavelength on the grid.
+    A pass gives u = S u' + e - K S u', with S the smoothing, K the average over a box and e the
+    boxes' noise, whose correlation is their overlap; hence u = e / (1 - S + K S), here for every
+    wavelength on the grid.
     """
     angle = 2 * np.pi * np.arange(48) / 48
     overlap, average, smoothing = (np.zeros(48) for _ in range(3))

@@ -20,7 +20,8 @@ F64 = NDArray[np.float64]
 
 
 class SeparatePoints:
-    """The reference prepared for inverse-compositional Gauss-Newton of each box; see `analysis.dic.icgn.IcgnSolver`.
+    """The reference prepared for inverse-compositional Gauss-Newton of each box; see
+    `analysis.dic.icgn.IcgnSolver`.
 
     Parameters
     ----------
@@ -71,7 +72,9 @@ class SeparatePoints:
         self._last = np.zeros((PARAMETERS[order], *grid.shape))
 
     def refine(self, image: NDArray[Any], start: F64, wanted: NDArray[np.bool_]) -> Estimate:
-        """The displacement of the wanted points from a guess, shape (2, ny, nx), px, and the gradients found last."""
+        """The displacement of the wanted points from a guess, shape (2, ny, nx), px, and the
+        gradients found last.
+        """
         parameters = self._last.copy()
         parameters[:2] = start
         parameters[:, ~wanted] = np.nan
@@ -80,4 +83,10 @@ class SeparatePoints:
         self._share(lambda rows: self._solver.solve(rows, parameters, result), self._bands)
         ok = result.status == Status.OK
         self._last[:, wanted] = np.where(ok, result.parameters, 0.0)[:, wanted]
-        return Estimate(np.where(ok, result.parameters[:2], start), result.zncc, result.std, ok, result.iterations)
+        return Estimate(
+            np.where(ok, result.parameters[:2], start),
+            result.zncc,
+            result.std,
+            ok,
+            result.iterations,
+        )

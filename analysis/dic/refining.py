@@ -1,4 +1,6 @@
-"""Trackers that refine a first guess: the last field, or a search in reduced images where that does not lead to the boxes."""
+"""Trackers that refine a first guess: the last field, or a search in reduced images where that does
+not lead to the boxes.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,16 @@ from analysis.dic.status import Status, explain
 
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
-LOST = 0.02  # share of the points that were followed so far; if more are lost at once, they are searched for in the whole image
+# share of the points that were followed so far; if more are lost at once, they are searched for in
+# the whole image
+LOST = 0.02
 CHANCE = 1e-4  # probability that a box which is not there is taken for found
 ALMOST_SURE = 0.95  # a correlation that is enough however small the box
-MOSTLY_NOISE = 0.3  # power of the noise in units of the texture's, above which the texture may be finer than thought
+# power of the noise in units of the texture's, above which the texture may be finer than thought
+MOSTLY_NOISE = 0.3
 LEAST_USABLE = 0.5  # share of the pixels of a box
-PROBE = 6  # every so many points along both axes are tried first where points are refined one by one
+# every so many points along both axes are tried first where points are refined one by one
+PROBE = 6
 REPAIRS = 3  # rounds at most in which lost points start from their neighbours
 FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 
@@ -60,12 +66,15 @@ MakeMethod = Callable[..., Method]  # (image, texture, grid, usable, share, band
 
 
 class RefiningTracker:
-    """Displacement fields by refinement of a first guess, with judgement, repair and search of lost points.
+    """Displacement fields by refinement of a first guess, with judgement, repair and search of lost
+    points.
 
-    Every image starts from the field before and its change since the one before that. Points that are lost start again from the
-    points around; if many of the points that were followed are lost at once, all are searched for in reduced images. A point
-    that was lost is asked again in every image. A point counts as found only if its correlation is higher than chance explains
-    (at a level of 1e-4, given the number of grains of the texture in a box) and a neighbour agrees with it.
+    Every image starts from the field before and its change since the one before that. Points that
+    are lost start again from the points around; if many of the points that were followed are lost
+    at once, all are searched for in reduced images. A point that was lost is asked again in every
+    image. A point counts as found only if its correlation is higher than chance explains (at a
+    level of 1e-4, given the number of grains of the texture in a box) and a neighbour agrees with
+    it.
 
     Parameters
     ----------
@@ -86,8 +95,8 @@ class RefiningTracker:
     usable : ndarray of bool, shape (rows, columns), or None
         Pixels that may be used; None: all. Boxes with too few of them are MASKED.
     roi : tuple of int, or None
-        Left, top, right, bottom, in pixels: points outside are MASKED. What is found inside does not depend on it, to the bit,
-        except for points that were repaired from points outside.
+        Left, top, right, bottom, in pixels: points outside are MASKED. What is found inside does
+        not depend on it, to the bit, except for points that were repaired from points outside.
     threads : int
         The result does not depend on it, to the bit.
 
@@ -115,13 +124,20 @@ class RefiningTracker:
     ) -> None:
         image = np.array(checked(reference, "reference"), order="C")
         if search < 1 or threads < 1:
-            raise ValueError(f"tracker: search of {search} px on {threads} threads asked; use 1 or more of both")
+            raise ValueError(
+                f"tracker: search of {search} px on {threads} threads asked; use 1 or more of both"
+            )
         if usable is not None and usable.shape != image.shape:
-            raise ValueError(f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of its size")
+            raise ValueError(
+                f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of"
+                " its size"
+            )
         self.grid = Grid.cover((image.shape[0], image.shape[1]), box, step)
         self._image = image
         self._pool = ThreadPoolExecutor(threads - 1, "dic") if threads > 1 else None
-        self._make = partial(make, image, grid=self.grid, usable=usable, share=self._share, bands=threads)
+        self._make = partial(
+            make, image, grid=self.grid, usable=usable, share=self._share, bands=threads
+        )
         self._use(texture(image.astype(np.float32)), min_correlation)
         self._coarse = CoarseSearch(image, self.grid, search, threads)
         self._min_contrast, self._tolerance = min_contrast, max(2.0, step / 5)
@@ -132,7 +148,9 @@ class RefiningTracker:
         left, top, right, bottom = roi or (0, 0, image.shape[1], image.shape[0])
         self._outside = (x < left) | (x > right) | (y < top) | (y > bottom)
         if (self._outside | (self._fixed == Status.MASKED)).all():
-            raise ValueError(f"tracker: no box of {box} px lies in the region and mask asked for; widen them")
+            raise ValueError(
+                f"tracker: no box of {box} px lies in the region and mask asked for; widen them"
+            )
         if not self._method.is_shared:
             self._fixed[self._outside] = Status.MASKED
         self._last: F64 | None = None
@@ -149,22 +167,34 @@ class RefiningTracker:
         """
         checked(image, "image", like=self._image)
         if image.dtype != self._image.dtype:
-            raise ValueError(f"image: grey levels of type {image.dtype} found, the reference has {self._image.dtype}; use one type")
+            raise ValueError(
+                f"image: grey levels of type {image.dtype} found, the reference has"
+                f" {self._image.dtype}; use one type"
+            )
         image = np.ascontiguousarray(image).view()
         image.flags.writeable = False  # one type, so that kernels compile once
         usable = self._fixed == Status.OK
         start = self._coarse.find(image) if self._last is None else self._last + self._motion
-        if self._last is not None and not self._method.is_shared and self._is_off(image, start, usable):
+        if (
+            self._last is not None
+            and not self._method.is_shared
+            and self._is_off(image, start, usable)
+        ):
             start = self._coarse.find(image)
         found = self._method.refine(image, start, usable)
         status = self._judge(image, found)
         if self._last is not None and self._too_many_lost(status):
             lost = usable & (status != Status.OK)
-            found, status = self._again(image, found, np.where(lost, self._coarse.find(image), found.u), lost)
+            found, status = self._again(
+                image, found, np.where(lost, self._coarse.find(image), found.u), lost
+            )
         if self._may_be_fine and self._are_few(status):
             found, status = self._with_fine_texture(image, found, status)
         for _ in range(REPAIRS):
-            ok, lost = status == Status.OK, (status == Status.DECORRELATED) | (status == Status.NOT_CONVERGED)
+            ok, lost = (
+                status == Status.OK,
+                (status == Status.DECORRELATED) | (status == Status.NOT_CONVERGED),
+            )
             if not lost.any() or not ok.any():
                 break
             found, status = self._again(image, found, filled(found.u, ok), lost)
@@ -173,7 +203,8 @@ class RefiningTracker:
         return self._finish(found, status)
 
     def start_from(self, ux_px: NDArray[Any], uy_px: NDArray[Any]) -> None:
-        """Start the next search from this field, shape (ny, nx); where it is NaN, from the points around.
+        """Start the next search from this field, shape (ny, nx); where it is NaN, from the points
+        around.
 
         Raises
         ------
@@ -193,7 +224,9 @@ class RefiningTracker:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def _share(self, work: Callable[[tuple[int, int]], None], bands: Sequence[tuple[int, int]]) -> None:
+    def _share(
+        self, work: Callable[[tuple[int, int]], None], bands: Sequence[tuple[int, int]]
+    ) -> None:
         """Do the first band here while the other threads do the rest."""
         others = [] if self._pool is None else [self._pool.submit(work, band) for band in bands[1:]]
         for band in bands[: len(bands) - len(others)]:
@@ -201,11 +234,15 @@ class RefiningTracker:
         for other in others:
             other.result()
 
-    def _again(self, image: NDArray[Any], found: Estimate, start: F64, lost: Bool) -> tuple[Estimate, NDArray[np.uint8]]:
+    def _again(
+        self, image: NDArray[Any], found: Estimate, start: F64, lost: Bool
+    ) -> tuple[Estimate, NDArray[np.uint8]]:
         """Refine the lost points from another start; the others keep what was found."""
         new = self._method.refine(image, start, lost)
         names = ("u", "zncc", "std", "at_rest", "iterations")
-        both = Estimate(*(np.where(lost, getattr(new, name), getattr(found, name)) for name in names))
+        both = Estimate(
+            *(np.where(lost, getattr(new, name), getattr(found, name)) for name in names)
+        )
         return both, self._judge(image, both)
 
     def _use(self, grain: Texture, min_correlation: float) -> None:
@@ -213,11 +250,18 @@ class RefiningTracker:
         self._method = self._make(grain)
         grains = np.maximum(self._method.pixels / grain.grain_px2 - 4, 1.0)
         chance = np.sqrt(betaincinv(1.5, grains / 2, 1 - CHANCE))
-        self._least, self._min_correlation = min_correlation, np.maximum(min_correlation, np.minimum(chance, ALMOST_SURE))
+        self._least, self._min_correlation = (
+            min_correlation,
+            np.maximum(min_correlation, np.minimum(chance, ALMOST_SURE)),
+        )
         self._may_be_fine = grain.noise_share > MOSTLY_NOISE
 
-    def _with_fine_texture(self, image: NDArray[Any], found: Estimate, status: NDArray[np.uint8]) -> tuple[Estimate, NDArray[np.uint8]]:
-        """A second try with what looked like noise taken for texture, for good if it finds most points."""
+    def _with_fine_texture(
+        self, image: NDArray[Any], found: Estimate, status: NDArray[np.uint8]
+    ) -> tuple[Estimate, NDArray[np.uint8]]:
+        """A second try with what looked like noise taken for texture, for good if it finds most
+        points.
+        """
         before = self._method, self._min_correlation
         self._use(texture(self._image.astype(np.float32), is_noisy=False), self._least)
         other = self._method.refine(image, self._coarse.find(image), self._fixed == Status.OK)
@@ -232,7 +276,9 @@ class RefiningTracker:
         return int((status == Status.OK).sum()) < int((self._fixed == Status.OK).sum()) // 2
 
     def _is_off(self, image: NDArray[Any], start: F64, usable: Bool) -> bool:
-        """Whether most of a few points can not be refined from there, so that it is not worth trying with all of them."""
+        """Whether most of a few points can not be refined from there, so that it is not worth
+        trying with all of them.
+        """
         few = np.zeros_like(usable)
         few[::PROBE, ::PROBE] = usable[::PROBE, ::PROBE]
         ok = self._judge(image, self._method.refine(image, start, few)) == Status.OK
@@ -265,17 +311,36 @@ class RefiningTracker:
         return status
 
     def _explain(self, image: NDArray[Any], u: F64, status: NDArray[np.uint8]) -> None:
-        """Set the status of points that are OK to LOW_CONTRAST or SATURATED if the displaced boxes are."""
-        left, top = (np.rint(place).astype(np.int64) for place in (self.grid.left + u[0], self.grid.top[:, None] + u[1]))
-        explain(image, left, top, self.grid.box_px, self._min_contrast, self._full, self._max_saturated, status)
+        """Set the status of points that are OK to LOW_CONTRAST or SATURATED if the displaced boxes
+        are.
+        """
+        left, top = (
+            np.rint(place).astype(np.int64)
+            for place in (self.grid.left + u[0], self.grid.top[:, None] + u[1])
+        )
+        explain(
+            image,
+            left,
+            top,
+            self.grid.box_px,
+            self._min_contrast,
+            self._full,
+            self._max_saturated,
+            status,
+        )
 
     def _foreseen(self, motion: F64, known: Bool) -> F64:
-        """The motion to the next image: the last one. Where points share a prediction only what five boxes share, not their noise."""
+        """The motion to the next image: the last one.
+
+        Where points share a prediction only what five boxes share, not their noise.
+        """
         if not self._method.is_shared:
             return np.where(known, motion, 0.0)
         width = 5 * self.grid.box_px // self.grid.step_px | 1
         smooth = filled(motion, known).astype(np.float32)
-        return np.stack([cv2.blur(plane, (width, width), borderType=cv2.BORDER_REPLICATE) for plane in smooth])
+        return np.stack(
+            [cv2.blur(plane, (width, width), borderType=cv2.BORDER_REPLICATE) for plane in smooth]
+        )
 
     def _finish(self, found: Estimate, status: NDArray[np.uint8]) -> Field:
         """Take lonely points for lost, keep the rest for the next start and hand it out."""

@@ -12,7 +12,9 @@ F64 = NDArray[np.float64]
 
 @njit(cache=True, nogil=True)
 def extended(field: F64, pad: int) -> F64:
-    """The rows of a field with `pad` more at both ends, mirrored through the first and the last, so that a slope goes on."""
+    """The rows of a field with `pad` more at both ends, mirrored through the first and the last, so
+    that a slope goes on.
+    """
     n = field.shape[0]
     out = np.empty((n + 2 * pad, field.shape[1]))
     out[pad : pad + n] = field
@@ -41,15 +43,25 @@ def averaged(field: F64, width: int) -> F64:
 
 @njit(cache=True, nogil=True)
 def smooth(u: F64, width: int, pad: int, control: F32, centre: F64) -> None:
-    """Control points, shape (ny + 2 pad, nx + 2 pad), of a cubic B-spline at the moving averages of u, (ny, nx), and its values there.
+    """Control points, shape (ny + 2 pad, nx + 2 pad), of a cubic B-spline at the moving averages of
+    u, (ny, nx), and its values there.
 
-    The average is over `width` x `width` points (odd); at the edges the field is continued by its slope.
+    The average is over `width` x `width` points (odd); at the edges the field is continued by its
+    slope.
     """
     down = averaged(extended(u, pad + width // 2), width)
     points = averaged(extended(np.ascontiguousarray(down.T), pad + width // 2), width)
     control[:] = points.T
-    rows = points[pad - 1 : -pad - 1] + 4.0 * points[pad:-pad] + points[pad + 1 : points.shape[0] - pad + 1]
-    values = rows[:, pad - 1 : -pad - 1] + 4.0 * rows[:, pad:-pad] + rows[:, pad + 1 : rows.shape[1] - pad + 1]
+    rows = (
+        points[pad - 1 : -pad - 1]
+        + 4.0 * points[pad:-pad]
+        + points[pad + 1 : points.shape[0] - pad + 1]
+    )
+    values = (
+        rows[:, pad - 1 : -pad - 1]
+        + 4.0 * rows[:, pad:-pad]
+        + rows[:, pad + 1 : rows.shape[1] - pad + 1]
+    )
     centre[:] = values.T / 36.0
 
 

@@ -1,8 +1,10 @@
-"""What a speckle image is made of: its noise, the size of its grains, and the filters that read it best between the pixels.
+"""What a speckle image is made of: its noise, the size of its grains, and the filters that read it
+best between the pixels.
 
-The power spectrum of the reference tells how its grey levels are correlated at any distance, whole pixels or not. From that
-correlation follow, by linear least squares, the weights that predict the grey level (or its gradient) at any place from the
-pixels around it: of all filters of that length the ones with the smallest error for this very texture.
+The power spectrum of the reference tells how its grey levels are correlated at any distance, whole
+pixels or not. From that correlation follow, by linear least squares, the weights that predict the
+grey level (or its gradient) at any place from the pixels around it: of all filters of that length
+the ones with the smallest error for this very texture.
 """
 
 from __future__ import annotations
@@ -20,9 +22,11 @@ F64 = NDArray[np.float64]
 TAPS = 8
 DEGREE = 6  # of the polynomials for the weights of a tap
 BEYOND = 0.3  # how far outside 0 to 1 the fraction of a pixel may lie
-CORNER = 0.42  # cycles per px; texture that a camera can resolve has no power where both frequencies are above
+# cycles per px; texture that a camera can resolve has no power where both frequencies are above
+CORNER = 0.42
 LARGEST = 1024  # px; this much of an image is enough
-LEAST_POWER = 1e-7  # of the texture's: keeps the normal equations solvable for textures smoother than any noise
+# of the texture's: keeps the normal equations solvable for textures smoother than any noise
+LEAST_POWER = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +40,11 @@ class Texture:
     contrast : float
         Standard deviation of the rest, in grey levels.
     grain_px2 : float
-        Correlation area: the sum over all lags of the squared correlation coefficient. A box of N pixels holds about
-        N / grain_px2 independent grains.
+        Correlation area: the sum over all lags of the squared correlation coefficient. A box of N
+        pixels holds about N / grain_px2 independent grains.
     power_x, power_y : ndarray, shape (columns // 2 + 1,), (rows // 2 + 1,)
-        Share of the texture's variance at each spatial frequency along x and y, from 0 to half a cycle per px.
+        Share of the texture's variance at each spatial frequency along x and y, from 0 to half a
+        cycle per px.
     """
 
     noise: float
@@ -63,10 +68,11 @@ class Texture:
 
 
 def texture(image: NDArray[np.float32], *, is_noisy: bool = True) -> Texture:
-    """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its middle under a Hann window.
+    """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its
+    middle under a Hann window.
 
-    The power in the corner of the spectrum, where no optics resolves anything, is taken for the noise's; with `is_noisy` false
-    for that of a texture as fine as the pixels.
+    The power in the corner of the spectrum, where no optics resolves anything, is taken for the
+    noise's; with `is_noisy` false for that of a texture as fine as the pixels.
     """
     rows, columns = (min(size // 2 * 2, LARGEST) for size in image.shape)
     top, left = (image.shape[0] - rows) // 2, (image.shape[1] - columns) // 2
@@ -82,39 +88,59 @@ def texture(image: NDArray[np.float32], *, is_noisy: bool = True) -> Texture:
     signal = np.maximum(power - noise, 0.0)
     if not signal.any():
         signal += 1.0
-    both = np.where((np.arange(columns // 2 + 1) % (columns // 2)) == 0, 1.0, 2.0)  # what stands for a negative frequency too
+    # what stands for a negative frequency too
+    both = np.where((np.arange(columns // 2 + 1) % (columns // 2)) == 0, 1.0, 2.0)
     variance = float((power @ both).sum()) / (rows * columns)
     along_x, along_y = signal.sum(axis=0) * both, signal @ both
-    along_y = np.concatenate([along_y[:1], along_y[1 : rows // 2] + along_y[: rows // 2 : -1], along_y[rows // 2 : rows // 2 + 1]])
+    along_y = np.concatenate(
+        [
+            along_y[:1],
+            along_y[1 : rows // 2] + along_y[: rows // 2 : -1],
+            along_y[rows // 2 : rows // 2 + 1],
+        ]
+    )
     return Texture(
-        math.sqrt(noise), math.sqrt(max(0.0, variance - noise)), _grain(signal), along_x / along_x.sum(), along_y / along_y.sum()
+        math.sqrt(noise),
+        math.sqrt(max(0.0, variance - noise)),
+        _grain(signal),
+        along_x / along_x.sum(),
+        along_y / along_y.sum(),
     )
 
 
 def interpolation(power: F64) -> Interpolant:
-    """The least-squares interpolation of a texture of this spectrum along one axis, for fractions from -BEYOND to 1 + BEYOND.
+    """The least-squares interpolation of a texture of this spectrum along one axis, for fractions
+    from -BEYOND to 1 + BEYOND.
 
     A constant grey level is kept to rounding.
     """
     taps = np.arange(TAPS) - (TAPS // 2 - 1)
     t = np.linspace(-BEYOND, 1 + BEYOND, 65)
     normal = np.ones((TAPS + 1, TAPS + 1))  # bordered by the condition that the weights add to 1
-    normal[:TAPS, :TAPS] = _correlation(power, taps[:, None] - taps[None, :]) + LEAST_POWER * np.eye(TAPS)
+    normal[:TAPS, :TAPS] = _correlation(
+        power, taps[:, None] - taps[None, :]
+    ) + LEAST_POWER * np.eye(TAPS)
     normal[TAPS, TAPS] = 0.0
-    exact = np.linalg.solve(normal, np.vstack([_correlation(power, taps[:, None] - t[None, :]), np.ones(t.size)]))[:TAPS]
+    exact = np.linalg.solve(
+        normal, np.vstack([_correlation(power, taps[:, None] - t[None, :]), np.ones(t.size)])
+    )[:TAPS]
     return Interpolant("matched", np.polynomial.polynomial.polyfit(t, exact.T, DEGREE).T)
 
 
 def gradient(power: F64, noise_share: float) -> F64:
-    """Antisymmetric weights, shape (9,), of the least-squares estimate of the gradient (per px) at the middle pixel.
+    """Antisymmetric weights, shape (9,), of the least-squares estimate of the gradient (per px) at
+    the middle pixel.
 
-    The noise is part of the statistics: its power relative to the texture's is `noise_share`. For such an estimate
-    sum(estimate x truth) = sum(estimate^2) on average, hence Gauss-Newton steps built on it have the right length.
+    The noise is part of the statistics: its power relative to the texture's is `noise_share`. For
+    such an estimate sum(estimate x truth) = sum(estimate^2) on average, hence Gauss-Newton steps
+    built on it have the right length.
     """
     taps = np.arange(-4, 5)
     omega = np.linspace(0.0, math.pi, power.size)
     slope = (power[:, None] * omega[:, None] * np.sin(omega[:, None] * taps)).sum(axis=0)
-    normal = _correlation(power, taps[:, None] - taps[None, :]) + (noise_share + LEAST_POWER) * np.eye(taps.size)
+    normal = _correlation(power, taps[:, None] - taps[None, :]) + (
+        noise_share + LEAST_POWER
+    ) * np.eye(taps.size)
     weights: F64 = np.linalg.solve(normal, slope)
     return (weights - weights[::-1]) / 2
 
@@ -127,7 +153,9 @@ def _correlation(power: F64, lag: NDArray[np.generic]) -> F64:
 
 
 def _grain(signal: F64) -> float:
-    """Sum of the squared correlation coefficients over the lags near zero, px^2, less the chance correlations found further out."""
+    """Sum of the squared correlation coefficients over the lags near zero, px^2, less the chance
+    correlations found further out.
+    """
     squares = np.fft.fftshift(irfft2(signal.astype(np.float32))) ** 2
     row, column = (size // 2 for size in squares.shape)
     reach = min(48, max(1, min(squares.shape) // 8))

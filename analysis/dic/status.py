@@ -19,7 +19,8 @@ class Status(IntEnum):
     OUT_OF_IMAGE = 2  # the displaced box, or one of the eight around it, leaves the image
     DECORRELATED = 3  # the best correlation stays below the limit, or no neighbour agrees with it
     NOT_CONVERGED = 4  # no peak inside the search, or the iteration did not come to rest
-    SATURATED = 5  # too many pixels of the box, in the reference or in the image, are at the end of the grey scale
+    # too many pixels of the box, in the reference or in the image, are at the end of the grey scale
+    SATURATED = 5
     MASKED = 6  # the point was not asked for, or too few pixels of its box may be used
 
     @property
@@ -42,10 +43,11 @@ def explain(
     max_saturated: float,
     status: NDArray[np.uint8],
 ) -> None:
-    """Set the status of points that are OK to LOW_CONTRAST or SATURATED if the boxes at `left`, `top`, shape (ny, nx), are.
+    """Set the status of points that are OK to LOW_CONTRAST or SATURATED if the boxes at `left`,
+    `top`, shape (ny, nx), are.
 
-    `min_contrast` is the least standard deviation of the grey levels, `max_saturated` the largest number of pixels at
-    `full_scale` or above.
+    `min_contrast` is the least standard deviation of the grey levels, `max_saturated` the largest
+    number of pixels at `full_scale` or above.
     """
     rows, columns = image.shape
     for i in range(status.shape[0]):

@@ -1,4 +1,6 @@
-"""Displacement gradient and strain of a field, by local least squares, with the uncertainty that the displacement's own makes."""
+"""Displacement gradient and strain of a field, by local least squares, with the uncertainty that
+the displacement's own makes.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +14,24 @@ from numpy.typing import NDArray
 from analysis.dic.grid import Grid
 
 F64 = NDArray[np.float64]
-UNDETERMINED = 1e-9  # ratio of the extreme eigenvalues of a fit's normal matrix; points on one line have 0, a quarter window 1e-5
+# ratio of the extreme eigenvalues of a fit's normal matrix; points on one line have 0, a quarter
+# window 1e-5
+UNDETERMINED = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Strain:
-    """The displacement gradient at every point of a grid, and its standard uncertainty; strains are small strains.
+    """The displacement gradient at every point of a grid, and its standard uncertainty; strains are
+    small strains.
 
     Attributes
     ----------
     dux_dx, dux_dy, duy_dx, duy_dy : ndarray, shape (ny, nx), float64
-        Gradient, dimensionless; NaN where the displacement is, or where too few points around it have one. The receiver owns
-        all arrays.
+        Gradient, dimensionless; NaN where the displacement is, or where too few points around it
+        have one. The receiver owns all arrays.
     dux_dx_std, dux_dy_std, duy_dx_std, duy_dy_std : ndarray, shape (ny, nx), float64
-        Standard uncertainties from the noise of the displacement; what the polynomial can not follow is not in them.
+        Standard uncertainties from the noise of the displacement; what the polynomial can not
+        follow is not in them.
     """
 
     dux_dx: F64
@@ -79,11 +85,13 @@ def strain(
     uy_std_px: NDArray[Any] | None = None,
     correlation_px: float | None = None,
 ) -> Strain:
-    """Gradient and strain of a field, from a plane or a quadratic fitted to the points of a window around each point.
+    """Gradient and strain of a field, from a plane or a quadratic fitted to the points of a window
+    around each point.
 
-    The errors of points whose boxes overlap are correlated, as they share pixels: by the shared part of the box,
-    (1 - |dx| / box)+ (1 - |dy| / box)+. The uncertainty is propagated with it exactly, at borders and around lost points too.
-    Without `ux_std_px` and `uy_std_px` the noise is that of the residuals of each fit, corrected for the same correlation.
+    The errors of points whose boxes overlap are correlated, as they share pixels: by the shared
+    part of the box, (1 - |dx| / box)+ (1 - |dy| / box)+. The uncertainty is propagated with it
+    exactly, at borders and around lost points too. Without `ux_std_px` and `uy_std_px` the noise is
+    that of the residuals of each fit, corrected for the same correlation.
 
     Parameters
     ----------
@@ -92,32 +100,49 @@ def strain(
     window : int
         Side of the window in points, odd; it ends at the border of the grid.
     order : int
-        1 for a plane, 2 for a quadratic. In a full window both give the same slope; at borders and beside lost points the plane is
-        biased where the strain changes, the quadratic up to four times as noisy.
+        1 for a plane, 2 for a quadratic. In a full window both give the same slope; at borders and
+        beside lost points the plane is biased where the strain changes, the quadratic up to four
+        times as noisy.
     ux_std_px, uy_std_px : ndarray, shape (ny, nx), optional
-        Standard uncertainties of the displacement, both or none; points where either is NaN are left out.
+        Standard uncertainties of the displacement, both or none; points where either is NaN are
+        left out.
     correlation_px : float, optional
-        Side of the squares over which noise is shared, 0 for independent points; the grid's box if not given.
+        Side of the squares over which noise is shared, 0 for independent points; the grid's box if
+        not given.
 
     Raises
     ------
     ValueError
-        A shape differs from the grid's, only one uncertainty is given, or the window, order or correlation can not be used.
+        A shape differs from the grid's, only one uncertainty is given, or the window, order or
+        correlation can not be used.
     """
     reach = float(grid.box_px if correlation_px is None else correlation_px)
     if order not in (1, 2) or window % 2 == 0 or window < 1 + 2 * order or not 0 <= reach < np.inf:
         raise ValueError(
-            f"strain: order {order}, a window of {window} points and a correlation of {reach:g} px asked; "
+            f"strain: order {order}, a window of {window} points and a correlation of {reach:g} px"
+            " asked; "
             "use order 1 or 2, an odd window of 3 points or more (5 for order 2) and 0 px or more"
         )
     if (ux_std_px is None) != (uy_std_px is None):
-        raise ValueError("strain: the uncertainty of one component only found; give those of u_x and u_y, or none")
-    given = [ux_px, uy_px] if ux_std_px is None or uy_std_px is None else [ux_px, uy_px, ux_std_px, uy_std_px]
+        raise ValueError(
+            "strain: the uncertainty of one component only found; give those of u_x and u_y, or"
+            " none"
+        )
+    given = (
+        [ux_px, uy_px]
+        if ux_std_px is None or uy_std_px is None
+        else [ux_px, uy_px, ux_std_px, uy_std_px]
+    )
     for field in given:
         if np.shape(field) != grid.shape:
-            raise ValueError(f"strain: a field of shape {np.shape(field)} found, the grid has {grid.shape}; use fields of this grid")
+            raise ValueError(
+                f"strain: a field of shape {np.shape(field)} found, the grid has {grid.shape}; use"
+                " fields of this grid"
+            )
     half = window // 2
-    fields = np.pad(np.array(given, np.float64), ((0, 0), (half, half), (half, half)), constant_values=np.nan)
+    fields = np.pad(
+        np.array(given, np.float64), ((0, 0), (half, half), (half, half)), constant_values=np.nan
+    )
     known = np.isfinite(fields).all(axis=0)
     fields[:, ~known] = 0
     near = sliding_window_view(fields, (window, window), (-2, -1))
@@ -139,12 +164,15 @@ def strain(
 
 
 def _fit(fields: F64, known: NDArray[np.bool_], basis: F64, shared: F64) -> F64:
-    """Slopes and their uncertainties, shape (2, 2, 2, n), of n windows of m points: fields (2 or 4, n, m), known (n, m), basis (p, m)."""
+    """Slopes and their uncertainties, shape (2, 2, 2, n), of n windows of m points: fields (2 or 4,
+    n, m), known (n, m), basis (p, m).
+    """
     p, side = len(basis), len(shared)
     normal = (known @ (basis[:, None] * basis).reshape(p * p, -1).T).reshape(-1, p, p)
     size, axes = np.linalg.eigh(normal)
     size[size[:, 0] < UNDETERMINED * size[:, -1]] = np.nan
-    estimator = (axes / size[:, None]) @ axes.transpose(0, 2, 1) @ basis * known[:, None]  # displacements to coefficients
+    # displacements to coefficients
+    estimator = (axes / size[:, None]) @ axes.transpose(0, 2, 1) @ basis * known[:, None]
     coefficients = np.einsum("npk,cnk->cnp", estimator, fields[:2])
 
     def averaged(a: F64) -> F64:
@@ -157,5 +185,7 @@ def _fit(fields: F64, known: NDArray[np.bool_], basis: F64, shared: F64) -> F64:
         correlated = averaged(estimator)
         freedom = known.sum(-1) - (correlated * basis * known[:, None]).sum((1, 2))
         residual = (fields - coefficients @ basis) * known
-        variance = ((residual**2).sum(-1) / freedom)[..., None] * (estimator * correlated)[:, 1:3].sum(-1)
+        variance = ((residual**2).sum(-1) / freedom)[..., None] * (estimator * correlated)[
+            :, 1:3
+        ].sum(-1)
     return np.stack([coefficients[..., 1:3], np.sqrt(variance)]).transpose(0, 1, 3, 2)

@@ -1,7 +1,9 @@
-"""Local law of friction sigma = mu p (1 - exp(-s/(mu L))) from a loading run: mu, L and E by fitting the loading solution to u_x(r) and Q.
+"""Local law of friction sigma = mu p (1 - exp(-s/(mu L))) from a loading run: mu, L and E by
+fitting the loading solution to u_x(r) and Q.
 
-The measured u_x at the contact, lens removed, is the law's s. The stress that goes with it is the loading solution's for the same mu, L and
-E: none is inverted, and nothing is smoothed. `master_curve` draws the law as the paper does.
+The measured u_x at the contact, lens removed, is the law's s. The stress that goes with it is the
+loading solution's for the same mu, L and E: none is inverted, and nothing is smoothed.
+`master_curve` draws the law as the paper does.
 
 References
 ----------
@@ -33,25 +35,30 @@ HUBER = 2.5  # standard deviations from which a residual counts less
 STEPS = np.array([0.01, 0.03, 0.01])  # of the logarithms of mu, L and E, for derivatives
 SMALL = 0.05
 FURTHEST = np.array([1.5, 3.0, 1.0])  # from the first guess of these logarithms
-WEAK = 0.01  # a prior of 10 in each logarithm: what is not measured at all comes out as uncertain as that
-FORCE_OFF = (5.0, 0.05)  # of the noise of Q, and of Q: the fit meets the forces within one of these or is not told
+# a prior of 10 in each logarithm: what is not measured at all comes out as uncertain as that
+WEAK = 0.01
+# of the noise of Q, and of Q: the fit meets the forces within one of these or is not told
+FORCE_OFF = (5.0, 0.05)
 LOST = (0.1, 0.5, 0.1)  # relative uncertainties of mu, L and E from which they are not told
 
 
 @dataclass(frozen=True, slots=True)
 class LocalLaw:
-    """Interface and modulus for which the loading solution meets the measured displacements and forces. NaN where not told: see `notes`.
+    """Interface and modulus for which the loading solution meets the measured displacements and
+    forces. NaN where not told: see `notes`.
 
     Attributes
     ----------
     mu, mu_sd : float
         Friction coefficient.
     L, L_sd, h, h_sd : float
-        Elastic length and the roughness that it stands for, ``L = (2 - nu)/(2 (1 - nu)) h``, metres.
+        Elastic length and the roughness that it stands for, ``L = (2 - nu)/(2 (1 - nu)) h``,
+        metres.
     E, E_sd : float
         Young's modulus, pascals.
     D : ndarray, shape (nt,)
-        Displacement of the block far away in each frame, metres; NaN in frames without a measurement.
+        Displacement of the block far away in each frame, metres; NaN in frames without a
+        measurement.
     reduced_chi2 : float
         Per degree of freedom, outliers clipped.
     notes : tuple of str
@@ -72,7 +79,9 @@ class LocalLaw:
 
 
 def displacement_in_rings(state: State, r: ArrayLike, box: float = 0.0, width: float = 0.0) -> F64:
-    """Mean of u_x over rings in a state of the loading solution, metres, as measured with boxes and rings of a given size; shape of `r`."""
+    """Mean of u_x over rings in a state of the loading solution, metres, as measured with boxes and
+    rings of a given size; shape of `r`.
+    """
     return np.asarray(state.D - seen_in_rings(lambda at: state.displacement(at)[0], r, box, width))
 
 
@@ -80,7 +89,8 @@ class _Loading:
     """u_x in rings, and Q in the last column, as a smooth function of the block's displacement D."""
 
     def __init__(self, contact: Contact, r: F64, box: float, width: float) -> None:
-        furthest = contact.full_shift + 10 * contact.mu * contact.L  # there exp(-10) of the interface is still to slip
+        # there exp(-10) of the interface is still to slip
+        furthest = contact.full_shift + 10 * contact.mu * contact.L
         states = AxisymmetricLoading(contact).table(STATES, furthest)
         rows = [np.append(displacement_in_rings(s, r, box, width), s.Q) for s in states]
         self.furthest = states[-1].D
@@ -90,10 +100,15 @@ class _Loading:
 
     def at(self, D: F64) -> F64:
         """Shape (nt, nr + 1)."""
-        return np.asarray(self._of_D(np.minimum(D, self.furthest)) + np.maximum(D - self.furthest, 0.0)[:, None] * self._sliding)
+        return np.asarray(
+            self._of_D(np.minimum(D, self.furthest))
+            + np.maximum(D - self.furthest, 0.0)[:, None] * self._sliding
+        )
 
     def slope(self, D: F64) -> F64:
-        return np.where((self.furthest > D)[:, None], self._slope(np.minimum(D, self.furthest)), self._sliding)
+        return np.where(
+            (self.furthest > D)[:, None], self._slope(np.minimum(D, self.furthest)), self._sliding
+        )
 
 
 def fit_local_law(
@@ -111,14 +126,16 @@ def fit_local_law(
     box: float = 0.0,
     width: float = 0.0,
 ) -> LocalLaw:
-    """mu, L and E for which the loading solution meets u_x(r) and Q in all frames, the block's displacement in each frame unknown.
+    """mu, L and E for which the loading solution meets u_x(r) and Q in all frames, the block's
+    displacement in each frame unknown.
 
     Parameters
     ----------
     radii : array_like, shape (nr,)
         Metres.
     ux, ux_sd : array_like, shape (nt, nr)
-        Ring means of u_x since the start of a first loading, lens removed, and their standard errors, metres. NaN where not measured.
+        Ring means of u_x since the start of a first loading, lens removed, and their standard
+        errors, metres. NaN where not measured.
     P, Q : array_like, shape (nt,)
         Normal and shear force, newtons; P should be constant: its median is used.
     E : float
@@ -134,45 +151,108 @@ def fit_local_law(
 
     Notes
     -----
-    Q fixes mu, the shape of u_x the modulus, and the displacement at the centre L. Rings within 1.5 a are compared, with the noise of the
-    typical frame. Half of its variance is the reference image's, shared by all frames, and neighbouring rings share that of overlapping
-    boxes: the uncertainty, widened to what the residuals scatter, is that of errors shared so.
+    Q fixes mu, the shape of u_x the modulus, and the displacement at the centre L. Rings within 1.5
+    a are compared, with the noise of the typical frame. Half of its variance is the reference
+    image's, shared by all frames, and neighbouring rings share that of overlapping boxes: the
+    uncertainty, widened to what the residuals scatter, is that of errors shared so.
     """
     r = np.asarray(radii, dtype=np.float64)
-    load, force = float(np.nanmedian(np.asarray(P, dtype=np.float64))), np.asarray(Q, dtype=np.float64)
+    load, force = (
+        float(np.nanmedian(np.asarray(P, dtype=np.float64))),
+        np.asarray(Q, dtype=np.float64),
+    )
     if not load > 0:
-        return LocalLaw(notes=(f"local law: a normal force of {load:.3g} N was measured; without contact there is no friction",))
+        return LocalLaw(
+            notes=(
+                f"local law: a normal force of {load:.3g} N was measured; without contact there is"
+                " no friction",
+            )
+        )
     a = hertz.contact_radius(load, E, nu, R)
     near = r < REACH * a
-    r, u, u_sd = r[near], np.asarray(ux, dtype=np.float64)[:, near], np.asarray(ux_sd, dtype=np.float64)[:, near]
+    r, u, u_sd = (
+        r[near],
+        np.asarray(ux, dtype=np.float64)[:, near],
+        np.asarray(ux_sd, dtype=np.float64)[:, near],
+    )
     measured = np.isfinite(u) & (u_sd > 0)
     seen = measured.mean(axis=0) > 0.5
     frames = np.isfinite(force) & (2 * measured[:, seen].sum(axis=1) > max(seen.sum(), 1))
     if frames.sum() < FEWEST or seen.sum() < FEWEST:
-        return LocalLaw(notes=(f"local law: {frames.sum()} frames and {seen.sum()} rings were measured; {FEWEST} or more are needed",))
+        return LocalLaw(
+            notes=(
+                f"local law: {frames.sum()} frames and {seen.sum()} rings were measured; {FEWEST}"
+                " or more are needed",
+            )
+        )
     top = float(np.max(force[frames]))
     if not top > 10 * Q_sd:
-        return LocalLaw(notes=(f"local law: a shear force of {top:.3g} N at most was measured, of noise {Q_sd:.2g} N; drive further",))
-    r, u, u_sd, measured = r[seen], u[frames][:, seen], u_sd[frames][:, seen], measured[frames][:, seen]
+        return LocalLaw(
+            notes=(
+                f"local law: a shear force of {top:.3g} N at most was measured, of noise"
+                f" {Q_sd:.2g} N; drive further",
+            )
+        )
+    r, u, u_sd, measured = (
+        r[seen],
+        u[frames][:, seen],
+        u_sd[frames][:, seen],
+        measured[frames][:, seen],
+    )
     noise = np.sqrt(np.nanmedian(np.where(measured, u_sd, np.nan) ** 2, axis=0))
     root = np.column_stack([measured / noise, np.full(len(u), 1 / Q_sd)])
-    fit = _Fit(np.column_stack([np.where(measured, u, 0.0), force[frames]]), root, load, nu, R, thickness, r, box, width)
+    fit = _Fit(
+        np.column_stack([np.where(measured, u, 0.0), force[frames]]),
+        root,
+        load,
+        nu,
+        R,
+        thickness,
+        r,
+        box,
+        width,
+    )
     start = np.log([top / load, elastic_length(1e-6, nu), E])
     theta, sd, shift, chi2, off = fit.run(start)
     if not math.isfinite(off) and math.exp(theta[1]) < STIFFEST * a:
         limit = f"{STIFFEST * a * 1e6:.2g} um"
-        return LocalLaw(notes=(f"local law: L is below {limit}, too short to be told: the interface looks like Cattaneo and Mindlin's",))
+        return LocalLaw(
+            notes=(
+                f"local law: L is below {limit}, too short to be told: the interface looks like"
+                " Cattaneo and Mindlin's",
+            )
+        )
     if not off * Q_sd < max(FORCE_OFF[0] * Q_sd, FORCE_OFF[1] * top):
-        why = f"(Q is {off * Q_sd:.2g} N off)" if math.isfinite(off) else "(the fit has not settled)"
-        return LocalLaw(notes=(f"local law: displacements and forces do not go together {why}; check E, P and the zero of Q",))
+        why = (
+            f"(Q is {off * Q_sd:.2g} N off)" if math.isfinite(off) else "(the fit has not settled)"
+        )
+        return LocalLaw(
+            notes=(
+                f"local law: displacements and forces do not go together {why}; check E, P and the"
+                " zero of Q",
+            )
+        )
     if not (sd < LOST).all():
-        return LocalLaw(notes=(f"local law: mu, L, E come out within {', '.join(f'{v:.0%}' for v in sd)} only; drive until it slides",))
-    (mu, L, modulus), (mu_sd, L_sd, modulus_sd) = np.exp(theta).tolist(), (np.exp(theta) * sd).tolist()
+        return LocalLaw(
+            notes=(
+                f"local law: mu, L, E come out within {', '.join(f'{v:.0%}' for v in sd)} only;"
+                " drive until it slides",
+            )
+        )
+    (mu, L, modulus), (mu_sd, L_sd, modulus_sd) = (
+        np.exp(theta).tolist(),
+        (np.exp(theta) * sd).tolist(),
+    )
     D = np.full(len(frames), np.nan)
     D[frames] = shift
     rough = elastic_length(1.0, nu)
-    note = f"local law: {int(frames.sum())} frames, {len(r)} rings within {REACH:g} a; Q met within {off * Q_sd * 1e3:.2g} mN"
-    return LocalLaw(mu, mu_sd, L, L_sd, L / rough, L_sd / rough, modulus, modulus_sd, D, chi2, (note,))
+    note = (
+        f"local law: {int(frames.sum())} frames, {len(r)} rings within {REACH:g} a; Q met within"
+        f" {off * Q_sd * 1e3:.2g} mN"
+    )
+    return LocalLaw(
+        mu, mu_sd, L, L_sd, L / rough, L_sd / rough, modulus, modulus_sd, D, chi2, (note,)
+    )
 
 
 @dataclass(frozen=True)
@@ -191,10 +271,14 @@ class _Fit:
 
     def _loading(self, theta: F64) -> _Loading:
         mu, L, E = np.exp(theta).tolist()
-        return _Loading(Contact(self.P, E, self.nu, self.R, mu, L, self.thickness), self.r, self.box, self.width)
+        return _Loading(
+            Contact(self.P, E, self.nu, self.R, mu, L, self.thickness), self.r, self.box, self.width
+        )
 
     def run(self, start: F64) -> tuple[F64, F64, F64, float, float]:
-        """Logarithms, their standard uncertainties, D of each frame, chi2 per degree of freedom, and how far off Q is, in its noise."""
+        """Logarithms, their standard uncertainties, D of each frame, chi2 per degree of freedom,
+        and how far off Q is, in its noise.
+        """
         theta, loading = start, self._loading(start)
         D, scale, step = self._nearest(loading), 50.0, np.ones(3)
         for _ in range(ROUNDS):
@@ -204,8 +288,16 @@ class _Fit:
             weight = huber(e / scale)
             if np.abs(step).max() > SMALL:  # after smaller steps they hardly change
                 base = loading.at(D)
-                slopes = np.array([(self._loading(theta + d).at(D) - base) / d.sum() * self.root for d in np.diag(STEPS)])
-            J = slopes - t * ((weight * t * slopes).sum(axis=2) / (weight * t * t).sum(axis=1))[:, :, None]  # D follows
+                slopes = np.array(
+                    [
+                        (self._loading(theta + d).at(D) - base) / d.sum() * self.root
+                        for d in np.diag(STEPS)
+                    ]
+                )
+            J = (
+                slopes
+                - t * ((weight * t * slopes).sum(axis=2) / (weight * t * t).sum(axis=1))[:, :, None]
+            )  # D follows
             H = np.einsum("aij,bij,ij->ab", J, J, weight) + WEAK * np.eye(3)
             if np.abs(step).max() < 1e-3:
                 break
@@ -218,10 +310,23 @@ class _Fit:
         chi2 = float((e * e).sum() / freedom)
         wide = max(1.0, chi2) * correlation_factor(e[:, :-1])
         score = weight * J
-        own, common = np.einsum("aij,bij->ab", score[:, :, :-1], score[:, :, :-1]), score[:, :, :-1].sum(axis=1)
-        meat = wide / 2 * (own + common @ common.T) + score[:, :, -1] @ score[:, :, -1].T + WEAK * np.eye(3)
+        own, common = (
+            np.einsum("aij,bij->ab", score[:, :, :-1], score[:, :, :-1]),
+            score[:, :, :-1].sum(axis=1),
+        )
+        meat = (
+            wide / 2 * (own + common @ common.T)
+            + score[:, :, -1] @ score[:, :, -1].T
+            + WEAK * np.eye(3)
+        )
         covariance = np.linalg.solve(H, np.linalg.solve(H, meat).T)
-        return theta, np.sqrt(np.diag(covariance)), D, chi2, off if np.abs(step).max() < 1e-3 else np.inf
+        return (
+            theta,
+            np.sqrt(np.diag(covariance)),
+            D,
+            chi2,
+            off if np.abs(step).max() < 1e-3 else np.inf,
+        )
 
     def _miss(self, loading: _Loading, D: F64) -> F64:
         return (self.data - loading.at(D)) * self.root
@@ -242,5 +347,7 @@ class _Fit:
 
 
 def huber(e: F64) -> F64:
-    """Weights of scores: 1 up to `HUBER` standard deviations, then falling as their inverse (Huber 1964)."""
+    """Weights of scores: 1 up to `HUBER` standard deviations, then falling as their inverse (Huber
+    1964).
+    """
     return np.asarray(1 / np.maximum(1.0, np.abs(e) / HUBER))

@@ -1,7 +1,8 @@
-"""Master curve of friction: sigma/p against u_x at all radii and frames, and the law through it (paper, section 6 and Fig. 15).
+"""Master curve of friction: sigma/p against u_x at all radii and frames, and the law through it
+(paper, section 6 and Fig. 15).
 
-sigma comes from an inversion, which smooths it, and the curve inherits that: L comes out 1 to 3 % too long. `local_law.fit_local_law` needs
-no stress and is the one to quote; this is what to draw.
+sigma comes from an inversion, which smooths it, and the curve inherits that: L comes out 1 to 3 %
+too long. `local_law.fit_local_law` needs no stress and is the one to quote; this is what to draw.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from analysis.mechanics import hertz
 
 F64 = NDArray[np.float64]
 
-INNER = 0.9  # of a: beyond, p vanishes, and with it what sigma/p is worth; boxes mix inside and outside
+# of a: beyond, p vanishes, and with it what sigma/p is worth; boxes mix inside and outside
+INNER = 0.9
 BINS = 40
 ROUNDS = 60
 LAGS = 3  # rings whose errors may be shared
@@ -25,7 +27,8 @@ OUTLYING = 4.0  # standard deviations
 
 @dataclass(frozen=True, slots=True)
 class MasterCurve:
-    """sigma/p against u_x, all radii and frames together (paper, Fig. 15), and the law through it. NaN where there is none: see `notes`.
+    """sigma/p against u_x, all radii and frames together (paper, Fig. 15), and the law through it.
+    NaN where there is none: see `notes`.
 
     Attributes
     ----------
@@ -60,7 +63,13 @@ class MasterCurve:
 
 
 def master_curve(
-    radii: ArrayLike, ux: ArrayLike, ux_sd: ArrayLike, sigma: ArrayLike, sigma_sd: ArrayLike, P: ArrayLike, a: float
+    radii: ArrayLike,
+    ux: ArrayLike,
+    ux_sd: ArrayLike,
+    sigma: ArrayLike,
+    sigma_sd: ArrayLike,
+    P: ArrayLike,
+    a: float,
 ) -> MasterCurve:
     """sigma/p against u_x at all radii and frames of the drive, and the law through it.
 
@@ -69,7 +78,8 @@ def master_curve(
     radii : array_like, shape (nr,)
         Metres.
     ux, ux_sd, sigma, sigma_sd : array_like, shape (nt, nr)
-        Ring means of u_x, lens removed, and inverted stress, with their standard uncertainties (m, Pa). NaN where not measured.
+        Ring means of u_x, lens removed, and inverted stress, with their standard uncertainties (m,
+        Pa). NaN where not measured.
     P : array_like, shape (nt,) or scalar
         Normal force, newtons.
     a : float
@@ -77,12 +87,15 @@ def master_curve(
 
     Notes
     -----
-    Least squares with the errors of both variables, outliers down-weighted. Errors are taken to be shared by all frames of a ring
-    (smoothing, reference image) and by neighbouring rings.
+    Least squares with the errors of both variables, outliers down-weighted. Errors are taken to be
+    shared by all frames of a ring (smoothing, reference image) and by neighbouring rings.
     """
     r = np.asarray(radii, dtype=np.float64)
     inner = r < INNER * a
-    u, u_sd, s, s_sd = (np.atleast_2d(np.asarray(v, dtype=np.float64))[:, inner] for v in (ux, ux_sd, sigma, sigma_sd))
+    u, u_sd, s, s_sd = (
+        np.atleast_2d(np.asarray(v, dtype=np.float64))[:, inner]
+        for v in (ux, ux_sd, sigma, sigma_sd)
+    )
     force = np.broadcast_to(np.asarray(P, dtype=np.float64), len(u))[:, None]
     p = hertz.pressure(r[inner], 1.0, a) * force
     ratio, ratio_sd = s / p, s_sd / p
@@ -90,13 +103,26 @@ def master_curve(
     slip, ratio = np.where(good, u, np.nan), np.where(good, ratio, np.nan)
     bins = [b for b in np.array_split(np.flatnonzero(good)[np.argsort(slip[good])], BINS) if b.size]
     bin_slip, bin_ratio = (np.array([np.median(v.ravel()[b]) for b in bins]) for v in (slip, ratio))
-    bin_sd = np.array([1.4826 * np.median(np.abs(ratio.ravel()[b] - m)) for b, m in zip(bins, bin_ratio, strict=True)])
+    bin_sd = np.array(
+        [
+            1.4826 * np.median(np.abs(ratio.ravel()[b] - m))
+            for b, m in zip(bins, bin_ratio, strict=True)
+        ]
+    )
     curve = MasterCurve(r[inner], slip, ratio, bin_slip, bin_ratio, bin_sd)
     if good.any(axis=1).sum() < FEWEST or not inner.any():
-        why = f"master curve: {good.any(axis=1).sum()} frames have a stress inside the contact; {FEWEST} or more are needed"
+        why = (
+            f"master curve: {good.any(axis=1).sum()} frames have a stress inside the contact;"
+            f" {FEWEST} or more are needed"
+        )
         return replace(curve, notes=(why,))
     x, y = np.where(good, u, 0.0), np.where(good, ratio, 0.0)
-    theta = np.log([bin_ratio[-3:].mean(), np.interp(0.63 * bin_ratio[-3:].mean(), bin_ratio, bin_slip) / bin_ratio[-3:].mean()])
+    theta = np.log(
+        [
+            bin_ratio[-3:].mean(),
+            np.interp(0.63 * bin_ratio[-3:].mean(), bin_ratio, bin_slip) / bin_ratio[-3:].mean(),
+        ]
+    )
     for _ in range(4 * ROUNDS):
         mu, L = np.exp(theta)
         decay, t = np.exp(-np.maximum(x, 0.0) / (mu * L)), np.maximum(x, 0.0) / (mu * L)
@@ -113,7 +139,13 @@ def master_curve(
     scores = _neighbouring(np.einsum("aij,ij,ij->ja", J, weight, e))
     sd = np.sqrt(np.diag(np.linalg.solve(H, np.linalg.solve(H, scores).T)))
     if not (sd < LOST[:2]).all():
-        return replace(curve, notes=(f"master curve: mu and L come out within {sd[0]:.0%} and {sd[1]:.0%} only; drive further",))
+        return replace(
+            curve,
+            notes=(
+                f"master curve: mu and L come out within {sd[0]:.0%} and {sd[1]:.0%} only; drive"
+                " further",
+            ),
+        )
     mu, L = (float(v) for v in np.exp(theta))
     return replace(
         curve,
@@ -123,12 +155,16 @@ def master_curve(
         L_sd=L * float(sd[1]),
         stiffness=p.mean(axis=0) / L,
         outliers=float(np.mean(np.abs(e[good]) > OUTLYING * scale)),
-        notes=(f"master curve: {int(good.sum())} points at {int(inner.sum())} radii below {INNER:g} a",),
+        notes=(
+            f"master curve: {int(good.sum())} points at {int(inner.sum())} radii below {INNER:g} a",
+        ),
     )
 
 
 def _neighbouring(scores: F64) -> F64:
-    """Covariance of the sum of the scores of rings, shape (nr, k), each of which shares errors with its neighbours (Newey and West)."""
+    """Covariance of the sum of the scores of rings, shape (nr, k), each of which shares errors with
+    its neighbours (Newey and West).
+    """
     total = scores.T @ scores
     for lag in range(1, LAGS):
         part = scores[lag:].T @ scores[:-lag]

@@ -1,4 +1,6 @@
-"""Young's modulus from the balance of the inverted stress with the shear force over a run (paper, section 4 and Fig. 9)."""
+"""Young's modulus from the balance of the inverted stress with the shear force over a run (paper,
+section 4 and Fig. 9).
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ class Modulus:
     Attributes
     ----------
     E, E_sd : float
-        Pascals; the uncertainty holds the scatter of frames and what the caller states of the inversion.
+        Pascals; the uncertainty holds the scatter of frames and what the caller states of the
+        inversion.
     slope : float
         Of Q against the integral of the stress for the modulus supposed: E = slope E_supposed.
     offset : float
@@ -42,28 +45,39 @@ class Modulus:
 
 
 def balance_modulus(
-    integral: ArrayLike, integral_sd: ArrayLike, Q: ArrayLike, E_supposed: float, *, Q_sd: float = 1e-3, relative_sd: float = 0.0
+    integral: ArrayLike,
+    integral_sd: ArrayLike,
+    Q: ArrayLike,
+    E_supposed: float,
+    *,
+    Q_sd: float = 1e-3,
+    relative_sd: float = 0.0,
 ) -> Modulus:
-    """Young's modulus at which the stress sums up to the shear force: sigma from an inversion grows as the modulus it supposes.
+    """Young's modulus at which the stress sums up to the shear force: sigma from an inversion grows
+    as the modulus it supposes.
 
     Parameters
     ----------
     integral, integral_sd : array_like, shape (nt,)
-        Integral of the stress over the contact in each frame (N), inverted with `E_supposed`, and its standard uncertainty.
+        Integral of the stress over the contact in each frame (N), inverted with `E_supposed`, and
+        its standard uncertainty.
     Q : array_like, shape (nt,)
-        Shear force (N), counted from the frame of reference of the displacements. Frames with a NaN are ignored.
+        Shear force (N), counted from the frame of reference of the displacements. Frames with a NaN
+        are ignored.
     E_supposed : float
         Pascals.
     Q_sd : float
         Noise of the force, newtons.
     relative_sd : float
-        Relative uncertainty of the integral that all frames share: of D, of the block's thickness (0.002 to 0.005 for a block
-        of five contact diameters inverted as a half-space), of the magnification.
+        Relative uncertainty of the integral that all frames share: of D, of the block's thickness
+        (0.002 to 0.005 for a block of five contact diameters inverted as a half-space), of the
+        magnification.
 
     Notes
     -----
-    A line through both, with errors in both (York 1966), outlying frames left out. What all frames share and no force changes, as the noise
-    of the reference image and the force sensor's zero, is in the offset. The uncertainty allows for errors that successive frames share.
+    A line through both, with errors in both (York 1966), outlying frames left out. What all frames
+    share and no force changes, as the noise of the reference image and the force sensor's zero, is
+    in the offset. The uncertainty allows for errors that successive frames share.
 
     References
     ----------
@@ -71,22 +85,35 @@ def balance_modulus(
     """
     if not (E_supposed > 0 and Q_sd > 0 and relative_sd >= 0):
         raise ValueError(
-            f"modulus: E {E_supposed:g} Pa, a noise of {Q_sd:g} N and a relative uncertainty of {relative_sd:g} found; use positive ones"
+            f"modulus: E {E_supposed:g} Pa, a noise of {Q_sd:g} N and a relative uncertainty of"
+            f" {relative_sd:g} found; use positive ones"
         )
-    x, sx, y = (np.ravel(v).astype(np.float64) for v in np.broadcast_arrays(integral, integral_sd, Q))
+    x, sx, y = (
+        np.ravel(v).astype(np.float64) for v in np.broadcast_arrays(integral, integral_sd, Q)
+    )
     good = np.isfinite(x) & np.isfinite(sx) & np.isfinite(y)
     x, sx, y = x[good], sx[good], y[good]
     if len(x) < FEWEST:
-        return Modulus(frames=len(x), notes=(f"modulus: {len(x)} frames have a stress and a force; {FEWEST} or more are needed",))
+        return Modulus(
+            frames=len(x),
+            notes=(
+                f"modulus: {len(x)} frames have a stress and a force; {FEWEST} or more are needed",
+            ),
+        )
     slope, offset = np.polyfit(x, y, 1) if np.ptp(x) > 0 else (0.0, 0.0)
     keep = np.ones(len(x), np.bool_)
     for _ in range(ROUNDS):
         weight = keep / (Q_sd**2 + (slope * sx) ** 2)
         middle, level = weight @ x / weight.sum(), weight @ y / weight.sum()
         dx, dy = x - middle, y - level
-        # the best place of each frame on the line, so that noise of the integral does not flatten it (York 1966)
+        # the best place of each frame on the line, so that noise of the integral does not flatten
+        # it (York 1966)
         share = weight * (Q_sd**2 * dx + slope * sx**2 * dy)
-        slope = float((weight * share) @ dy / ((weight * share) @ dx)) if np.any((weight * share) * dx) else 0.0
+        slope = (
+            float((weight * share) @ dy / ((weight * share) @ dx))
+            if np.any((weight * share) * dx)
+            else 0.0
+        )
         offset = float(level - slope * middle)
         residual = (y - offset - slope * x) / np.sqrt(Q_sd**2 + (slope * sx) ** 2)
         scale = max(1.0, 1.4826 * float(np.median(np.abs(residual))))
@@ -97,12 +124,20 @@ def balance_modulus(
     frames, outliers = int(keep.sum()), int((~keep).sum())
     why = ""
     if not np.ptp(y[keep]) > LEAST_RANGE * frame_sd:
-        why = f"modulus: Q varies by {np.ptp(y):.2g} N, frames scatter by {frame_sd:.2g} N; drive further"
+        why = (
+            f"modulus: Q varies by {np.ptp(y):.2g} N, frames scatter by {frame_sd:.2g} N; drive"
+            " further"
+        )
     elif not slope > 0:
-        why = f"modulus: stress and force have opposite signs (slope {slope:.3g}); check the sign of Q"
+        why = (
+            f"modulus: stress and force have opposite signs (slope {slope:.3g}); check the sign of"
+            " Q"
+        )
     if why:
         return Modulus(frames=frames, outliers=outliers, notes=(why,))
     shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / float(scores @ scores))
     slope_sd = scale * np.sqrt(shared / spread)
     E = slope * E_supposed
-    return Modulus(E, float(np.hypot(slope_sd * E_supposed, relative_sd * E)), slope, offset, frames, outliers)
+    return Modulus(
+        E, float(np.hypot(slope_sd * E_supposed, relative_sd * E)), slope, offset, frames, outliers
+    )

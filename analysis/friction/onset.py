@@ -1,4 +1,6 @@
-"""Onset of sliding: t_s, Q_s, mu_s and mu_d from the central displacement and the forces (paper, section 3, Figs 7 and 8)."""
+"""Onset of sliding: t_s, Q_s, mu_s and mu_d from the central displacement and the forces (paper,
+section 3, Figs 7 and 8).
+"""
 
 from __future__ import annotations
 
@@ -14,18 +16,21 @@ BLOCK = 4  # frames by which the fit's window grows
 AGREE = 4.0  # standard deviations by which a block may leave the line and still belong to it
 MARGIN = 0.2  # share of the constant-velocity part, next to the onset, that the fit leaves out
 STILL_LOADING = 0.2  # share of the mean loading rate above which Q counts as still rising
-FORCE_FRAMES = 1  # frames on each side of the one nearest to t_s from which Q_s is interpolated: Q bends there
+# frames on each side of the one nearest to t_s from which Q_s is interpolated: Q bends there
+FORCE_FRAMES = 1
 NORMAL_FRAMES = 8  # the same for P, which is nominally constant
 
 
 @dataclass(frozen=True, slots=True)
 class Onset:
-    """The transition to sliding. Every number is NaN where the run did not reach sliding; `notes` then says why.
+    """The transition to sliding. Every number is NaN where the run did not reach sliding; `notes`
+    then says why.
 
     Attributes
     ----------
     time, time_sd : float
-        t_s: where the straight line through the central u_x at long times meets u_x = 0, and its standard uncertainty, s.
+        t_s: where the straight line through the central u_x at long times meets u_x = 0, and its
+        standard uncertainty, s.
     velocity, velocity_sd : float
         Slope of that line, m/s.
     static_force, static_force_sd : float
@@ -58,7 +63,9 @@ class Onset:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A least-squares line through points that scatter by `noise` about it; `spread` is the sum of squared distances from `middle`."""
+    """A least-squares line through points that scatter by `noise` about it; `spread` is the sum of
+    squared distances from `middle`.
+    """
 
     middle: float
     mean: float
@@ -74,7 +81,9 @@ class _Line:
         return float(self.noise**2 * (1 / self.count + (x - self.middle) ** 2 / self.spread))
 
 
-def sliding_onset(time: ArrayLike, centre_ux: ArrayLike, shear_force: ArrayLike, normal_force: ArrayLike) -> Onset:
+def sliding_onset(
+    time: ArrayLike, centre_ux: ArrayLike, shear_force: ArrayLike, normal_force: ArrayLike
+) -> Onset:
     """Time, static force and friction coefficients of the transition to sliding.
 
     Parameters
@@ -88,22 +97,35 @@ def sliding_onset(time: ArrayLike, centre_ux: ArrayLike, shear_force: ArrayLike,
 
     Notes
     -----
-    The line is fitted to the largest final part of the run over which u_x grows at constant velocity: starting from the
-    last half of the rise of u_x, the part grows backwards as long as the next block of four agrees with the line within four
-    standard deviations. Its first fifth, next to the rounded onset, is left out. Uncertainties allow
-    for the correlation found between successive residuals.
+    The line is fitted to the largest final part of the run over which u_x grows at constant
+    velocity: starting from the last half of the rise of u_x, the part grows backwards as long as
+    the next block of four agrees with the line within four standard deviations. Its first fifth,
+    next to the rounded onset, is left out. Uncertainties allow for the correlation found between
+    successive residuals.
 
     References
     ----------
     Prevost et al. 2013, section 3, Fig. 7 (t_s, Q_s) and Fig. 8 (mu_s, mu_d).
     """
-    columns = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (time, centre_ux, shear_force, normal_force)))
+    columns = np.broadcast_arrays(
+        *(np.asarray(v, dtype=np.float64) for v in (time, centre_ux, shear_force, normal_force))
+    )
     table = np.stack([np.ravel(c) for c in columns])
     t, u, q, p = table[:, np.isfinite(table).all(axis=0)]
     if len(t) < 2 * FEWEST:
-        return Onset(notes=(f"onset: {len(t)} frames of the drive were measured; {2 * FEWEST} or more are needed for t_s",))
+        return Onset(
+            notes=(
+                f"onset: {len(t)} frames of the drive were measured; {2 * FEWEST} or more are"
+                " needed for t_s",
+            )
+        )
     if not (p > 0).all():
-        return Onset(notes=(f"onset: the normal force falls to {p.min():.3g} N during the drive; without contact there is no friction",))
+        return Onset(
+            notes=(
+                f"onset: the normal force falls to {p.min():.3g} N during the drive; without"
+                " contact there is no friction",
+            )
+        )
 
     first = _constant_velocity_start(t, u)
     start = first + int(MARGIN * (len(t) - first - FEWEST))
@@ -120,7 +142,10 @@ def sliding_onset(time: ArrayLike, centre_ux: ArrayLike, shear_force: ArrayLike,
     static_sd = float(np.hypot(_white_noise(q) / np.sqrt(shear.count), shear.slope * ts_sd))
     load_sd = normal.noise / np.sqrt(normal.count)
     dynamic = (q / p)[t >= ts]
-    note = f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({line.count} frames)"
+    note = (
+        f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({line.count}"
+        " frames)"
+    )
     return Onset(
         time=float(ts),
         time_sd=float(ts_sd),
@@ -147,7 +172,9 @@ def _fit(x: F64, y: F64) -> _Line:
     power = float(residual @ residual)
     correlation = residual[1:] @ residual[:-1] / power if power > 0 and len(x) >= FEWEST else 0.0
     inflation = max(1.0, (1 + correlation) / (1 - correlation))
-    return _Line(middle, mean, slope, float(np.sqrt(power / max(len(x) - 2, 1) * inflation)), spread, len(x))
+    return _Line(
+        middle, mean, slope, float(np.sqrt(power / max(len(x) - 2, 1) * inflation)), spread, len(x)
+    )
 
 
 def _white_noise(y: F64) -> float:
@@ -157,7 +184,8 @@ def _white_noise(y: F64) -> float:
 
 def _constant_velocity_start(t: F64, u: F64) -> int:
     """Index of the first frame of the final part in which u grows at constant velocity."""
-    # u grows from 0 at t_s, so the last half of its rise is the last half of the sliding; shorter starts are at the mercy of slow errors
+    # u grows from 0 at t_s, so the last half of its rise is the last half of the sliding; shorter
+    # starts are at the mercy of slow errors
     final = float(np.median(u[-BLOCK:]))
     lower = np.flatnonzero(u <= 0.5 * final)
     start = min(lower[-1] + 1 if len(lower) else 0, len(t) - FEWEST)
@@ -165,7 +193,9 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
         line = _fit(t[start:], u[start:])
         before = slice(max(start - BLOCK, 0), start)
         miss = np.mean(u[before] - line.at(t[before]))
-        block_sd = np.sqrt(line.noise**2 / (before.stop - before.start) + line.variance_at(float(t[before].mean())))
+        block_sd = np.sqrt(
+            line.noise**2 / (before.stop - before.start) + line.variance_at(float(t[before].mean()))
+        )
         if abs(miss) > AGREE * block_sd:
             return start
         start = before.start
@@ -177,20 +207,23 @@ def _not_sliding(t: F64, q: F64, start: int, line: _Line) -> str:
     slope_sd = line.noise / np.sqrt(line.spread)
     if line.slope < 10 * slope_sd or line.slope <= 0:
         return (
-            f"onset: the centre moves at {line.slope * 1e6:.3g} +- {slope_sd * 1e6:.2g} um/s at the end of the run, "
+            f"onset: the centre moves at {line.slope * 1e6:.3g} +- {slope_sd * 1e6:.2g} um/s at the"
+            " end of the run, "
             "so sliding was not reached; drive further"
         )
     ts = line.middle - line.mean / line.slope
     if not t[0] < ts < t[start]:
         return (
-            f"onset: the line through the central u_x meets zero at {ts:.3g} s, outside the {t[0]:.3g} to {t[start]:.3g} s before its fit, "
+            f"onset: the line through the central u_x meets zero at {ts:.3g} s, outside the"
+            f" {t[0]:.3g} to {t[start]:.3g} s before its fit, "
             "so the onset was not seen; drive further"
         )
     loading = abs(q[start:].mean() - q[0]) / (t[start:].mean() - t[0])
     rising = _fit(t[start:], q[start:]).slope
     if rising * np.sign(q[start:].mean() - q[0]) > STILL_LOADING * loading:
         return (
-            f"onset: Q still rises at {abs(rising) * 1e3:.3g} mN/s at the end of the run ({loading * 1e3:.3g} mN/s on average), "
+            f"onset: Q still rises at {abs(rising) * 1e3:.3g} mN/s at the end of the run"
+            f" ({loading * 1e3:.3g} mN/s on average), "
             "so sliding was not reached; drive further"
         )
     return ""

@@ -1,4 +1,6 @@
-"""Stick radius c from u_x(r): the Cattaneo-Mindlin profile, fitted live on every frame (paper, section 5)."""
+"""Stick radius c from u_x(r): the Cattaneo-Mindlin profile, fitted live on every frame (paper,
+section 5).
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,15 @@ VISIBLE = 16.0  # drop of chi2 (4 sigma) below which the profile does not stand 
 
 @dataclass(frozen=True, slots=True)
 class StickFit:
-    """A Cattaneo-Mindlin profile through u_x(r): ``u = offset - amplitude (Phi0(r; a) - c/a Phi0(r; c))``.
+    """A Cattaneo-Mindlin profile through u_x(r): ``u = offset - amplitude (Phi0(r; a) - c/a Phi0(r;
+    c))``.
 
     Attributes
     ----------
     stick_radius, stick_radius_sd : float
-        c and its standard uncertainty, metres. At full slip c is 0. NaN where nothing can be told: too few rings, or no profile
-        above the noise. Below about 0.1 a, where c is lost, c = 0 lies within two standard uncertainties.
+        c and its standard uncertainty, metres. At full slip c is 0. NaN where nothing can be told:
+        too few rings, or no profile above the noise. Below about 0.1 a, where c is lost, c = 0 lies
+        within two standard uncertainties.
     amplitude : float
         q0 (1 - nu/2) / (2 pi G), where q0 = 3 mu P / (2 pi a^2): dimensionless, 0 or more.
     offset : float
@@ -58,7 +62,11 @@ def cattaneo_mindlin_profile(r: ArrayLike, stick_radius: ArrayLike, hertz_radius
     ----------
     Mindlin (1949); Johnson, Contact Mechanics, section 7.2.
     """
-    r, c, a = np.asarray(r, dtype=np.float64), np.atleast_1d(np.asarray(stick_radius, dtype=np.float64)), hertz_radius
+    r, c, a = (
+        np.asarray(r, dtype=np.float64),
+        np.atleast_1d(np.asarray(stick_radius, dtype=np.float64)),
+        hertz_radius,
+    )
     share = np.expand_dims(np.maximum(c / a, 1e-9), tuple(range(1, r.ndim + 1)))
     # Phi0(r; c) = c Phi0(r/c; 1)
     return np.asarray(a * (_unit_phi0(r / a) - share**2 * _unit_phi0(r / (share * a))))
@@ -73,7 +81,9 @@ def _phi0_table() -> tuple[F64, F64]:
 
 
 def _unit_phi0(x: F64) -> F64:
-    """Phi0(x; 1) from a table, within 1e-6: the closed form and its series would take most of the time of a fit."""
+    """Phi0(x; 1) from a table, within 1e-6: the closed form and its series would take most of the
+    time of a fit.
+    """
     values, steps = _phi0_table()
     place = (TABLE - 1) / np.maximum(x, 1)
     node = place.astype(np.intp)
@@ -81,38 +91,55 @@ def _unit_phi0(x: F64) -> F64:
     return np.where(x < 1, np.pi**2 / 4 * (2 - x * x), values.take(node) + place * steps.take(node))
 
 
-def seen_in_rings(profile: Callable[[F64], F64], r: ArrayLike, box: float = 0.0, width: float = 0.0) -> F64:
-    """A profile of r as measured: averaged over square boxes of a given side, then over rings of a given width (all metres).
+def seen_in_rings(
+    profile: Callable[[F64], F64], r: ArrayLike, box: float = 0.0, width: float = 0.0
+) -> F64:
+    """A profile of r as measured: averaged over square boxes of a given side, then over rings of a
+    given width (all metres).
 
-    Four points about r, of the variance of box and ring along and across the radius: exact to third order in box/r.
+    Four points about r, of the variance of box and ring along and across the radius: exact to third
+    order in box/r.
     """
     r = np.asarray(r, dtype=np.float64)
     if box == width == 0:
         return profile(r)
     along, across = np.sqrt((box**2 + width**2) / 6), box / np.sqrt(6)
-    near, far, beside = np.moveaxis(profile(np.stack([np.abs(r - along), r + along, np.hypot(r, across)])), -2, 0)
+    near, far, beside = np.moveaxis(
+        profile(np.stack([np.abs(r - along), r + along, np.hypot(r, across)])), -2, 0
+    )
     return np.asarray(0.25 * (near + far) + 0.5 * beside)
 
 
-def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: float, *, box: float = 0.0, width: float = 0.0) -> StickFit:
+def fit_stick_radius(
+    r: ArrayLike,
+    u: ArrayLike,
+    sd: ArrayLike,
+    hertz_radius: float,
+    *,
+    box: float = 0.0,
+    width: float = 0.0,
+) -> StickFit:
     """Stick radius, with its uncertainty, from the azimuthal mean of u_x.
 
     Parameters
     ----------
     r, u, sd : array_like, shape (n,)
-        Radius of each ring, mean of u_x over it and its standard error, metres; rings with a NaN are ignored. Rings should reach
-        well beyond the contact: what the displacement tends to far away is an unknown of the fit.
+        Radius of each ring, mean of u_x over it and its standard error, metres; rings with a NaN
+        are ignored. Rings should reach well beyond the contact: what the displacement tends to far
+        away is an unknown of the fit.
     hertz_radius : float
         a of the pressure, metres.
     box, width : float
-        Side of the correlation boxes and width of the rings, over which the profile is averaged before it is fitted, metres.
+        Side of the correlation boxes and width of the rings, over which the profile is averaged
+        before it is fitted, metres.
 
     Notes
     -----
-    For each c the two other unknowns are linear, so that chi2 is a function of c alone; it is tabulated on a grid that
-    closes in on its least value. The standard uncertainty is half of the distance at which it is 4 larger, on the longer side.
-    Neighbouring rings share noise because correlation boxes overlap: the uncertainty is widened by the correlation found between
-    the residuals of successive rings.
+    For each c the two other unknowns are linear, so that chi2 is a function of c alone; it is
+    tabulated on a grid that closes in on its least value. The standard uncertainty is half of the
+    distance at which it is 4 larger, on the longer side. Neighbouring rings share noise because
+    correlation boxes overlap: the uncertainty is widened by the correlation found between the
+    residuals of successive rings.
 
     References
     ----------
@@ -124,12 +151,17 @@ def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: fl
     if good.sum() < FEWEST or not a > 0:
         return LOST
     r, u, sd = r[good], u[good], sd[good]
-    # a ring of three points may agree by chance: what a point scatters is shared with the three rings on each side
+    # a ring of three points may agree by chance: what a point scatters is shared with the three
+    # rings on each side
     window = np.ones(2 * SHARED + 1)
-    weight = r * np.convolve(np.ones(len(r)), window, "same") / np.convolve(sd * sd * r, window, "same")
+    weight = (
+        r * np.convolve(np.ones(len(r)), window, "same") / np.convolve(sd * sd * r, window, "same")
+    )
 
     def profile(share: ArrayLike) -> F64:
-        return seen_in_rings(lambda at: cattaneo_mindlin_profile(at, np.asarray(share) * a, a), r, box, width)
+        return seen_in_rings(
+            lambda at: cattaneo_mindlin_profile(at, np.asarray(share) * a, a), r, box, width
+        )
 
     low, high = 0.0, LARGEST
     for _ in range(ZOOMS):
@@ -152,11 +184,19 @@ def fit_stick_radius(r: ArrayLike, u: ArrayLike, sd: ArrayLike, hertz_radius: fl
     if flat[0] - at < VISIBLE * max(1.0, reduced) * correlation:
         return LOST
     spread = 0.5 * _longer_side(share, chi2, minimum, at + 4 * max(1.0, reduced))
-    return StickFit(minimum * a, spread * a * np.sqrt(correlation), float(amplitude[0]), float(offset[0]), reduced)
+    return StickFit(
+        minimum * a,
+        spread * a * np.sqrt(correlation),
+        float(amplitude[0]),
+        float(offset[0]),
+        reduced,
+    )
 
 
 def _linear_fit(profiles: F64, u: F64, weight: F64) -> tuple[F64, F64, F64]:
-    """chi2, amplitude (0 or more) and offset of ``u = offset - amplitude profile`` for each profile, shape (k, n) to (k,)."""
+    """chi2, amplitude (0 or more) and offset of ``u = offset - amplitude profile`` for each
+    profile, shape (k, n) to (k,).
+    """
     total = weight.sum()
     mean_u, mean_s = weight @ u / total, profiles @ weight / total
     du, ds = u - mean_u, profiles - mean_s[:, None]
@@ -169,17 +209,23 @@ def _linear_fit(profiles: F64, u: F64, weight: F64) -> tuple[F64, F64, F64]:
 
 
 def _parabola(x: F64, y: F64, best: int) -> tuple[float, float]:
-    """Place and value of the least y: of the parabola through the least node and its neighbours, or the node at an end."""
+    """Place and value of the least y: of the parabola through the least node and its neighbours, or
+    the node at an end.
+    """
     if 0 < best < len(x) - 1:
         down, up = y[best - 1] - y[best], y[best + 1] - y[best]
         if down + up > 0:
             shift = 0.5 * (down - up) / (down + up)
-            return float(x[best] + shift * (x[1] - x[0])), float(y[best] - 0.25 * (down - up) * shift)
+            return float(x[best] + shift * (x[1] - x[0])), float(
+                y[best] - 0.25 * (down - up) * shift
+            )
     return float(x[best]), float(y[best])
 
 
 def _longer_side(x: F64, y: F64, minimum: float, level: float) -> float:
-    """How far from the minimum y stays below a level, on the longer side; the range's ends count as crossings."""
+    """How far from the minimum y stays below a level, on the longer side; the range's ends count as
+    crossings.
+    """
     below = np.flatnonzero(y < level)
     first, last = (below[0], below[-1]) if len(below) else (int(np.argmin(y)),) * 2
     left, right = x[first], x[last]
@@ -191,10 +237,11 @@ def _longer_side(x: F64, y: F64, minimum: float, level: float) -> float:
 
 
 def correlation_factor(residual: F64) -> float:
-    """By how much the variance of a mean over rings exceeds that of independent rings: 1 + 2 (rho_1 + rho_2), 1 or more.
+    """By how much the variance of a mean over rings exceeds that of independent rings: 1 + 2 (rho_1
+    + rho_2), 1 or more.
 
-    Residuals of shape (rings,) or (frames, rings), in standard deviations. The three parameters of a fit take a part of the slow errors
-    away from them, which is given back.
+    Residuals of shape (rings,) or (frames, rings), in standard deviations. The three parameters of
+    a fit take a part of the slow errors away from them, which is given back.
     """
     power, n = float((residual * residual).sum()), residual.shape[-1]
     if not power > 0:

@@ -1,7 +1,9 @@
-"""Stick radius c where the shear stress is largest (paper, section 5 and Fig. 14), and the correction of any estimate of c to a definition.
+"""Stick radius c where the shear stress is largest (paper, section 5 and Fig. 14), and the
+correction of any estimate of c to a definition.
 
-The stress from measured displacements is rounded by the correlation boxes and by the inversion's regularisation, which moves its maximum;
-the fit of `friction.stick` supposes Cattaneo and Mindlin's law. Both biases are those of the same estimate on a model's displacements.
+The stress from measured displacements is rounded by the correlation boxes and by the inversion's
+regularisation, which moves its maximum; the fit of `friction.stick` supposes Cattaneo and Mindlin's
+law. Both biases are those of the same estimate on a model's displacements.
 """
 
 from __future__ import annotations
@@ -39,7 +41,9 @@ class StressPeak:
     notes: tuple[str, ...] = ()
 
 
-def stress_peak(r: ArrayLike, sigma: ArrayLike, uncertainty: ArrayLike, *, reach: float) -> StressPeak:
+def stress_peak(
+    r: ArrayLike, sigma: ArrayLike, uncertainty: ArrayLike, *, reach: float
+) -> StressPeak:
     """Radius of the largest stress, from a parabola through the profile about it.
 
     Parameters
@@ -47,9 +51,11 @@ def stress_peak(r: ArrayLike, sigma: ArrayLike, uncertainty: ArrayLike, *, reach
     r, sigma : array_like, shape (n,)
         Radii, increasing (m), and stress (Pa); rings with a NaN are ignored.
     uncertainty : array_like, shape (n,) or (n, n)
-        Standard uncertainties of sigma (Pa), or its covariance (Pa^2): errors of a regularised stress are shared by neighbours.
+        Standard uncertainties of sigma (Pa), or its covariance (Pa^2): errors of a regularised
+        stress are shared by neighbours.
     reach : float
-        The parabola goes through the rings within this distance of the largest one, metres; about 0.1 a.
+        The parabola goes through the rings within this distance of the largest one, metres; about
+        0.1 a.
 
     References
     ----------
@@ -60,28 +66,41 @@ def stress_peak(r: ArrayLike, sigma: ArrayLike, uncertainty: ArrayLike, *, reach
     good = np.isfinite(r) & np.isfinite(sigma) & np.isfinite(np.diag(covariance))
     r, sigma, covariance = r[good], sigma[good], covariance[np.ix_(good, good)]
     if len(r) < FEWEST:
-        return StressPeak(notes=(f"stress peak: {len(r)} rings have a stress; {FEWEST} or more are needed",))
+        return StressPeak(
+            notes=(f"stress peak: {len(r)} rings have a stress; {FEWEST} or more are needed",)
+        )
     middle, reach = r[np.argmax(sigma)], max(reach, FEWEST / 2 * float(np.median(np.diff(r))))
     for _ in range(ROUNDS):  # about the highest ring, then about the vertex
         x = (r - middle) / reach
-        root = np.sqrt(np.maximum(1 - x * x, 0.0))  # of weights that fade out: a ring more or less does not show
-        parabola = np.linalg.pinv(np.vander(x, 3) * root[:, None]) * root  # from stress to coefficients
+        # of weights that fade out: a ring more or less does not show
+        root = np.sqrt(np.maximum(1 - x * x, 0.0))
+        # from stress to coefficients
+        parabola = np.linalg.pinv(np.vander(x, 3) * root[:, None]) * root
         bend, slope, level = parabola @ sigma
         if not bend < 0:
-            return StressPeak(notes=("stress peak: the stress has no maximum that stands out of the noise",))
+            return StressPeak(
+                notes=("stress peak: the stress has no maximum that stands out of the noise",)
+            )
         shift = float(np.clip(-slope / (2 * bend), -1.0, 1.0))
         found, middle = middle + shift * reach, float(np.clip(middle + shift * reach, 0.0, r[-1]))
     gradient = -(parabola[1] + 2 * shift * parabola[0]) / (2 * bend) * reach
     spread = float(np.sqrt(gradient @ covariance @ gradient))
     if not reach < found < r[-1] or spread > reach:
-        why = "which does not stand out of the noise" if found > reach else f"within {reach * 1e3:.2g} mm of the centre, where c is lost"
-        return StressPeak(notes=(f"stress peak: at {found * 1e3:.3g} +- {spread * 1e3:.2g} mm, {why}",))
+        why = (
+            "which does not stand out of the noise"
+            if found > reach
+            else f"within {reach * 1e3:.2g} mm of the centre, where c is lost"
+        )
+        return StressPeak(
+            notes=(f"stress peak: at {found * 1e3:.3g} +- {spread * 1e3:.2g} mm, {why}",)
+        )
     return StressPeak(found, spread, float(level + slope * shift + bend * shift**2))
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What an estimate of c is worth in terms of a definition of c: arrays of shape (m,), metres, both increasing.
+    """What an estimate of c is worth in terms of a definition of c: arrays of shape (m,), metres,
+    both increasing.
 
     Attributes
     ----------
@@ -99,7 +118,8 @@ class Calibration:
     between: float
 
     def corrected(self, value: float, sd: float = np.nan) -> tuple[float, float]:
-        """The c that an estimate stands for, and its standard uncertainty; both NaN beyond what the model covers by more than that.
+        """The c that an estimate stands for, and its standard uncertainty; both NaN beyond what the
+        model covers by more than that.
 
         `sd` is the estimate's own uncertainty; default: the model's scatter there.
         """
@@ -111,26 +131,37 @@ class Calibration:
         # the slope over the uncertainty, not at a point
         low, high = np.clip([value - spread, value + spread], least, most)
         rise = (curve(high) - curve(low)) / (high - low) if high > low else curve(low, 1)
-        return float(curve(np.clip(value, least, most))), float(np.hypot(rise * spread, self.between))
+        return float(curve(np.clip(value, least, most))), float(
+            np.hypot(rise * spread, self.between)
+        )
 
 
 def calibrate(
-    estimate: Callable[[F64], float], profiles: ArrayLike, truth: ArrayLike, noise: ArrayLike | None = None, *, resolution: float = 0.0
+    estimate: Callable[[F64], float],
+    profiles: ArrayLike,
+    truth: ArrayLike,
+    noise: ArrayLike | None = None,
+    *,
+    resolution: float = 0.0,
 ) -> Calibration:
-    """How an estimate of c relates to its truth in a model, by making it on the model's displacements.
+    """How an estimate of c relates to its truth in a model, by making it on the model's
+    displacements.
 
     Parameters
     ----------
     estimate : callable
-        From u_x in rings, shape (n,), to c in metres: the very estimate that measurements go through, with box, inversion and
-        regularisation. NaN where it finds none.
+        From u_x in rings, shape (n,), to c in metres: the very estimate that measurements go
+        through, with box, inversion and regularisation. NaN where it finds none.
     profiles : array_like, shape (m, n)
-        Mean of u_x over each ring in m states of the model, without noise (`friction.stick.seen_in_rings`).
+        Mean of u_x over each ring in m states of the model, without noise
+        (`friction.stick.seen_in_rings`).
     truth : array_like, shape (m,)
-        c in each state by the definition wanted, metres: of Cattaneo and Mindlin, or `State.peak_radius` of a loading.
+        c in each state by the definition wanted, metres: of Cattaneo and Mindlin, or
+        `State.peak_radius` of a loading.
     noise : array_like, shape (k, n), optional
-        Samples of the noise of ring means, metres, such as residuals of an inversion. With them the estimate's bias holds what
-        noise adds, and its scatter is known: a regularisation that adapts to noise makes both depend on it.
+        Samples of the noise of ring means, metres, such as residuals of an inversion. With them the
+        estimate's bias holds what noise adds, and its scatter is known: a regularisation that
+        adapts to noise makes both depend on it.
     resolution : float
         Least step of c between states that are told apart, metres.
 
@@ -145,13 +176,21 @@ def calibrate(
     found = np.array([[estimate(row + sample) for sample in samples] for row in u])
     told = np.isfinite(found).mean(axis=1) > TOLD
     found, c = found[told], c[told]
-    mean, scatter = np.nanmean(found, axis=1), np.nanstd(found, axis=1, ddof=1) if len(samples) > 1 else np.full(len(c), np.nan)
+    mean, scatter = (
+        np.nanmean(found, axis=1),
+        np.nanstd(found, axis=1, ddof=1) if len(samples) > 1 else np.full(len(c), np.nan),
+    )
     keep: list[int] = []
-    for i in np.argsort(c, kind="stable"):  # a state whose estimate does not exceed the one before tells nothing
+    # a state whose estimate does not exceed the one before tells nothing
+    for i in np.argsort(c, kind="stable"):
         if not keep or (mean[i] > mean[keep[-1]] and c[i] > c[keep[-1]] + resolution):
             keep.append(int(i))
     if len(keep) < FEWEST:
-        raise ValueError(f"calibration of c: the estimate grows with c in {len(keep)} states of the model; give {FEWEST} or more")
+        raise ValueError(
+            f"calibration of c: the estimate grows with c in {len(keep)} states of the model; give"
+            f" {FEWEST} or more"
+        )
     mean, c, scatter = mean[keep], c[keep], scatter[keep]
-    miss = PchipInterpolator(mean[::2], c[::2])(mean[1:-1:2]) - c[1:-1:2]  # at twice the step: some twice as large
+    # at twice the step: some twice as large
+    miss = PchipInterpolator(mean[::2], c[::2])(mean[1:-1:2]) - c[1:-1:2]
     return Calibration(mean, c, scatter, float(np.sqrt(np.mean(miss**2))) / 2)

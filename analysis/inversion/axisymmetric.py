@@ -18,19 +18,27 @@ F64 = NDArray[np.float64]
 BASIS = 30  # terms, at least a ring's width apart
 FEWEST = 8  # rings, some of them outside the mask
 LEAST_COVERAGE = 0.25  # share of its circle that a ring must have measured
-COMPLETE = 0.6  # the same, for the rings that cover the contact; the innermost have a few points each
+# the same, for the rings that cover the contact; the innermost have a few points each
+COMPLETE = 0.6
 INNERMOST = 3
-POOLED = 20  # points' worth of the typical noise in each ring's: a ring of three points may agree by chance
-EDGE_WIDTH = 0.02  # of the mask's radius and never under a ring's width, within which curvature at the edge is hardly penalised
+# points' worth of the typical noise in each ring's: a ring of three points may agree by chance
+POOLED = 20
+# of the mask's radius and never under a ring's width, within which curvature at the edge is hardly
+# penalised
+EDGE_WIDTH = 0.02
 LEAST_ERROR = 1e-12  # metres, of a ring: a field may be free of noise
 OUTLYING = 4.0  # standard deviations beyond which a ring is left out
-MOST_WRONG = 0.05  # share of the rings that may be left out; more of them and it is the model that is wrong
+# share of the rings that may be left out; more of them and it is the model that is wrong
+MOST_WRONG = 0.05
 TOO_LARGE = 4.0  # standard deviations of chi2
-CUT_OFF = (6.0, 0.1)  # standard deviations, and share of the greatest stress, of the last two rings' stress if the mask cuts the contact
+# standard deviations, and share of the greatest stress, of the last two rings' stress if the mask
+# cuts the contact
+CUT_OFF = (6.0, 0.1)
 
 
 class AxisymmetricInversion:
-    """Inverts ring means of u_x into sigma(r), Q and D. Set up once for a geometry, then `solve` each frame.
+    """Inverts ring means of u_x into sigma(r), Q and D. Set up once for a geometry, then `solve`
+    each frame.
 
     Parameters
     ----------
@@ -43,8 +51,8 @@ class AxisymmetricInversion:
     E, nu : float
         Young's modulus (Pa) and Poisson's ratio of the block.
     edge : float, optional
-        Radius at which the stress ends steeply, Hertz's, metres: there curvature is not held against sigma. A few per cent off is no worse
-        than leaving it out.
+        Radius at which the stress ends steeply, Hertz's, metres: there curvature is not held
+        against sigma. A few per cent off is no worse than leaving it out.
     box : float
         Side of the correlation box, metres: u_x is a mean over it.
     noise_box : float, optional
@@ -59,8 +67,9 @@ class AxisymmetricInversion:
 
     Notes
     -----
-    sigma is a sum of terms sqrt(1 - r^2/a_k^2), whose displacement has a closed form; the sum's curvature is penalised. The even harmonic
-    cos 2 theta of u_x drops out of complete rings, and of the fits of `ring_means` with `theta`.
+    sigma is a sum of terms sqrt(1 - r^2/a_k^2), whose displacement has a closed form; the sum's
+    curvature is penalised. The even harmonic cos 2 theta of u_x drops out of complete rings, and of
+    the fits of `ring_means` with `theta`.
 
     References
     ----------
@@ -90,18 +99,26 @@ class AxisymmetricInversion:
         n = int(r.max() / width) + 1
         self.radius = np.asarray((np.arange(n) + 0.5) * width, dtype=np.float64)
         self._full = 2 * np.pi * self.radius * width / pitch**2
-        green = (1 + nu) / (np.pi * E) * (1 - nu / 2) * _mean_phi0(self.radius, self._radii, box, width)
+        green = (
+            (1 + nu) / (np.pi * E) * (1 - nu / 2) * _mean_phi0(self.radius, self._radii, box, width)
+        )
         if math.isfinite(thickness):
-            green += 2 / 3 * np.pi * self._radii**2 * _layer(self.radius, self._radii, E, nu, thickness)
+            green += (
+                2 / 3 * np.pi * self._radii**2 * _layer(self.radius, self._radii, E, nu, thickness)
+            )
         self._design = np.column_stack([np.ones(n), -green])
         self._sigma = np.column_stack([np.zeros(n), self._terms(self.radius)])
         self._force = np.concatenate([[0.0], 2 / 3 * np.pi * self._radii**2])
         self._penalty = np.zeros((self._design.shape[1],) * 2)
         self._penalty[1:, 1:] = self._curvature(edge, width)
-        self._correlation, self._widening = _ring_correlation(r, n, width, pitch, box if noise_box is None else noise_box)
+        self._correlation, self._widening = _ring_correlation(
+            r, n, width, pitch, box if noise_box is None else noise_box
+        )
 
     def stress(self, r: ArrayLike, coefficients: F64) -> F64:
-        """Shear stress at any distance from the centre, pascals, shape of `r`, from a solution's coefficients."""
+        """Shear stress at any distance from the centre, pascals, shape of `r`, from a solution's
+        coefficients.
+        """
         r = np.asarray(r, dtype=np.float64)
         return np.asarray(self._terms(r.ravel()) @ coefficients).reshape(r.shape)
 
@@ -120,7 +137,8 @@ class AxisymmetricInversion:
     def solve(self, rings: Rings) -> RadialInversion:
         """Shear stress, force and far displacement from the ring means of one field.
 
-        Rings that are empty, or miss most of their circle, or a few that lie four standard deviations off the fit, are left out.
+        Rings that are empty, or miss most of their circle, or a few that lie four standard
+        deviations off the fit, are left out.
 
         Raises
         ------
@@ -137,12 +155,20 @@ class AxisymmetricInversion:
             inside = int((used & (self.radius < self.mask_radius)).sum())
             if inside < 3 or used.sum() - inside < 3 or used.sum() < FEWEST:
                 raise ValueError(
-                    f"axisymmetric inversion: {inside} rings inside the mask and {used.sum() - inside} outside were measured; "
+                    f"axisymmetric inversion: {inside} rings inside the mask and"
+                    f" {used.sum() - inside} outside were measured; "
                     "3 or more are needed on either side"
                 )
             weight = np.where(used, 1 / sd, 0.0)
             X, y = self._design * weight[:, None], np.where(used, u, 0.0) * weight
-            fit = smooth_fit(X.T @ X, X.T @ (self._correlation @ X), X.T @ y, float(y @ y), self._penalty, int(used.sum()))
+            fit = smooth_fit(
+                X.T @ X,
+                X.T @ (self._correlation @ X),
+                X.T @ y,
+                float(y @ y),
+                self._penalty,
+                int(used.sum()),
+            )
             residual = u - self._design @ fit.coefficients
             size = np.where(used, np.abs(residual) * weight, 0.0)
             if size.max() < OUTLYING:  # no ring is out of line: spare the median
@@ -160,16 +186,24 @@ class AxisymmetricInversion:
         sigma, sigma_sd = self._sigma @ b, fit.sd(self._sigma)
         D_sd, Q_sd = fit.sd(np.stack([np.eye(len(b))[0], self._force]))
         rim, size = np.flatnonzero(self.radius < self.mask_radius)[-2:], np.abs(sigma)
-        cuts = bool((size[rim] > np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())).any())
+        cuts = bool(
+            (size[rim] > np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())).any()
+        )
         notes: tuple[str, ...] = () if is_covered else (NOT_COVERED,)
         if not fits:
             notes += (
-                f"axisymmetric inversion: the residual is {math.sqrt(chi2):.2f} times the noise; widen the mask, or invert the field",
+                f"axisymmetric inversion: the residual is {math.sqrt(chi2):.2f} times the noise;"
+                " widen the mask, or invert the field",
             )
         if cuts:
-            notes += (f"axisymmetric inversion: the stress does not vanish at the mask's rim, {self.mask_radius:.3g} m; widen the mask",)
+            notes += (
+                "axisymmetric inversion: the stress does not vanish at the mask's rim,"
+                f" {self.mask_radius:.3g} m; widen the mask",
+            )
         if left_out:
-            notes += (f"axisymmetric inversion: {left_out} rings lie off the rest and were left out",)
+            notes += (
+                f"axisymmetric inversion: {left_out} rings lie off the rest and were left out",
+            )
         return RadialInversion(
             radius=self.radius,
             coefficients=b[1:],
@@ -190,20 +224,35 @@ class AxisymmetricInversion:
         )
 
 
-def _check(x: F64, r: F64, width: float, mask_radius: float, E: float, nu: float, edge: float | None) -> None:
+def _check(
+    x: F64, r: F64, width: float, mask_radius: float, E: float, nu: float, edge: float | None
+) -> None:
     if x.ndim != 2 or min(x.shape) < 2:
-        raise ValueError(f"axisymmetric inversion: a grid of shape {x.shape} was given; two or more points each way are needed")
+        raise ValueError(
+            f"axisymmetric inversion: a grid of shape {x.shape} was given; two or more points each"
+            " way are needed"
+        )
     if not (0 < E < math.inf and 0 <= nu <= 0.5):
-        raise ValueError(f"axisymmetric inversion: E = {E:g} Pa and nu = {nu:g} were asked; use a positive E and nu from 0 to 0.5")
+        raise ValueError(
+            f"axisymmetric inversion: E = {E:g} Pa and nu = {nu:g} were asked; use a positive E and"
+            " nu from 0 to 0.5"
+        )
     if not (width > 0 and mask_radius > 3 * width):
-        raise ValueError(f"axisymmetric inversion: a mask of {mask_radius:g} m and rings of {width:g} m were asked; use 3 rings or more")
+        raise ValueError(
+            f"axisymmetric inversion: a mask of {mask_radius:g} m and rings of {width:g} m were"
+            " asked; use 3 rings or more"
+        )
     if not r.max() > mask_radius + 3 * width:
         raise ValueError(
-            f"axisymmetric inversion: the field reaches {r.max():g} m from the centre and the mask {mask_radius:g} m; "
+            f"axisymmetric inversion: the field reaches {r.max():g} m from the centre and the mask"
+            f" {mask_radius:g} m; "
             "points outside the mask are needed for D"
         )
     if edge is not None and not 0 < edge < mask_radius:
-        raise ValueError(f"axisymmetric inversion: an edge at {edge:g} m was asked; use one inside the mask of {mask_radius:g} m")
+        raise ValueError(
+            f"axisymmetric inversion: an edge at {edge:g} m was asked; use one inside the mask of"
+            f" {mask_radius:g} m"
+        )
 
 
 def _basis_radii(A: float, edge: float | None, n: int) -> F64:
@@ -211,11 +260,15 @@ def _basis_radii(A: float, edge: float | None, n: int) -> F64:
     if edge is None:
         return np.linspace(0, A, n + 1)[1:]
     inner = min(max(round(n * edge / A), 1), n - 1)
-    return np.concatenate([np.linspace(0, edge, inner + 1)[1:], np.linspace(edge, A, n - inner + 1)[1:]])
+    return np.concatenate(
+        [np.linspace(0, edge, inner + 1)[1:], np.linspace(edge, A, n - inner + 1)[1:]]
+    )
 
 
 def _mean_phi0(r: F64, radii: F64, box: float, width: float) -> F64:
-    """Phi0 of each term, averaged over the box, over the azimuth and over the ring's width; shape (rings, terms)."""
+    """Phi0 of each term, averaged over the box, over the azimuth and over the ring's width; shape
+    (rings, terms).
+    """
     t, w = np.polynomial.legendre.leggauss(4)
     t, w = t / 2, w / 2
     mean = np.zeros((r.size, radii.size))
@@ -224,20 +277,28 @@ def _mean_phi0(r: F64, radii: F64, box: float, width: float) -> F64:
             along, across = (r + dr) * np.cos(angle), (r + dr) * np.sin(angle)
             for dx, wx in zip(t * box, w, strict=True):
                 for dy, wy in zip(t * box, w, strict=True):
-                    mean += wr * wx * wy / 4 * phi0(np.hypot(along + dx, across + dy)[:, None], radii)
+                    mean += (
+                        wr * wx * wy / 4 * phi0(np.hypot(along + dx, across + dy)[:, None], radii)
+                    )
     return mean
 
 
 def _layer(r: F64, radii: F64, E: float, nu: float, thickness: float) -> F64:
-    """What a rigid plate adds to the displacement per newton of each term: nearly uniform, so that its first two moments do."""
+    """What a rigid plate adds to the displacement per newton of each term: nearly uniform, so that
+    its first two moments do.
+    """
     ring = radii * math.sqrt(2 / 5)
     cos = np.cos(2 * np.pi * (np.arange(8) + 0.5) / 8)
-    distance = np.sqrt(r[:, None, None] ** 2 + ring[:, None] ** 2 - 2 * r[:, None, None] * ring[:, None] * cos)
+    distance = np.sqrt(
+        r[:, None, None] ** 2 + ring[:, None] ** 2 - 2 * r[:, None, None] * ring[:, None] * cos
+    )
     return np.asarray(layer_correction(distance, E, nu, thickness)[0].mean(axis=2))
 
 
 def _ring_correlation(r: F64, n: int, width: float, pitch: float, box: float) -> tuple[F64, F64]:
-    """Correlation of the noise of ring means, shape (n, n), and by how much it exceeds that of independent points, shape (n,)."""
+    """Correlation of the noise of ring means, shape (n, n), and by how much it exceeds that of
+    independent points, shape (n,).
+    """
     ring = (r / width).astype(np.int64)
     mean = np.stack([ring == i for i in range(n)]).astype(np.float64)
     mean /= np.maximum(mean.sum(axis=(1, 2), keepdims=True), 1)
@@ -257,4 +318,6 @@ def _pooled(rings: Rings) -> F64:
         return np.full(len(count), np.nan)
     typical = float(np.median(variance[known]))
     own = np.where(known, count - 1, 0)
-    return np.asarray(np.sqrt((np.where(known, variance, 0.0) * own + typical * POOLED) / (own + POOLED) / count))
+    return np.asarray(
+        np.sqrt((np.where(known, variance, 0.0) * own + typical * POOLED) / (own + POOLED) / count)
+    )

@@ -1,4 +1,6 @@
-"""Shear stress by conjugate gradients inside a mask, stopped at the noise; warm from the previous frame for live fields."""
+"""Shear stress by conjugate gradients inside a mask, stopped at the noise; warm from the previous
+frame for live fields.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,15 @@ STILL = 3e-4  # relative fall of chi2 in an iteration below which it has stopped
 
 
 def conjugate_gradient(
-    problem: InversionProblem, ux: ArrayLike, sd: ArrayLike | None = None, *, start: ArrayLike | None = None, iterations: int = 50
+    problem: InversionProblem,
+    ux: ArrayLike,
+    sd: ArrayLike | None = None,
+    *,
+    start: ArrayLike | None = None,
+    iterations: int = 50,
 ) -> Inversion:
-    """Shear stress that explains a displacement field down to its noise, the displacement far away fitted.
+    """Shear stress that explains a displacement field down to its noise, the displacement far away
+    fitted.
 
     Parameters
     ----------
@@ -26,30 +34,36 @@ def conjugate_gradient(
     sd : float or array_like, optional
         Standard uncertainty of each point, metres; default: measured in the field.
     start : array_like, shape (ny, nx), optional
-        Stress to start from: the previous frame's. The result then keeps a part of it: what one frame's noise cannot tell from the
-        previous is not undone, so that fine detail lags by a few frames while Q and D do not.
+        Stress to start from: the previous frame's. The result then keeps a part of it: what one
+        frame's noise cannot tell from the previous is not undone, so that fine detail lags by a few
+        frames while Q and D do not.
     iterations : int
         At most so many.
 
     Notes
     -----
-    Conjugate gradients on the normal equations (CGLS); the number of iterations is the regularisation. D and the amounts of a few simple
-    stresses are solved for exactly in each iteration: they are what converges last, D against Q above all.
+    Conjugate gradients on the normal equations (CGLS); the number of iterations is the
+    regularisation. D and the amounts of a few simple stresses are solved for exactly in each
+    iteration: they are what converges last, D against Q above all.
 
     References
     ----------
-    Hansen, Rank-Deficient and Discrete Ill-Posed Problems, section 6.3; Morozov's discrepancy principle.
+    Hansen, Rank-Deficient and Discrete Ill-Posed Problems, section 6.3; Morozov's discrepancy
+    principle.
     """
     field = problem.measured(ux, sd)
     sigma = np.zeros(problem.mask.shape) if start is None else np.where(problem.mask, start, 0.0)
     shapes, known = problem.shapes
     root = np.sqrt(field.weight).ravel()
     size, axes = np.linalg.eigh((known * field.weight.ravel()) @ known.T)
-    axes = axes[:, size > 1e-10 * size[-1]] / np.sqrt(size[size > 1e-10 * size[-1]])  # a small mask may have fewer shapes
+    # a small mask may have fewer shapes
+    axes = axes[:, size > 1e-10 * size[-1]] / np.sqrt(size[size > 1e-10 * size[-1]])
     across = (known * root).T @ axes
 
     def seen(v: F64) -> F64:
-        """What of a displacement neither D nor the simple shapes explain, times the root of the weights."""
+        """What of a displacement neither D nor the simple shapes explain, times the root of the
+        weights.
+        """
         v = v.ravel() * root
         return np.asarray(v - across @ (v @ across))
 
@@ -58,7 +72,9 @@ def conjugate_gradient(
     chi2, stopped, n = float(residual @ residual) / field.count, Stopped.ITERATIONS, 0
     direction, power = np.zeros_like(sigma), np.inf
     while chi2 > 1 and n < iterations:
-        gradient = np.where(problem.mask, problem.green.adjoint((root * residual).reshape(sigma.shape)), 0.0)
+        gradient = np.where(
+            problem.mask, problem.green.adjoint((root * residual).reshape(sigma.shape)), 0.0
+        )
         new = float(np.vdot(gradient, gradient))
         direction, power = gradient + new / power * direction, new
         image_step = problem.green.apply(direction)
@@ -79,4 +95,11 @@ def conjugate_gradient(
         stopped = Stopped.DISCREPANCY
     D, *amounts = axes @ (((field.u + image).ravel() * root) @ across)
     sigma = sigma + np.tensordot(amounts, shapes, 1)
-    return problem.result(sigma, float(D), field, field.u + image - (np.array([D, *amounts]) @ known).reshape(sigma.shape), n, stopped)
+    return problem.result(
+        sigma,
+        float(D),
+        field,
+        field.u + image - (np.array([D, *amounts]) @ known).reshape(sigma.shape),
+        n,
+        stopped,
+    )

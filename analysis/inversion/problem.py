@@ -1,4 +1,6 @@
-"""What the inversions of a whole field share: the operator, the mask, the weights of the points and the fitted displacement far away."""
+"""What the inversions of a whole field share: the operator, the mask, the weights of the points and
+the fitted displacement far away.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ LARGEST_HOLE = 0.02  # share of the mask's points that may be unmeasured
 
 
 def mask_radius(P: float, E: float, nu: float, R: float, roughness: float, pitch: float) -> float:
-    """Radius in metres beyond which no stress is looked for: Hertz's, and the rough layer's sqrt(R h), and two pitches.
+    """Radius in metres beyond which no stress is looked for: Hertz's, and the rough layer's sqrt(R
+    h), and two pitches.
 
     Too large a mask costs little, one too small by two pitches a tenth of the peak stress.
     """
@@ -61,7 +64,8 @@ class Measured:
 
 
 class InversionProblem:
-    """The inversion of u_x fields on one grid: the linear map from stress to displacement and the mask inside which stress is looked for.
+    """The inversion of u_x fields on one grid: the linear map from stress to displacement and the
+    mask inside which stress is looked for.
 
     Parameters
     ----------
@@ -82,11 +86,21 @@ class InversionProblem:
         A mask without points, a grid of one point, or a parameter out of its range.
     """
 
-    def __init__(self, mask: ArrayLike, pitch: float, E: float, nu: float, *, box: float = 0.0, thickness: float = math.inf) -> None:
+    def __init__(
+        self,
+        mask: ArrayLike,
+        pitch: float,
+        E: float,
+        nu: float,
+        *,
+        box: float = 0.0,
+        thickness: float = math.inf,
+    ) -> None:
         self.mask = np.array(mask, dtype=np.bool_)
         if self.mask.ndim != 2 or not self.mask.any():
             raise ValueError(
-                f"inversion: a mask of shape {self.mask.shape} with {self.mask.sum()} points was given; give shape (ny, nx) and a point"
+                f"inversion: a mask of shape {self.mask.shape} with {self.mask.sum()} points was"
+                " given; give shape (ny, nx) and a point"
             )
         ny, nx = self.mask.shape
         self.green = SurfaceGreen((ny, nx), pitch, E, nu, thickness=thickness, box=box)
@@ -99,35 +113,50 @@ class InversionProblem:
 
     @cached_property
     def shapes(self) -> tuple[F64, F64]:
-        """Simple stresses inside the mask, from flat to peaked, shape (k, ny, nx), and what D and they do to u, shape (1 + k, ny nx).
+        """Simple stresses inside the mask, from flat to peaked, shape (k, ny, nx), and what D and
+        they do to u, shape (1 + k, ny nx).
 
         Each displaces by up to 1.
         """
-        depth = cv2.distanceTransform(np.pad(self.mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1].astype(np.float64)
+        depth = cv2.distanceTransform(np.pad(self.mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[
+            1:-1, 1:-1
+        ].astype(np.float64)
         t = depth / depth.max()
         stress = np.stack([(t * (2 - t)) ** power for power in SHAPES])
         images = np.stack([self.green.apply(s) for s in stress])
         scale = 1 / images.max(axis=(1, 2))
-        known = np.concatenate([np.ones((1, t.size)), -(images * scale[:, None, None]).reshape(len(stress), -1)])
+        known = np.concatenate(
+            [np.ones((1, t.size)), -(images * scale[:, None, None]).reshape(len(stress), -1)]
+        )
         return stress * scale[:, None, None], known
 
-    def measured(self, ux: ArrayLike, sd: ArrayLike | None, *, needs_outside: bool = True) -> Measured:
-        """A field with its uncertainty: per point, or one number, or by default that of `noise_level`.
+    def measured(
+        self, ux: ArrayLike, sd: ArrayLike | None, *, needs_outside: bool = True
+    ) -> Measured:
+        """A field with its uncertainty: per point, or one number, or by default that of
+        `noise_level`.
 
         Raises
         ------
         ValueError
-            Another shape than the mask's, no point measured inside the mask, or too few outside to tell D.
+            Another shape than the mask's, no point measured inside the mask, or too few outside to
+            tell D.
         """
         ux = np.asarray(ux, dtype=np.float64)
         if ux.shape != self.mask.shape:
-            raise ValueError(f"inversion: a field of shape {ux.shape} was given for a mask of shape {self.mask.shape}; use the same grid")
-        sd = np.broadcast_to(self.noise_level(ux) if sd is None else np.asarray(sd, dtype=np.float64), ux.shape)
+            raise ValueError(
+                f"inversion: a field of shape {ux.shape} was given for a mask of shape"
+                f" {self.mask.shape}; use the same grid"
+            )
+        sd = np.broadcast_to(
+            self.noise_level(ux) if sd is None else np.asarray(sd, dtype=np.float64), ux.shape
+        )
         valid = np.isfinite(ux) & (sd > 0) & np.isfinite(sd)
         inside, outside = int((valid & self.mask).sum()), int((valid & ~self.mask).sum())
         if inside == 0 or (needs_outside and outside < FEWEST_OUTSIDE):
             raise ValueError(
-                f"inversion: {inside} points inside the mask and {outside} outside were measured; some inside are needed, and "
+                f"inversion: {inside} points inside the mask and {outside} outside were measured;"
+                " some inside are needed, and "
                 f"{FEWEST_OUTSIDE} outside for the displacement far away"
             )
         _, known = self.shapes
@@ -135,10 +164,13 @@ class InversionProblem:
         u = np.where(valid, ux, 0.0)
         simple = np.linalg.lstsq(seen @ known.T, seen @ u.ravel())[0] @ known
         trust = _trust(u - simple.reshape(u.shape), sd, valid)
-        return Measured(u, np.divide(trust, sd * sd, out=np.zeros(ux.shape), where=valid), float(trust.sum()))
+        return Measured(
+            u, np.divide(trust, sd * sd, out=np.zeros(ux.shape), where=valid), float(trust.sum())
+        )
 
     def noise_level(self, ux: F64) -> float:
-        """Standard deviation of the noise of a point, metres, from second differences both ways between boxes that share no pixel.
+        """Standard deviation of the noise of a point, metres, from second differences both ways
+        between boxes that share no pixel.
 
         Raises
         ------
@@ -151,20 +183,34 @@ class InversionProblem:
         sizes = np.abs(bent[np.isfinite(bent)])
         level = 1.4826 / 6 * float(np.median(sizes)) if sizes.size else 0.0
         if not level > 0:
-            raise ValueError(f"inversion: no noise can be told from {sizes.size} differences of the field; give its standard uncertainty")
+            raise ValueError(
+                f"inversion: no noise can be told from {sizes.size} differences of the field; give"
+                " its standard uncertainty"
+            )
         return level
 
     def result(
-        self, sigma: F64, D: float, field: Measured, residual: F64, iterations: int, stopped: Stopped, *, D_sd: float = math.nan
+        self,
+        sigma: F64,
+        D: float,
+        field: Measured,
+        residual: F64,
+        iterations: int,
+        stopped: Stopped,
+        *,
+        D_sd: float = math.nan,
     ) -> Inversion:
         """The result of an iterative method, with its flags."""
         rim = np.pad(np.zeros([n - 2 for n in self.mask.shape], np.bool_), 1, constant_values=True)
         valid, chi2 = field.weight > 0, field.chi2(residual)
-        is_covered = not (self.mask & rim).any() and bool(np.mean(~valid[self.mask]) <= LARGEST_HOLE)
+        is_covered = not (self.mask & rim).any() and bool(
+            np.mean(~valid[self.mask]) <= LARGEST_HOLE
+        )
         notes: tuple[str, ...] = () if is_covered else (NOT_COVERED,)
         if chi2 > LARGEST_CHI2:
             notes += (
-                f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of {math.sqrt(chi2):.3g} times the noise; "
+                f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of"
+                f" {math.sqrt(chi2):.3g} times the noise; "
                 "look at the mask, D and the uncertainty",
             )
         return Inversion(
@@ -185,14 +231,18 @@ class InversionProblem:
 
 
 def _trust(rest: F64, sd: F64, valid: Mask) -> F64:
-    """Weight of each point, 1 up to four standard deviations from the median of its neighbourhood, then falling with the fourth power.
+    """Weight of each point, 1 up to four standard deviations from the median of its neighbourhood,
+    then falling with the fourth power.
 
-    `rest` is what simple stresses leave of the field: slopes would bend the median at the rim. A point is compared with its neighbours,
-    not with a finished fit, so that it depends neither on the method nor on how far it has come; the standard deviation is the stated
-    one or, if that is larger, that of the typical point.
+    `rest` is what simple stresses leave of the field: slopes would bend the median at the rim. A
+    point is compared with its neighbours, not with a finished fit, so that it depends neither on
+    the method nor on how far it has come; the standard deviation is the stated one or, if that is
+    larger, that of the typical point.
     """
     if not valid.all():
-        nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
+        nearest = ndimage.distance_transform_edt(
+            ~valid, return_distances=False, return_indices=True
+        )
         rest, sd = rest[tuple(nearest)], sd[tuple(nearest)]
     unit = float(np.median(sd))
     size = np.abs(rest - unit * cv2.medianBlur((rest / unit).astype(np.float32), 5)) / sd

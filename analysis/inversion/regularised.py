@@ -1,4 +1,6 @@
-"""The most accurate field of shear stress: a round part from the ring means, plus what the two-dimensional residual asks for."""
+"""The most accurate field of shear stress: a round part from the ring means, plus what the
+two-dimensional residual asks for.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ CLOSEST = 3.0
 
 
 class RegularisedInversion:
-    """Inverts whole u_x fields, offline: about half a second each. Set up once for a geometry, then `solve`.
+    """Inverts whole u_x fields, offline: about half a second each. Set up once for a geometry, then
+    `solve`.
 
     Parameters
     ----------
@@ -31,8 +34,9 @@ class RegularisedInversion:
 
     Notes
     -----
-    What the round part leaves of u_x is fitted by cubic B-splines inside the mask, their second differences penalised. Both strengths
-    come from generalised cross-validation with the known correlation of overlapping boxes: a round contact keeps its round stress.
+    What the round part leaves of u_x is fitted by cubic B-splines inside the mask, their second
+    differences penalised. Both strengths come from generalised cross-validation with the known
+    correlation of overlapping boxes: a round contact keeps its round stress.
     """
 
     def __init__(
@@ -50,30 +54,57 @@ class RegularisedInversion:
     ) -> None:
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         if x.ndim != 2 or min(x.shape) < 2:
-            raise ValueError(f"regularised inversion: a grid of shape {x.shape} was given; two or more points each way are needed")
+            raise ValueError(
+                f"regularised inversion: a grid of shape {x.shape} was given; two or more points"
+                " each way are needed"
+            )
         pitch = float(x[0, 1] - x[0, 0])
         self.radius, self.azimuth = np.hypot(x, y), np.arctan2(y, x)
-        self.round = AxisymmetricInversion(x, y, pitch, mask_radius, E, nu, edge=edge, box=box, noise_box=noise_box, thickness=thickness)
-        self.problem = InversionProblem(self.radius < mask_radius, pitch, E, nu, box=box, thickness=thickness)
+        self.round = AxisymmetricInversion(
+            x,
+            y,
+            pitch,
+            mask_radius,
+            E,
+            nu,
+            edge=edge,
+            box=box,
+            noise_box=noise_box,
+            thickness=thickness,
+        )
+        self.problem = InversionProblem(
+            self.radius < mask_radius, pitch, E, nu, box=box, thickness=thickness
+        )
         self._noise_box = box if noise_box is None else noise_box
         self._bumps, self._penalty = _bumps(x, y, mask_radius, pitch)
-        self._design = np.stack([np.ones_like(x), *(-self.problem.green.apply(bump) for bump in self._bumps)]).reshape(-1, x.size)
+        self._design = np.stack(
+            [np.ones_like(x), *(-self.problem.green.apply(bump) for bump in self._bumps)]
+        ).reshape(-1, x.size)
 
     def solve(self, ux: ArrayLike, sd: ArrayLike | None = None) -> Inversion:
         """Shear stress of one field, with its uncertainty at each point.
 
-        `ux`, `sd` and what is raised: as for `conjugate_gradient` and `AxisymmetricInversion.solve`.
+        `ux`, `sd` and what is raised: as for `conjugate_gradient` and
+        `AxisymmetricInversion.solve`.
         """
         problem = self.problem
         field = problem.measured(ux, sd)
         trusted = np.where(field.weight > 0, field.u, np.nan)
-        rings = self.round.solve(ring_means(self.radius, trusted, problem.pitch, theta=self.azimuth))
-        round_stress = np.where(problem.mask, self.round.stress(self.radius, rings.coefficients), 0.0)
+        rings = self.round.solve(
+            ring_means(self.radius, trusted, problem.pitch, theta=self.azimuth)
+        )
+        round_stress = np.where(
+            problem.mask, self.round.stress(self.radius, rings.coefficients), 0.0
+        )
         rest = field.u - rings.D + problem.green.apply(round_stress)
         root = np.sqrt(field.weight).ravel()
         X, z = self._design * root, rest.ravel() * root
-        noisy = shared_noise(X.reshape(-1, *rest.shape), problem.pitch, self._noise_box).reshape(X.shape)
-        fit = smooth_fit(X @ X.T, X @ noisy.T, X @ z, float(z @ z), self._penalty, round(field.count))
+        noisy = shared_noise(X.reshape(-1, *rest.shape), problem.pitch, self._noise_box).reshape(
+            X.shape
+        )
+        fit = smooth_fit(
+            X @ X.T, X @ noisy.T, X @ z, float(z @ z), self._penalty, round(field.count)
+        )
         shift, *amounts = fit.coefficients
         residual = rest - (fit.coefficients @ self._design).reshape(rest.shape)
         sigma = round_stress + np.tensordot(amounts, self._bumps, 1)
@@ -84,7 +115,10 @@ class RegularisedInversion:
         result = problem.result(sigma, rings.D + float(shift), field, residual, 0, Stopped.GCV)
         return replace(
             result,
-            sigma_sd=np.hypot(own_sd, np.where(problem.mask, np.interp(self.radius, rings.radius, rings.sigma_sd), 0.0)),
+            sigma_sd=np.hypot(
+                own_sd,
+                np.where(problem.mask, np.interp(self.radius, rings.radius, rings.sigma_sd), 0.0),
+            ),
             D_sd=math.hypot(rings.D_sd, D_sd),
             Q=rings.Q + float(force @ fit.coefficients),
             Q_sd=math.hypot(rings.Q_sd, Q_sd),
@@ -92,7 +126,9 @@ class RegularisedInversion:
 
 
 def _bumps(x: F64, y: F64, mask_radius: float, pitch: float) -> tuple[F64, F64]:
-    """Cubic B-splines on a square lattice over the mask, cut off at its rim, shape (k, ny, nx); penalty of their second differences."""
+    """Cubic B-splines on a square lattice over the mask, cut off at its rim, shape (k, ny, nx);
+    penalty of their second differences.
+    """
     spacing = max(CLOSEST * pitch, mask_radius * math.sqrt(math.pi / BUMPS))
     n = math.ceil(mask_radius / spacing) + 1
     at = np.arange(-n, n + 1) * spacing
@@ -105,7 +141,11 @@ def _bumps(x: F64, y: F64, mask_radius: float, pitch: float) -> tuple[F64, F64]:
     # differences reach beyond the mask, where coefficients are 0: no field but zero is free
     lattice = np.zeros((len(j), 2 * n + 5, 2 * n + 5))
     lattice[np.arange(len(j)), j + 2, i + 2] = 1
-    bends = [np.diff(lattice, 2, axis=1), np.diff(lattice, 2, axis=2), math.sqrt(2) * np.diff(np.diff(lattice, axis=1), axis=2)]
+    bends = [
+        np.diff(lattice, 2, axis=1),
+        np.diff(lattice, 2, axis=2),
+        math.sqrt(2) * np.diff(np.diff(lattice, axis=1), axis=2),
+    ]
     bend = np.concatenate([b.reshape(len(j), -1) for b in bends], axis=1)
     penalty = np.zeros((len(j) + 1,) * 2)
     penalty[1:, 1:] = bend @ bend.T

@@ -1,4 +1,6 @@
-"""What every inversion returns: the shear stress, the block's displacement far away, the force, and how far they can be trusted."""
+"""What every inversion returns: the shear stress, the block's displacement far away, the force, and
+how far they can be trusted.
+"""
 
 from __future__ import annotations
 
@@ -27,17 +29,21 @@ class Inversion:
     Attributes
     ----------
     sigma : ndarray, shape (ny, nx)
-        Shear stress along x at the grid's points, pascals; 0 outside the mask. Of a radial profile: shape (n,).
+        Shear stress along x at the grid's points, pascals; 0 outside the mask. Of a radial profile:
+        shape (n,).
     sigma_sd : ndarray
-        Standard uncertainty of `sigma`, with an allowance for what smoothing takes away; NaN where the method has none (see `bootstrap`).
+        Standard uncertainty of `sigma`, with an allowance for what smoothing takes away; NaN where
+        the method has none (see `bootstrap`).
     D, D_sd : float
-        Displacement of the block far away, metres; the uncertainty is NaN where the method has none, 0 where D was given.
+        Displacement of the block far away, metres; the uncertainty is NaN where the method has
+        none, 0 where D was given.
     Q, Q_sd : float
         Integral of `sigma`, newtons.
     residual : ndarray
         Measured less fitted displacement, metres; NaN where nothing was measured.
     chi2 : float
-        Mean square of the residual in units of its uncertainty, outliers down-weighted, per degree of freedom where the method knows them.
+        Mean square of the residual in units of its uncertainty, outliers down-weighted, per degree
+        of freedom where the method knows them.
     iterations : int
         Made; 0 for direct methods.
     stopped : Stopped
@@ -66,7 +72,8 @@ class Inversion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadialInversion(Inversion):
-    """The same as a function of the distance from the centre; arrays of shape (n,), one entry per ring.
+    """The same as a function of the distance from the centre; arrays of shape (n,), one entry per
+    ring.
 
     Attributes
     ----------
@@ -83,4 +90,7 @@ class RadialInversion(Inversion):
     covariance: F64
 
 
-NOT_COVERED = "inversion: the mask reaches beyond the measured points, and sigma, Q and D rest on a part of the contact; widen the field"
+NOT_COVERED = (
+    "inversion: the mask reaches beyond the measured points, and sigma, Q and D rest on a part of"
+    " the contact; widen the field"
+)

@@ -1,4 +1,6 @@
-"""Uncertainty of any inversion by repetition: noise like the measured one on the fitted field, inverted again."""
+"""Uncertainty of any inversion by repetition: noise like the measured one on the fitted field,
+inverted again.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +18,16 @@ F64 = NDArray[np.float64]
 
 
 def bootstrap(
-    invert: Callable[[F64], Inversion], problem: InversionProblem, found: Inversion, sd: float | F64, *, repeats: int = 20, seed: int = 0
+    invert: Callable[[F64], Inversion],
+    problem: InversionProblem,
+    found: Inversion,
+    sd: float | F64,
+    *,
+    repeats: int = 20,
+    seed: int = 0,
 ) -> Inversion:
-    """The same inversion with the standard uncertainty of sigma, D and Q from repetitions with fresh noise.
+    """The same inversion with the standard uncertainty of sigma, D and Q from repetitions with
+    fresh noise.
 
     Parameters
     ----------
@@ -44,8 +53,19 @@ def bootstrap(
     if repeats < 2:
         raise ValueError(f"bootstrap: {repeats} repetitions were asked; use two or more")
     rng = np.random.default_rng(seed)
-    fitted = found.D - problem.green.apply(found.sigma) + 0 * found.residual  # NaN where nothing was measured
+    # NaN where nothing was measured
+    fitted = found.D - problem.green.apply(found.sigma) + 0 * found.residual
     side = max(round(problem.box / problem.pitch), 1)
-    again = [invert(fitted + sd * side * ndimage.uniform_filter(rng.normal(size=fitted.shape), side, mode="wrap")) for _ in range(repeats)]
-    D_sd, Q_sd = (float(np.std([getattr(one, name) for one in again], ddof=1)) for name in ("D", "Q"))
-    return replace(found, sigma_sd=np.std([one.sigma for one in again], axis=0, ddof=1), D_sd=D_sd, Q_sd=Q_sd)
+    again = [
+        invert(
+            fitted
+            + sd * side * ndimage.uniform_filter(rng.normal(size=fitted.shape), side, mode="wrap")
+        )
+        for _ in range(repeats)
+    ]
+    D_sd, Q_sd = (
+        float(np.std([getattr(one, name) for one in again], ddof=1)) for name in ("D", "Q")
+    )
+    return replace(
+        found, sigma_sd=np.std([one.sigma for one in again], axis=0, ddof=1), D_sd=D_sd, Q_sd=Q_sd
+    )

@@ -1,4 +1,6 @@
-"""Shear stress by Van-Cittert's iteration, as in the paper, with a step that is bounded by the operator's norm."""
+"""Shear stress by Van-Cittert's iteration, as in the paper, with a step that is bounded by the
+operator's norm.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,8 @@ from numpy.typing import ArrayLike
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import Inversion, Stopped
 
-STILL, PATIENCE = 1e-3, 10  # relative fall of chi2 that counts as one, and iterations without any after which it is over
+# relative fall of chi2 that counts as one, and iterations without any after which it is over
+STILL, PATIENCE = 1e-3, 10
 
 
 def van_cittert(
@@ -21,7 +24,8 @@ def van_cittert(
     start: ArrayLike | None = None,
     iterations: int = 400,
 ) -> Inversion:
-    """Shear stress from a displacement field: what the field misses is added to the stress until the residual is down to the noise.
+    """Shear stress from a displacement field: what the field misses is added to the stress until
+    the residual is down to the noise.
 
     Parameters
     ----------
@@ -32,16 +36,17 @@ def van_cittert(
     D : float, optional
         Displacement of the block far away, metres; default: fitted in each iteration.
     step : float
-        In units of the reciprocal of the operator's largest eigenvalue, above 0 and below 2, where the iteration would diverge. The
-        paper's 5 percent is a small one: it takes twenty times the iterations for the same stress.
+        In units of the reciprocal of the operator's largest eigenvalue, above 0 and below 2, where
+        the iteration would diverge. The paper's 5 percent is a small one: it takes twenty times the
+        iterations for the same stress.
     iterations : int
         At most so many.
 
     Returns
     -------
     Inversion
-        Of the iteration with the least residual. ``stopped`` is "stagnation" where the residual no longer falls: D or the mask is wrong,
-        or the noise larger than `sd`.
+        Of the iteration with the least residual. ``stopped`` is "stagnation" where the residual no
+        longer falls: D or the mask is wrong, or the noise larger than `sd`.
 
     Raises
     ------
@@ -53,12 +58,17 @@ def van_cittert(
     Van Cittert (1931); Prevost et al. 2013, section 4, and Chateauminois and Fretigny (2008).
     """
     if not 0 < step < 2:
-        raise ValueError(f"Van-Cittert: a step of {step:g} over the largest eigenvalue was asked; it converges between 0 and 2")
+        raise ValueError(
+            f"Van-Cittert: a step of {step:g} over the largest eigenvalue was asked; it converges"
+            " between 0 and 2"
+        )
     field = problem.measured(ux, sd, needs_outside=D is None)
     sigma = np.zeros(problem.mask.shape) if start is None else np.where(problem.mask, start, 0.0)
     image = problem.green.apply(sigma)
     usual = np.median(field.weight[field.weight > 0])
-    gain = np.where(problem.mask, np.minimum(1.0, field.weight / usual) * step / problem.largest, 0.0)
+    gain = np.where(
+        problem.mask, np.minimum(1.0, field.weight / usual) * step / problem.largest, 0.0
+    )
     best, stopped, n, since = (np.inf, sigma, 0.0, image), Stopped.ITERATIONS, 0, 0
     while True:
         far = field.mean(field.u + image) if D is None else D
@@ -77,4 +87,6 @@ def van_cittert(
         stopped = Stopped.DISCREPANCY
     elif since >= PATIENCE:
         stopped = Stopped.STAGNATION
-    return problem.result(sigma, far, field, residual, n, stopped, D_sd=np.nan if D is None else 0.0)
+    return problem.result(
+        sigma, far, field, residual, n, stopped, D_sd=np.nan if D is None else 0.0
+    )

@@ -1,15 +1,19 @@
-"""Cattaneo and Mindlin: a Hertz contact under a shear force, stuck inside radius c and slipping from c to a. SI units throughout.
+"""Cattaneo and Mindlin: a Hertz contact under a shear force, stuck inside radius c and slipping
+from c to a. SI units throughout.
 
-The traction is that of full slip over the whole contact, less the same over the stick disc scaled by c/a. Friction is taken along x
-everywhere; for nu > 0 the slip in the annulus is not quite parallel to x, so that the solution is approximate there (exact in the stick
-zone). `Q` is the shear force, `mu` the friction coefficient, `P` the normal force, `a` Hertz's contact radius.
+The traction is that of full slip over the whole contact, less the same over the stick disc scaled
+by c/a. Friction is taken along x everywhere; for nu > 0 the slip in the annulus is not quite
+parallel to x, so that the solution is approximate there (exact in the stick zone). `Q` is the shear
+force, `mu` the friction coefficient, `P` the normal force, `a` Hertz's contact radius.
 
-Both tractions nearly cancel for small Q, and so do the angles of a contact seen from afar: nothing here is a difference of such numbers.
-Forces, tractions and displacements hold 12 digits from Q = 1e-12 mu P up to full slip, at any distance.
+Both tractions nearly cancel for small Q, and so do the angles of a contact seen from afar: nothing
+here is a difference of such numbers. Forces, tractions and displacements hold 12 digits from Q =
+1e-12 mu P up to full slip, at any distance.
 
 References
 ----------
-Cattaneo (1938); Mindlin (1949); Johnson, Contact Mechanics, section 7.2; Prevost et al. 2013, section 5.
+Cattaneo (1938); Mindlin (1949); Johnson, Contact Mechanics, section 7.2; Prevost et al. 2013,
+section 5.
 """
 
 from __future__ import annotations
@@ -23,28 +27,35 @@ from analysis.mechanics.hertz import check
 
 F64 = NDArray[np.float64]
 
-_DEFECT = np.cumprod([1 / 6] + [-1 / ((2 * k + 2) * (2 * k + 3)) for k in range(1, 14)])  # of y - sin y = y^3 (1/6 - y^2/120 + ...)
+# of y - sin y = y^3 (1/6 - y^2/120 + ...)
+_DEFECT = np.cumprod([1 / 6] + [-1 / ((2 * k + 2) * (2 * k + 3)) for k in range(1, 14)])
 
 
 def phi0(r: ArrayLike, a: ArrayLike) -> F64:
-    """Isotropic part Phi0 (metres) of the displacement under a traction sqrt(1 - r^2/a^2) along x; `r` and `a` broadcast.
+    """Isotropic part Phi0 (metres) of the displacement under a traction sqrt(1 - r^2/a^2) along x;
+    `r` and `a` broadcast.
 
-    ``u_x = q0/(2 pi G) [(1 - nu/2) Phi0 + (nu/2) Phi2 cos 2 theta]``, ``u_y = q0/(2 pi G) (nu/2) Phi2 sin 2 theta``.
+    ``u_x = q0/(2 pi G) [(1 - nu/2) Phi0 + (nu/2) Phi2 cos 2 theta]``, ``u_y = q0/(2 pi G) (nu/2)
+    Phi2 sin 2 theta``.
     """
     return _phi(r, a, 0.0, a)[0]
 
 
 def phi2(r: ArrayLike, a: ArrayLike) -> F64:
-    """Part Phi2 (metres) that goes with the double angle under a traction sqrt(1 - r^2/a^2) along x; see `phi0`."""
+    """Part Phi2 (metres) that goes with the double angle under a traction sqrt(1 - r^2/a^2) along
+    x; see `phi0`.
+    """
     return _phi(r, a, 0.0, a)[1]
 
 
 def _phi(r: ArrayLike, a: ArrayLike, c: float, width: ArrayLike) -> tuple[F64, F64]:
-    """Phi0(r; a) - c/a Phi0(r; c) and the same of Phi2; `width` is a - c, which a difference would not hold for c close to a.
+    """Phi0(r; a) - c/a Phi0(r; c) and the same of Phi2; `width` is a - c, which a difference would
+    not hold for c close to a.
 
-    A traction 1/sqrt(b^2 - r^2) gives 2 pi asin(min(1, b/r)); Hertz's is b times that summed over b. With b = r sin(angle) the sums
-    from c to a are r^2/4 times that of ``2 angle sin(2 angle)``, r^2 times that of ``sin^2(2 angle)``. What follows is their closed form
-    in the sum m and the difference d of the two ends: no two terms cancel but those of ``y - sin y``.
+    A traction 1/sqrt(b^2 - r^2) gives 2 pi asin(min(1, b/r)); Hertz's is b times that summed over
+    b. With b = r sin(angle) the sums from c to a are r^2/4 times that of ``2 angle sin(2 angle)``,
+    r^2 times that of ``sin^2(2 angle)``. What follows is their closed form in the sum m and the
+    difference d of the two ends: no two terms cancel but those of ``y - sin y``.
     """
     r, a, width = (np.asarray(v, dtype=np.float64) for v in (r, a, width))
     beyond = np.maximum(_gap(r, a, c, width), 0.0)  # r - c
@@ -78,14 +89,19 @@ def _stick(Q: ArrayLike, limit: float) -> tuple[F64, F64]:
     check("Cattaneo-Mindlin", limit=limit)
     size = np.abs(np.asarray(Q, dtype=np.float64))
     share = np.cbrt(np.maximum((limit - size) / limit, 0.0))
-    return share, np.where(2 * size < limit, -np.expm1(np.log1p(-np.minimum(size / limit, 0.5)) / 3), 1 - share)
+    return share, np.where(
+        2 * size < limit, -np.expm1(np.log1p(-np.minimum(size / limit, 0.5)) / 3), 1 - share
+    )
 
 
 def _carried(Q: float, mu: float, P: float, a: float) -> tuple[float, float]:
     """Stick radius c, and a - c, of a contact that carries Q."""
     check("Cattaneo-Mindlin", mu=mu, P=P, radius=a)
     if not abs(Q) <= mu * P * (1 + 1e-12):
-        raise ValueError(f"Cattaneo-Mindlin: Q = {Q:g} N asked of a contact that slides at mu P = {mu * P:g} N; give no more than that")
+        raise ValueError(
+            f"Cattaneo-Mindlin: Q = {Q:g} N asked of a contact that slides at mu P = {mu * P:g} N;"
+            " give no more than that"
+        )
     if P == 0:
         return 0.0, a
     share, rest = _stick(Q, mu * P)
@@ -113,15 +129,19 @@ def stick_radius(Q: ArrayLike, limit: float, a: float) -> F64:
 
 
 def full_shift(mu: float, P: float, a: float, E: float, nu: float) -> float:
-    """Shift delta_max (metres) of the block against the sphere, far from the contact, at which the whole contact slides."""
+    """Shift delta_max (metres) of the block against the sphere, far from the contact, at which the
+    whole contact slides.
+    """
     check("Cattaneo-Mindlin", mu=mu, P=P, radius=a)
     return 3 * mu * P * (2 - nu) / (16 * hertz.shear_modulus(E, nu) * a)
 
 
 def shift(Q: ArrayLike, mu: float, P: float, a: float, E: float, nu: float) -> F64:
-    """Shift delta (metres) of the block against the sphere, far from the contact, under the shear force Q; shape of `Q`.
+    """Shift delta (metres) of the block against the sphere, far from the contact, under the shear
+    force Q; shape of `Q`.
 
-    ``delta = 3 mu P (2 - nu)/(16 G a) [1 - (1 - Q/(mu P))^(2/3)]``; NaN where the size of Q is above mu P, which no contact carries.
+    ``delta = 3 mu P (2 - nu)/(16 G a) [1 - (1 - Q/(mu P))^(2/3)]``; NaN where the size of Q is
+    above mu P, which no contact carries.
 
     References
     ----------
@@ -133,7 +153,8 @@ def shift(Q: ArrayLike, mu: float, P: float, a: float, E: float, nu: float) -> F
 
 
 def shear_force(shift: ArrayLike, mu: float, P: float, a: float, E: float, nu: float) -> F64:
-    """Shear force Q (newtons) at which the block has shifted that far (metres) against the sphere; mu P beyond the onset of sliding.
+    """Shear force Q (newtons) at which the block has shifted that far (metres) against the sphere;
+    mu P beyond the onset of sliding.
 
     The inverse of `shift`.
     """
@@ -145,10 +166,14 @@ def shear_force(shift: ArrayLike, mu: float, P: float, a: float, E: float, nu: f
     return np.asarray(np.copysign(mu * P * share, delta))
 
 
-def driven_shear_force(distance: ArrayLike, compliance: float, mu: float, P: float, a: float, E: float, nu: float) -> F64:
-    """Shear force Q (newtons) after a drive started from rest has advanced by a distance, through a spring in series with the contact.
+def driven_shear_force(
+    distance: ArrayLike, compliance: float, mu: float, P: float, a: float, E: float, nu: float
+) -> F64:
+    """Shear force Q (newtons) after a drive started from rest has advanced by a distance, through a
+    spring in series with the contact.
 
-    Solves ``distance = shift(Q) + compliance Q``; mu P once the whole contact slides, 0 for a distance below 0. Shape of `distance`.
+    Solves ``distance = shift(Q) + compliance Q``; mu P once the whole contact slides, 0 for a
+    distance below 0. Shape of `distance`.
 
     Parameters
     ----------
@@ -159,9 +184,10 @@ def driven_shear_force(distance: ArrayLike, compliance: float, mu: float, P: flo
 
     Notes
     -----
-    With s = c/a, Q = mu P (1 - s^3) and shift = delta_max (1 - s^2): a cubic in s, convex and increasing. Newton from above converges
-    monotonically; it starts at most a factor sqrt(2) away and is at 4e-16 of mu P after five steps. Their number is fixed, so that a value
-    does not depend on its neighbours. A last step for 1 - s makes the smallest forces right to as many digits.
+    With s = c/a, Q = mu P (1 - s^3) and shift = delta_max (1 - s^2): a cubic in s, convex and
+    increasing. Newton from above converges monotonically; it starts at most a factor sqrt(2) away
+    and is at 4e-16 of mu P after five steps. Their number is fixed, so that a value does not depend
+    on its neighbours. A last step for 1 - s makes the smallest forces right to as many digits.
 
     References
     ----------
@@ -184,7 +210,8 @@ def driven_shear_force(distance: ArrayLike, compliance: float, mu: float, P: flo
 
 
 def traction(r: ArrayLike, Q: float, mu: float, P: float, a: float) -> F64:
-    """Shear traction along x at the distance r from the centre, pascals, shape of `r`; its sum over the contact is Q.
+    """Shear traction along x at the distance r from the centre, pascals, shape of `r`; its sum over
+    the contact is Q.
 
     Raises
     ------
@@ -199,20 +226,25 @@ def traction(r: ArrayLike, Q: float, mu: float, P: float, a: float) -> F64:
     return np.asarray(np.copysign(hertz.peak_pressure(mu * P, a) / a, Q) * depth)
 
 
-def radial_displacement(r: ArrayLike, Q: float, mu: float, P: float, a: float, E: float, nu: float) -> tuple[F64, F64]:
-    """Surface displacement G*sigma under the shear force Q, as (g0, g2): ``gx = g0 + g2 cos 2 theta``, ``gy = g2 sin 2 theta``.
+def radial_displacement(
+    r: ArrayLike, Q: float, mu: float, P: float, a: float, E: float, nu: float
+) -> tuple[F64, F64]:
+    """Surface displacement G*sigma under the shear force Q, as (g0, g2): ``gx = g0 + g2 cos 2
+    theta``, ``gy = g2 sin 2 theta``.
 
     Parameters
     ----------
     r : array_like
         Distance from the contact's centre, metres, inside or outside the contact.
     Q, mu, P, a, E, nu : float
-        Shear force (N), at most mu P; friction; normal force (N); contact radius (m); modulus (Pa) and Poisson's ratio.
+        Shear force (N), at most mu P; friction; normal force (N); contact radius (m); modulus (Pa)
+        and Poisson's ratio.
 
     Returns
     -------
     g0, g2 : ndarray
-        Metres, shape of `r`. `g0` is the azimuthal mean of gx (that of gy is 0). In the stick zone g0 is the shift and g2 is 0.
+        Metres, shape of `r`. `g0` is the azimuthal mean of gx (that of gy is 0). In the stick zone
+        g0 is the shift and g2 is 0.
 
     Raises
     ------
@@ -220,16 +252,22 @@ def radial_displacement(r: ArrayLike, Q: float, mu: float, P: float, a: float, E
         Q is more than mu P, or another parameter out of its range.
     """
     c, width = _carried(Q, mu, P, a)
-    scale = np.copysign(hertz.peak_pressure(mu * P, a) / (2 * np.pi * hertz.shear_modulus(E, nu)), Q)
+    scale = np.copysign(
+        hertz.peak_pressure(mu * P, a) / (2 * np.pi * hertz.shear_modulus(E, nu)), Q
+    )
     isotropic, double = _phi(r, a, c, width)
     return np.asarray(scale * (1 - nu / 2) * isotropic), np.asarray(scale * nu / 2 * double)
 
 
-def displacement(x: ArrayLike, y: ArrayLike, Q: float, mu: float, P: float, a: float, E: float, nu: float) -> tuple[F64, F64]:
-    """Surface displacement G*sigma (gx, gy) in metres under the shear force Q, at points (x, y) from the contact's centre.
+def displacement(
+    x: ArrayLike, y: ArrayLike, Q: float, mu: float, P: float, a: float, E: float, nu: float
+) -> tuple[F64, F64]:
+    """Surface displacement G*sigma (gx, gy) in metres under the shear force Q, at points (x, y)
+    from the contact's centre.
 
-    `x` and `y` broadcast; the other parameters are those of `radial_displacement`. The block far away has not moved: seen from a
-    sphere at rest, with the block driven by D, a point of the surface has moved by D - G*sigma.
+    `x` and `y` broadcast; the other parameters are those of `radial_displacement`. The block far
+    away has not moved: seen from a sphere at rest, with the block driven by D, a point of the
+    surface has moved by D - G*sigma.
     """
     x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
     r = np.hypot(x, y)

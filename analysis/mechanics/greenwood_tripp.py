@@ -1,13 +1,17 @@
-"""Greenwood and Tripp: a smooth sphere on a rough elastic plane. The mean pressure reaches beyond Hertz's contact. SI units.
+"""Greenwood and Tripp: a smooth sphere on a rough elastic plane. The mean pressure reaches beyond
+Hertz's contact. SI units.
 
-Asperities of random heights carry the sphere; their mean pressure bends the block. Heights are measured in their standard deviation
-h, radii in sqrt(2 R h). For heights with an exponential distribution (that of Bureau et al., and of the paper's section 5) the pressure
-depends on the roughness ``alpha = h R/a_H^2`` alone: density and curvature of the asperities only raise the sphere. For Gaussian heights
-it also depends on ``mu = (8/3) eta h sqrt(2 R beta)``, with eta asperities of curvature radius beta per area.
+Asperities of random heights carry the sphere; their mean pressure bends the block. Heights are
+measured in their standard deviation h, radii in sqrt(2 R h). For heights with an exponential
+distribution (that of Bureau et al., and of the paper's section 5) the pressure depends on the
+roughness ``alpha = h R/a_H^2`` alone: density and curvature of the asperities only raise the
+sphere. For Gaussian heights it also depends on ``mu = (8/3) eta h sqrt(2 R beta)``, with eta
+asperities of curvature radius beta per area.
 
 References
 ----------
-Greenwood, Tripp 1967; Johnson, Contact Mechanics, section 13.5; Prevost et al. 2013, section 2.3.1 and Fig. 3b.
+Greenwood, Tripp 1967; Johnson, Contact Mechanics, section 13.5; Prevost et al. 2013, section 2.3.1
+and Fig. 3b.
 """
 
 from __future__ import annotations
@@ -28,19 +32,26 @@ F64 = NDArray[np.float64]
 
 MODES = 128
 SMOOTHEST, ROUGHEST, SOFTEST = 1e-3, 1e4, 1.0
-"""Range of alpha (below, Hertz is right to 0.2 % and `MODES` do not resolve the edge), and least mu (below, the layer is crushed)."""
+"""Range of alpha (below, Hertz is right to 0.2 % and `MODES` do not resolve the edge), and least mu
+(below, the layer is crushed).
+"""
 _CLEAR = 36.0  # gap in h at which no asperity touches any more
 _STEP, _STEPS = 3.0, 100  # of Newton, h
 
 
 def apparent_radius(a: float, R: float, h: float) -> float:
-    """Radius a + sqrt(R h) in metres within which a rough face touches, from Hertz's `a`: the paper's estimate.
+    """Radius a + sqrt(R h) in metres within which a rough face touches, from Hertz's `a`: the
+    paper's estimate.
 
-    For the paper's sample the pressure of Greenwood and Tripp is 0.4 (1.4 N) to 2 % (0.1 N) of that at the centre there.
+    For the paper's sample the pressure of Greenwood and Tripp is 0.4 (1.4 N) to 2 % (0.1 N) of that
+    at the centre there.
     """
     hertz.check("rough contact", a=a, R=R)
     if not 0 <= h < math.inf:
-        raise ValueError(f"rough contact: heights of standard deviation {h:g} m found; give a finite number, 0 or more")
+        raise ValueError(
+            f"rough contact: heights of standard deviation {h:g} m found; give a finite number, 0"
+            " or more"
+        )
     return a + math.sqrt(R * h)
 
 
@@ -75,15 +86,22 @@ class RoughContact:
         return np.asarray(np.where(x < 1, self._unit_pa * _carried(gap, self._mu)[0], 0.0))
 
     def radius_at(self, share: float) -> float:
-        """Radius in metres at which the pressure has come down to a share, below 1, of that at the centre."""
+        """Radius in metres at which the pressure has come down to a share, below 1, of that at the
+        centre.
+        """
         if not 1e-12 <= share < 1:
-            raise ValueError(f"rough contact: the radius at {share:g} of the peak pressure asked; give 1e-12 to below 1")
+            raise ValueError(
+                f"rough contact: the radius at {share:g} of the peak pressure asked; give 1e-12 to"
+                " below 1"
+            )
         r = np.linspace(0, self.reach, 4000)
         p = np.log(np.maximum(self.pressure(r), 1e-300))
         return float(np.interp(-math.log(share * self.peak_pressure), -p, r))
 
 
-def rough_contact(P: float, E: float, nu: float, R: float, h: float, mu: float | None = None) -> RoughContact:
+def rough_contact(
+    P: float, E: float, nu: float, R: float, h: float, mu: float | None = None
+) -> RoughContact:
     """Pressure and effective radius of a sphere pressed on a rough plane.
 
     Parameters
@@ -93,18 +111,21 @@ def rough_contact(P: float, E: float, nu: float, R: float, h: float, mu: float |
     h : float
         Standard deviation of the asperities' heights, metres.
     mu : float, optional
-        Asperity parameter for Gaussian heights; default: exponential heights, for which it does not matter.
+        Asperity parameter for Gaussian heights; default: exponential heights, for which it does not
+        matter.
 
     Raises
     ------
     ValueError
-        A parameter is out of its range, or alpha not between `SMOOTHEST` and `ROUGHEST`, or mu below `SOFTEST`.
+        A parameter is out of its range, or alpha not between `SMOOTHEST` and `ROUGHEST`, or mu
+        below `SOFTEST`.
 
     Notes
     -----
-    In even Legendre polynomials of xi = sqrt(1 - r^2/reach^2) the half-space is diagonal (Popov): a pressure P_2n(xi)/xi bends it
-    by pi^2 P_2n(0)^2 P_2n(xi). The pressure is smooth and dies before the reach, so that digits come with the number of modes:
-    3e-5 of the peak at alpha = 1e-3, 2e-9 at 0.016 (Gaussian, mu = 17: 3e-4 and 6e-6). Newton in the gaps and the rigid approach, no step
+    In even Legendre polynomials of xi = sqrt(1 - r^2/reach^2) the half-space is diagonal (Popov): a
+    pressure P_2n(xi)/xi bends it by pi^2 P_2n(0)^2 P_2n(xi). The pressure is smooth and dies before
+    the reach, so that digits come with the number of modes: 3e-5 of the peak at alpha = 1e-3, 2e-9
+    at 0.016 (Gaussian, mu = 17: 3e-4 and 6e-6). Newton in the gaps and the rigid approach, no step
     longer than 3 h.
     """
     hertz.check("rough contact", force=P, R=R, height=h)
@@ -113,15 +134,21 @@ def rough_contact(P: float, E: float, nu: float, R: float, h: float, mu: float |
     a, stiff = hertz.contact_radius(P, E, nu, R), hertz.reduced_modulus(E, nu)
     alpha, unit = h * R / a**2, math.sqrt(2 * R * h)
     if not SMOOTHEST <= alpha <= ROUGHEST:
-        raise ValueError(f"rough contact: h R/a^2 = {alpha:g} found; give {SMOOTHEST:g} to {ROUGHEST:g}, and use Hertz below")
+        raise ValueError(
+            f"rough contact: h R/a^2 = {alpha:g} found; give {SMOOTHEST:g} to {ROUGHEST:g}, and use"
+            " Hertz below"
+        )
     wide = a / unit
     reach = min(math.sqrt(2 * wide**2 + 2 * _CLEAR), wide + 11 * wide ** (-1 / 3))
     xi, weight, values, powers = _modes()
     rho2 = reach**2 * (1 - xi**2)
     load = 2 * np.pi * reach**2 * weight * xi
-    coefficients = reach / 2 * np.pi * powers[:, None] * values.T * (weight * xi)  # of the bending, from the pressure at the nodes
+    # of the bending, from the pressure at the nodes
+    coefficients = reach / 2 * np.pi * powers[:, None] * values.T * (weight * xi)
     flat = rho2 - 2 * wide**2 + 4 * wide / np.pi**2 * phi0(np.sqrt(rho2), wide)  # Hertz's gap
-    gap, approach = _solved(np.maximum(flat, 0.0), rho2, load, values @ coefficients, 16 / 3 * wide**3, mu)
+    gap, approach = _solved(
+        np.maximum(flat, 0.0), rho2, load, values @ coefficients, 16 / 3 * wide**3, mu
+    )
     bending = coefficients @ _carried(gap, mu)[0]
     line = bending.sum()  # at the centre: the sum of p dr
     series = np.zeros(2 * MODES)
@@ -141,22 +168,31 @@ def _carried(gap: ArrayLike, mu: float | None) -> tuple[F64, F64]:
         return p, -p
     # sums of (s - gap)^(3/2) and (s - gap)^(1/2) over a normal distribution of s above the gap
     scale = mu / math.sqrt(2 * math.pi) * np.exp(-(gap**2) / 4)
-    return math.gamma(2.5) * scale * pbdv(-2.5, gap)[0], -1.5 * math.gamma(1.5) * scale * pbdv(-1.5, gap)[0]
+    return math.gamma(2.5) * scale * pbdv(-2.5, gap)[0], -1.5 * math.gamma(1.5) * scale * pbdv(
+        -1.5, gap
+    )[0]
 
 
 @cache
 def _modes() -> tuple[F64, F64, F64, F64]:
     """Gauss nodes on (0, 1) and weights, P_2n at the nodes, and (4n + 1) P_2n(0)^2."""
     nodes, weights = legendre.leggauss(2 * MODES)
-    xi, weight = np.asarray(nodes[MODES:], dtype=np.float64), np.asarray(weights[MODES:], dtype=np.float64)
+    xi, weight = (
+        np.asarray(nodes[MODES:], dtype=np.float64),
+        np.asarray(weights[MODES:], dtype=np.float64),
+    )
     values = np.asarray(legendre.legvander(xi, 2 * MODES - 1)[:, ::2], dtype=np.float64)
     order = np.arange(MODES)
     at_zero = legendre.legvander(np.zeros(1), 2 * MODES - 1)[0, ::2]
     return xi, weight, values, np.asarray((4 * order + 1) * at_zero**2, dtype=np.float64)
 
 
-def _solved(gap: F64, rho2: F64, load: F64, bends: F64, total: float, mu: float | None) -> tuple[F64, float]:
-    """Gaps and rigid approach at which ``gap = approach + rho^2 + bending`` and the pressure adds up to the load."""
+def _solved(
+    gap: F64, rho2: F64, load: F64, bends: F64, total: float, mu: float | None
+) -> tuple[F64, float]:
+    """Gaps and rigid approach at which ``gap = approach + rho^2 + bending`` and the pressure adds
+    up to the load.
+    """
     approach, n = 0.0, len(gap)
     system = np.zeros((n + 1, n + 1))
     for _ in range(_STEPS):
@@ -170,4 +206,7 @@ def _solved(gap: F64, rho2: F64, load: F64, bends: F64, total: float, mu: float 
         gap, approach = gap - step[:n], approach - float(step[n])
         if np.abs(step[:n]).max() < 1e-11 * (1 + rho2[0]):
             return gap, approach
-    raise ValueError(f"rough contact: no solution after {_STEPS} steps for a load of 2P/(h E* sqrt(2 R h)) = {total:g}; give a larger mu")
+    raise ValueError(
+        f"rough contact: no solution after {_STEPS} steps for a load of 2P/(h E* sqrt(2 R h)) ="
+        f" {total:g}; give a larger mu"
+    )

@@ -1,6 +1,8 @@
-"""Surface displacement of an elastic block under tangential tractions on a grid: half-space, or layer on a rigid plate. SI units.
+"""Surface displacement of an elastic block under tangential tractions on a grid: half-space, or
+layer on a rigid plate. SI units.
 
-The kernels are uniform tractions on rectangular cells, integrated in closed form; they are convolved without periodic images.
+The kernels are uniform tractions on rectangular cells, integrated in closed form; they are
+convolved without periodic images.
 """
 
 from __future__ import annotations
@@ -17,13 +19,16 @@ from scipy.special import j0, jv
 F64 = NDArray[np.float64]
 
 THINNEST = 3
-"""Least thickness of a layer in pitches: its part of the kernel is taken at the middle of a cell, which is then right to 0.5 % of it."""
+"""Least thickness of a layer in pitches: its part of the kernel is taken at the middle of a cell,
+which is then right to 0.5 % of it.
+"""
 _NEAR_NODES, _FAR_NODES = 8, 4  # of Gauss in each direction
 _TABLE = 600
 
 
 class SurfaceGreen:
-    """Displacement of the block's surface at the middles of a grid's cells from the shear traction on the cells, as a linear operator.
+    """Displacement of the block's surface at the middles of a grid's cells from the shear traction
+    on the cells, as a linear operator.
 
     Parameters
     ----------
@@ -33,9 +38,11 @@ class SurfaceGreen:
     E, nu : float
         Young's modulus (Pa) and Poisson's ratio, 0 to 0.5.
     thickness : float
-        Of a layer bonded to a rigid plate, metres, `THINNEST` pitches or more; default a half-space.
+        Of a layer bonded to a rigid plate, metres, `THINNEST` pitches or more; default a
+        half-space.
     box : float
-        Side of the square over which the displacement is averaged, as image correlation does, metres.
+        Side of the square over which the displacement is averaged, as image correlation does,
+        metres.
     coupled : bool
         Both components, arrays of shape (2, ny, nx), (x, y); else x alone, shape (ny, nx).
 
@@ -46,14 +53,16 @@ class SurfaceGreen:
 
     Notes
     -----
-    Per metre of distance r, ``G_ij = [(1 - nu) delta_ij / r + nu x_i x_j / r^3] / (2 pi G)``. A layer adds, in the plane of
-    wave vectors, ``(1 - nu)(F - 1)/(G q)`` along q and ``(tanh qH - 1)/(G q)`` across, where
-    ``F = [(3 - 4 nu) sinh 2qH + 2qH] / [(3 - 4 nu) cosh 2qH + 2 (qH)^2 + 5 - 12 nu + 8 nu^2]``; what normal tractions
-    do tangentially is left out (nothing, for the half-space at nu = 1/2).
+    Per metre of distance r, ``G_ij = [(1 - nu) delta_ij / r + nu x_i x_j / r^3] / (2 pi G)``. A
+    layer adds, in the plane of wave vectors, ``(1 - nu)(F - 1)/(G q)`` along q and ``(tanh qH -
+    1)/(G q)`` across, where ``F = [(3 - 4 nu) sinh 2qH + 2qH] / [(3 - 4 nu) cosh 2qH + 2 (qH)^2 + 5
+    - 12 nu + 8 nu^2]``; what normal tractions do tangentially is left out (nothing, for the
+    half-space at nu = 1/2).
 
     References
     ----------
-    Johnson, Contact Mechanics, eq. 3.91 and section 3.6; Prevost et al. 2013, section 4 (Green's tensor).
+    Johnson, Contact Mechanics, eq. 3.91 and section 3.6; Prevost et al. 2013, section 4 (Green's
+    tensor).
     """
 
     def __init__(
@@ -71,11 +80,18 @@ class SurfaceGreen:
         ny, nx = shape
         _check(ny, nx, px, py, E, nu, thickness, box)
         self.shape, self.pitch, self.coupled = (int(ny), int(nx)), (px, py), coupled
-        self._padded = (fft.next_fast_len(2 * ny - 1, real=True), fft.next_fast_len(2 * nx - 1, real=True))
+        self._padded = (
+            fft.next_fast_len(2 * ny - 1, real=True),
+            fft.next_fast_len(2 * nx - 1, real=True),
+        )
         x, y = px * np.arange(float(nx)), py * np.arange(float(ny))
         one, xx, xy = _box_averaged(x, y, (px, py), box)
         scale = (1 + nu) / (np.pi * E)  # 1 / (2 pi G)
-        g_xx, g_yy, g_xy = scale * ((1 - nu) * one + nu * xx), scale * ((1 - nu) * one + nu * (one - xx)), scale * nu * xy
+        g_xx, g_yy, g_xy = (
+            scale * ((1 - nu) * one + nu * xx),
+            scale * ((1 - nu) * one + nu * (one - xx)),
+            scale * nu * xy,
+        )
         if math.isfinite(thickness):
             even, double = layer_correction(np.hypot(x[None, :], y[:, None]), E, nu, thickness)
             angle = 2 * np.arctan2(y[:, None], x[None, :])
@@ -85,26 +101,38 @@ class SurfaceGreen:
             g_xy += area * double * np.sin(angle)
         self._xx = self._transformed(g_xx, odd=False)
         if coupled:
-            self._yy, self._xy = self._transformed(g_yy, odd=False), self._transformed(g_xy, odd=True)
+            self._yy, self._xy = (
+                self._transformed(g_yy, odd=False),
+                self._transformed(g_xy, odd=True),
+            )
 
     def apply(self, sigma: ArrayLike) -> F64:
-        """Displacement G*sigma in metres of the surface under the tractions `sigma` in pascals, same shape."""
+        """Displacement G*sigma in metres of the surface under the tractions `sigma` in pascals,
+        same shape.
+        """
         sigma = np.asarray(sigma, dtype=np.float64)
         if not self.coupled:
             return self._back(self._forth(sigma) * self._xx)
         sx, sy = self._forth(sigma[0]), self._forth(sigma[1])
-        return np.stack([self._back(sx * self._xx + sy * self._xy), self._back(sx * self._xy + sy * self._yy)])
+        return np.stack(
+            [self._back(sx * self._xx + sy * self._xy), self._back(sx * self._xy + sy * self._yy)]
+        )
 
     def adjoint(self, u: ArrayLike) -> F64:
-        """The transposed operator: it is its own, because two cells act on each other alike (Maxwell and Betti)."""
+        """The transposed operator: it is its own, because two cells act on each other alike
+        (Maxwell and Betti).
+        """
         return self.apply(u)
 
     def norm(self, mask: ArrayLike | None = None) -> float:
-        """Largest eigenvalue, metres per pascal, of the operator between the points of a mask, shape (ny, nx); default all points."""
+        """Largest eigenvalue, metres per pascal, of the operator between the points of a mask,
+        shape (ny, nx); default all points.
+        """
         inside = np.ones(self.shape, np.bool_) if mask is None else np.asarray(mask, np.bool_)
         if inside.shape != self.shape or not inside.any():
             raise ValueError(
-                f"operator norm: a mask of shape {inside.shape} with {inside.sum()} points found; use shape {self.shape} and a point"
+                f"operator norm: a mask of shape {inside.shape} with {inside.sum()} points found;"
+                f" use shape {self.shape} and a point"
             )
         inside = np.broadcast_to(inside, (2, *self.shape)) if self.coupled else inside
         n = int(inside.sum())
@@ -116,11 +144,19 @@ class SurfaceGreen:
 
         if n < 3:
             return float(np.linalg.eigvalsh(np.column_stack([masked(v) for v in np.eye(n)]))[-1])
-        largest = eigsh(LinearOperator((n, n), matvec=masked, dtype=np.float64), k=1, tol=1e-6, v0=np.ones(n), return_eigenvectors=False)
+        largest = eigsh(
+            LinearOperator((n, n), matvec=masked, dtype=np.float64),
+            k=1,
+            tol=1e-6,
+            v0=np.ones(n),
+            return_eigenvectors=False,
+        )
         return float(largest[0]) * (1 + 1e-5)
 
     def _transformed(self, quadrant: F64, *, odd: bool) -> F64:
-        """Real Fourier transform of a kernel known for x, y >= 0; `odd` in both x and y, or even in both."""
+        """Real Fourier transform of a kernel known for x, y >= 0; `odd` in both x and y, or even in
+        both.
+        """
         (ny, nx), (my, mx) = self.shape, self._padded
         sign = -1.0 if odd else 1.0
         kernel = np.zeros(self._padded)
@@ -131,7 +167,10 @@ class SurfaceGreen:
 
     def _forth(self, field: F64) -> NDArray[np.complex128]:
         if field.shape != self.shape:
-            raise ValueError(f"surface displacement: a field of shape {field.shape} found; the operator has {self.shape}")
+            raise ValueError(
+                f"surface displacement: a field of shape {field.shape} found; the operator has"
+                f" {self.shape}"
+            )
         rows = fft.rfft(field, self._padded[1], axis=1)
         return np.asarray(fft.fft(rows, self._padded[0], axis=0, overwrite_x=True))
 
@@ -141,20 +180,35 @@ class SurfaceGreen:
         return np.ascontiguousarray(fft.irfft(rows, self._padded[1], axis=1)[:, :nx])
 
 
-def _check(ny: int, nx: int, px: float, py: float, E: float, nu: float, thickness: float, box: float) -> None:
+def _check(
+    ny: int, nx: int, px: float, py: float, E: float, nu: float, thickness: float, box: float
+) -> None:
     if ny < 1 or nx < 1 or ny * nx < 2:
-        raise ValueError(f"surface displacement: a grid of {nx} x {ny} points was asked; use two or more")
+        raise ValueError(
+            f"surface displacement: a grid of {nx} x {ny} points was asked; use two or more"
+        )
     if not (0 < px < math.inf and 0 < py < math.inf):
-        raise ValueError(f"surface displacement: a pitch of {px:g} x {py:g} m was asked; use positive ones")
+        raise ValueError(
+            f"surface displacement: a pitch of {px:g} x {py:g} m was asked; use positive ones"
+        )
     if not 0 < E < math.inf:
-        raise ValueError(f"surface displacement: a modulus of {E:g} Pa was asked; use a positive one")
+        raise ValueError(
+            f"surface displacement: a modulus of {E:g} Pa was asked; use a positive one"
+        )
     if not 0 <= nu <= 0.5:
-        raise ValueError(f"surface displacement: a Poisson's ratio of {nu:g} was asked; use 0 to 0.5")
+        raise ValueError(
+            f"surface displacement: a Poisson's ratio of {nu:g} was asked; use 0 to 0.5"
+        )
     thinnest = THINNEST * max(px, py)
     if not thickness >= thinnest:
-        raise ValueError(f"surface displacement: a layer of {thickness:g} m was asked; use {thinnest:g} m ({THINNEST} pitches) or more")
+        raise ValueError(
+            f"surface displacement: a layer of {thickness:g} m was asked; use {thinnest:g} m"
+            f" ({THINNEST} pitches) or more"
+        )
     if not 0 <= box < math.inf:
-        raise ValueError(f"surface displacement: an average over {box:g} m was asked; use 0 or more")
+        raise ValueError(
+            f"surface displacement: an average over {box:g} m was asked; use 0 or more"
+        )
 
 
 def _cell_integrals(x: F64, y: F64, pitch: tuple[float, float]) -> tuple[F64, F64, F64]:
@@ -177,22 +231,35 @@ def _box_averaged(x: F64, y: F64, pitch: tuple[float, float], box: float) -> tup
     if box == 0:
         return _cell_integrals(x[None, :], y[:, None], pitch)
     fields = _averaged(x, y, pitch, [_box_nodes(p, box, is_near=False) for p in pitch])
-    near_x, near_y = (min(n.size, math.ceil(2 * box / p) + 8) for n, p in zip((x, y), pitch, strict=True))
-    near = _averaged(x[:near_x], y[:near_y], pitch, [_box_nodes(p, box, is_near=True) for p in pitch])
+    near_x, near_y = (
+        min(n.size, math.ceil(2 * box / p) + 8) for n, p in zip((x, y), pitch, strict=True)
+    )
+    near = _averaged(
+        x[:near_x], y[:near_y], pitch, [_box_nodes(p, box, is_near=True) for p in pitch]
+    )
     for field, part in zip(fields, near, strict=True):
         field[:near_y, :near_x] = part
     return fields
 
 
-def _averaged(x: F64, y: F64, pitch: tuple[float, float], nodes: list[tuple[F64, F64]]) -> tuple[F64, F64, F64]:
+def _averaged(
+    x: F64, y: F64, pitch: tuple[float, float], nodes: list[tuple[F64, F64]]
+) -> tuple[F64, F64, F64]:
     (tx, wx), (ty, wy) = nodes
-    fields = _cell_integrals((x[:, None] + tx).ravel()[None, :], (y[:, None] + ty).ravel()[:, None], pitch)
-    one, xx, xy = (np.einsum("iajb,a,b->ij", f.reshape(y.size, ty.size, x.size, tx.size), wy, wx) for f in fields)
+    fields = _cell_integrals(
+        (x[:, None] + tx).ravel()[None, :], (y[:, None] + ty).ravel()[:, None], pitch
+    )
+    one, xx, xy = (
+        np.einsum("iajb,a,b->ij", f.reshape(y.size, ty.size, x.size, tx.size), wy, wx)
+        for f in fields
+    )
     return one, xx, xy
 
 
 def _box_nodes(pitch: float, box: float, *, is_near: bool) -> tuple[F64, F64]:
-    """Nodes and weights, of sum 1, of Gauss over a box; near the source in parts that end where a cell does: there the integrand bends."""
+    """Nodes and weights, of sum 1, of Gauss over a box; near the source in parts that end where a
+    cell does: there the integrand bends.
+    """
     n = math.ceil(box / (2 * pitch) + 0.5) if is_near else 0
     edges = pitch * (np.arange(-float(n), n) + 0.5)
     ends = np.concatenate([[-box / 2], edges[np.abs(edges) < box / 2 * (1 - 1e-9)], [box / 2]])
@@ -202,10 +269,11 @@ def _box_nodes(pitch: float, box: float, *, is_near: bool) -> tuple[F64, F64]:
 
 
 def layer_correction(r: ArrayLike, E: float, nu: float, thickness: float) -> tuple[F64, F64]:
-    """What a rigid plate behind a bonded layer adds to the half-space's G_xx, as (even, double): ``even + double cos 2 theta``.
+    """What a rigid plate behind a bonded layer adds to the half-space's G_xx, as (even, double):
+    ``even + double cos 2 theta``.
 
-    `r` in metres; result in metres per newton, shape of `r`. ``G_xy`` is ``double sin 2 theta``. Near r = 0 `even` is
-    about -0.2 to -0.25 of 1/(G H): the surface moves almost uniformly less.
+    `r` in metres; result in metres per newton, shape of `r`. ``G_xy`` is ``double sin 2 theta``.
+    Near r = 0 `even` is about -0.2 to -0.25 of 1/(G H): the surface moves almost uniformly less.
     """
     r = np.asarray(r, dtype=np.float64)
     G, far = E / (2 * (1 + nu)), float(r.max(initial=0.0)) / thickness
@@ -216,12 +284,18 @@ def layer_correction(r: ArrayLike, E: float, nu: float, thickness: float) -> tup
     at = np.linspace(0.0, max(far, 1e-6), _TABLE)
     qr = np.outer(at, q)
     scale = 1 / (4 * np.pi * G * thickness)
-    even, double = scale * j0(qr) @ (w * (along + across)), -scale * jv(2, qr) @ (w * (along - across))
-    return np.asarray(CubicSpline(at, even)(r / thickness)), np.asarray(CubicSpline(at, double)(r / thickness))
+    even, double = (
+        scale * j0(qr) @ (w * (along + across)),
+        -scale * jv(2, qr) @ (w * (along - across)),
+    )
+    return np.asarray(CubicSpline(at, even)(r / thickness)), np.asarray(
+        CubicSpline(at, double)(r / thickness)
+    )
 
 
 def _layer_along(q: F64, nu: float) -> F64:
     """F - 1 of the layer for wave vectors along the traction; `q` in units of 1/H."""
     k, rest, decay = 3 - 4 * nu, 5 - 12 * nu + 8 * nu * nu, np.exp(-2 * q)
-    excess = decay * (4 * q - 4 * q * q - 2 * rest - 2 * k * decay)  # numerator less denominator, by hand: they cancel
+    # numerator less denominator, by hand: they cancel
+    excess = decay * (4 * q - 4 * q * q - 2 * rest - 2 * k * decay)
     return np.asarray(excess / (k * (1 + decay * decay) + decay * (4 * q * q + 2 * rest)))

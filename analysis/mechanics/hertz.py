@@ -11,7 +11,8 @@ F64 = NDArray[np.float64]
 
 
 def check(who: str, *, P: float = 0.0, a: float = 0.0, nu: float = 0.0, **positive: float) -> None:
-    """Refuse what no contact has: a negative force P or radius a, nu outside 0 to 0.5, another quantity that is not above 0.
+    """Refuse what no contact has: a negative force P or radius a, nu outside 0 to 0.5, another
+    quantity that is not above 0.
 
     Raises
     ------
@@ -66,21 +67,29 @@ def contact_radius(P: float, E: float, nu: float, R: float) -> float:
 
 
 def indentation(a: float, R: float) -> float:
-    """Distance a^2/R in metres by which the block far away has approached the sphere since they touched."""
+    """Distance a^2/R in metres by which the block far away has approached the sphere since they
+    touched.
+    """
     check("Hertz contact", a=a, R=R)
     return a * a / R
 
 
 def peak_pressure(P: float, a: float) -> float:
-    """Pressure p0 = 3P/(2 pi a^2) at the centre of a contact of radius a, pascals; 0 for a contact of no force and no radius."""
+    """Pressure p0 = 3P/(2 pi a^2) at the centre of a contact of radius a, pascals; 0 for a contact
+    of no force and no radius.
+    """
     check("Hertz pressure", P=P, a=a)
     if a == 0 < P:
-        raise ValueError(f"Hertz pressure: a force of {P:g} N on a contact of radius 0; give the contact's radius")
+        raise ValueError(
+            f"Hertz pressure: a force of {P:g} N on a contact of radius 0; give the contact's"
+            " radius"
+        )
     return 3 * P / (2 * np.pi * a**2) if a > 0 else 0.0
 
 
 def pressure(r: ArrayLike, P: float, a: float) -> F64:
-    """Contact pressure at the distance r from the centre, pascals, shape of `r`; 0 outside the contact.
+    """Contact pressure at the distance r from the centre, pascals, shape of `r`; 0 outside the
+    contact.
 
     Parameters
     ----------
@@ -94,4 +103,6 @@ def pressure(r: ArrayLike, P: float, a: float) -> F64:
     Johnson, Contact Mechanics, eq. 3.39.
     """
     r = np.asarray(r, dtype=np.float64)
-    return np.asarray(peak_pressure(P, a) / (a or 1.0) * np.sqrt(np.maximum((a - r) * (a + r), 0.0)))
+    return np.asarray(
+        peak_pressure(P, a) / (a or 1.0) * np.sqrt(np.maximum((a - r) * (a + r), 0.0))
+    )

@@ -1,16 +1,19 @@
-"""Local shear law of a rough interface: sigma = mu p (1 - exp(-s/(mu L))) under a first loading, with its memory. SI units throughout.
+"""Local shear law of a rough interface: sigma = mu p (1 - exp(-s/(mu L))) under a first loading,
+with its memory. SI units throughout.
 
-Bureau's interface is a crowd of Mindlin contacts with exponentially distributed heights. Each behaves as a row of springs that stick
-until their deflection reaches what their normal load allows (Jaeger). Put together, the spring that first touched when the local pressure
-was q holds, under the pressure p, up to a deflection ``mu L ln(p/q)``, and the springs that touched between q and q + dq carry dq/L per
-metre of deflection. Loaded from rest this is the law above. The same springs give, with nothing added, what happens next: at constant
-pressure a reversal repeats the first loading at twice its size (Masing; Mindlin and Deresiewicz for one sphere); where the pressure grows
-new springs touch unstressed; where it falls, those that touched last let go.
+Bureau's interface is a crowd of Mindlin contacts with exponentially distributed heights. Each
+behaves as a row of springs that stick until their deflection reaches what their normal load allows
+(Jaeger). Put together, the spring that first touched when the local pressure was q holds, under the
+pressure p, up to a deflection ``mu L ln(p/q)``, and the springs that touched between q and q + dq
+carry dq/L per metre of deflection. Loaded from rest this is the law above. The same springs give,
+with nothing added, what happens next: at constant pressure a reversal repeats the first loading at
+twice its size (Masing; Mindlin and Deresiewicz for one sphere); where the pressure grows new
+springs touch unstressed; where it falls, those that touched last let go.
 
 References
 ----------
-Bureau, Caroli and Baumberger 2003; Prevost et al. 2013, section 6; Jaeger 1993 (Mindlin contacts under any history);
-Mindlin and Deresiewicz 1953; Iwan 1966 (springs and sliders).
+Bureau, Caroli and Baumberger 2003; Prevost et al. 2013, section 6; Jaeger 1993 (Mindlin contacts
+under any history); Mindlin and Deresiewicz 1953; Iwan 1966 (springs and sliders).
 """
 
 from __future__ import annotations
@@ -26,21 +29,25 @@ F64 = NDArray[np.float64]
 
 
 def elastic_length(roughness: float, nu: float) -> float:
-    """L = (2 - nu)/(2 (1 - nu)) h in metres, of a surface with rms roughness h (Bureau et al. 2003)."""
+    """L = (2 - nu)/(2 (1 - nu)) h in metres, of a surface with rms roughness h (Bureau et al.
+    2003).
+    """
     return (2 - nu) / (2 * (1 - nu)) * roughness
 
 
 @dataclass(frozen=True)
 class Memory:
-    """What the springs of each point remember: their deflection, by the pressure at which they touched.
+    """What the springs of each point remember: their deflection, by the pressure at which they
+    touched.
 
     Attributes
     ----------
     touched : ndarray, shape (m, points)
         Pressures, falling from the current one towards 0, at which the deflection bends, pascals.
     slopes : ndarray, shape (m,)
-        Deflection gained per metre of what a spring may deflect, from one bend to the next: 1 or -1 (slipped that way) or 0 (touched
-        without stress). Beyond the last bend all springs moved together.
+        Deflection gained per metre of what a spring may deflect, from one bend to the next: 1 or -1
+        (slipped that way) or 0 (touched without stress). Beyond the last bend all springs moved
+        together.
     """
 
     touched: F64
@@ -54,7 +61,8 @@ class Memory:
 
 @dataclass(frozen=True)
 class Interface:
-    """A rough interface: friction coefficient `mu` and elastic length `L` (metres; 0: rigid until it slips).
+    """A rough interface: friction coefficient `mu` and elastic length `L` (metres; 0: rigid until
+    it slips).
 
     Raises
     ------
@@ -67,34 +75,53 @@ class Interface:
 
     def __post_init__(self) -> None:
         if not 0 < self.mu < np.inf:
-            raise ValueError(f"interface: a friction coefficient of {self.mu:g} was asked; use a positive one")
+            raise ValueError(
+                f"interface: a friction coefficient of {self.mu:g} was asked; use a positive one"
+            )
         if not 0 <= self.L < np.inf:
-            raise ValueError(f"interface: an elastic length of {self.L:g} m was asked; use 0 or more")
+            raise ValueError(
+                f"interface: an elastic length of {self.L:g} m was asked; use 0 or more"
+            )
 
     def traction(self, s: ArrayLike, p: ArrayLike) -> F64:
-        """Shear traction (Pa) after a first displacement `s` (m) of the block's surface under the pressure `p` (Pa); they broadcast."""
+        """Shear traction (Pa) after a first displacement `s` (m) of the block's surface under the
+        pressure `p` (Pa); they broadcast.
+        """
         s, p = np.asarray(s, dtype=np.float64), np.asarray(p, dtype=np.float64)
-        share = -np.expm1(-np.abs(s) / (self.mu * self.L)) if self.L > 0 else (s != 0).astype(np.float64)
+        share = (
+            -np.expm1(-np.abs(s) / (self.mu * self.L))
+            if self.L > 0
+            else (s != 0).astype(np.float64)
+        )
         return np.asarray(np.copysign(self.mu * p * share, s))
 
     def stiffness(self, s: ArrayLike, p: ArrayLike) -> F64:
-        """Stiffness d sigma/d s (Pa/m) at the displacement `s`: p/L at rest; for L = 0 infinite at rest, then 0."""
+        """Stiffness d sigma/d s (Pa/m) at the displacement `s`: p/L at rest; for L = 0 infinite at
+        rest, then 0.
+        """
         s, p = np.broadcast_arrays(np.asarray(s, dtype=np.float64), np.asarray(p, dtype=np.float64))
         if self.L == 0:
             return np.where((s == 0) & (p > 0), np.inf, 0.0)
         return np.asarray(p / self.L * np.exp(-np.abs(s) / (self.mu * self.L)))
 
     def displacement(self, sigma: ArrayLike, p: ArrayLike) -> F64:
-        """Displacement (m) at which the traction is `sigma` (Pa), the inverse of `traction`; infinite at mu p, NaN above it."""
-        sigma, p = np.broadcast_arrays(np.asarray(sigma, dtype=np.float64), np.asarray(p, dtype=np.float64))
-        share = np.divide(np.abs(sigma), self.mu * p, out=np.where(sigma == 0, 0.0, np.inf), where=p > 0)
+        """Displacement (m) at which the traction is `sigma` (Pa), the inverse of `traction`;
+        infinite at mu p, NaN above it.
+        """
+        sigma, p = np.broadcast_arrays(
+            np.asarray(sigma, dtype=np.float64), np.asarray(p, dtype=np.float64)
+        )
+        share = np.divide(
+            np.abs(sigma), self.mu * p, out=np.where(sigma == 0, 0.0, np.inf), where=p > 0
+        )
         with np.errstate(divide="ignore"):
             depth = -np.log1p(-np.minimum(share, 1.0))
         reach = self.mu * self.L * depth if self.L > 0 else np.where(share < 1, 0.0, np.inf)
         return np.asarray(np.where(share > 1, np.nan, np.copysign(reach, sigma)))
 
     def respond(self, memory: Memory, p: F64, move: F64) -> tuple[F64, F64, F64]:
-        """Traction (Pa), stiffness (Pa/m) and pressure at which the last slipping spring touched (Pa), after a `move` of each point (m).
+        """Traction (Pa), stiffness (Pa/m) and pressure at which the last slipping spring touched
+        (Pa), after a `move` of each point (m).
 
         Raises
         ------
@@ -102,13 +129,20 @@ class Interface:
             For L = 0: a rigid interface has no stiffness.
         """
         if self.L == 0:
-            raise ValueError("interface: the memory of a rigid interface (L = 0) was asked; give a small L, or use cattaneo_mindlin")
+            raise ValueError(
+                "interface: the memory of a rigid interface (L = 0) was asked; give a small L, or"
+                " use cattaneo_mindlin"
+            )
         sigma, stiffness, front = _respond(memory.touched, memory.slopes, p, move, self.mu, self.L)
         return sigma, stiffness, front
 
     def remember(self, memory: Memory, p: F64, move: F64, front: F64) -> Memory:
         """The memory after a `move` of each point, with the `front` that `respond` gave for it."""
-        touched, slopes, forward = list(np.minimum(memory.touched, front)), list(memory.slopes), move > 0
+        touched, slopes, forward = (
+            list(np.minimum(memory.touched, front)),
+            list(memory.slopes),
+            move > 0,
+        )
         for sign, moved in ((1.0, forward), (-1.0, ~forward)):
             touched.insert(0, np.where(moved, front, p))
             slopes.insert(0, sign)
@@ -117,19 +151,23 @@ class Interface:
     def under(self, memory: Memory, before: F64, p: F64) -> Memory:
         """The memory once the pressure went from `before` to `p` with the points at rest."""
         edge = _deflection(memory.touched, memory.slopes, before, p, self.mu * self.L)
-        kept = _compact([np.minimum(before, p), *np.minimum(memory.touched, p)], [0.0, *memory.slopes], p)
+        kept = _compact(
+            [np.minimum(before, p), *np.minimum(memory.touched, p)], [0.0, *memory.slopes], p
+        )
         # the springs nearest to letting go now slip
         return self.remember(kept, p, edge, self.respond(kept, p, edge)[2])
 
 
 class TabulatedLaw:
-    """A law of the slip given by a table: share of mu p against the displacement. First loadings only: it has no memory.
+    """A law of the slip given by a table: share of mu p against the displacement. First loadings
+    only: it has no memory.
 
     Parameters
     ----------
     mu : float
     slip, share : array_like, shape (n,)
-        Displacement (m), from 0 and increasing, and share of mu p, from 0 to 1 and never falling; smooth between (PCHIP), 1 beyond.
+        Displacement (m), from 0 and increasing, and share of mu p, from 0 to 1 and never falling;
+        smooth between (PCHIP), 1 beyond.
 
     Raises
     ------
@@ -139,8 +177,19 @@ class TabulatedLaw:
 
     def __init__(self, mu: float, slip: ArrayLike, share: ArrayLike) -> None:
         slip, share = np.asarray(slip, dtype=np.float64), np.asarray(share, dtype=np.float64)
-        is_law = slip.ndim == 1 and slip.shape == share.shape and len(slip) >= 2 and np.isfinite([slip, share]).all()
-        if not (is_law and slip[0] == share[0] == 0 and share[-1] == 1 and (np.diff(slip) > 0).all() and (np.diff(share) >= 0).all()):
+        is_law = (
+            slip.ndim == 1
+            and slip.shape == share.shape
+            and len(slip) >= 2
+            and np.isfinite([slip, share]).all()
+        )
+        if not (
+            is_law
+            and slip[0] == share[0] == 0
+            and share[-1] == 1
+            and (np.diff(slip) > 0).all()
+            and (np.diff(share) >= 0).all()
+        ):
             raise ValueError(
                 f"interface: a table of {slip.size} slips and {share.size} shares was given; "
                 "let the slip rise from 0 and the share of mu p rise from 0 to 1, never falling"
@@ -151,15 +200,22 @@ class TabulatedLaw:
         steepest = float(self._slope(0.0))
         if not steepest > 0:
             raise ValueError(
-                "interface: the table begins flat; an interface at rest has a stiffness, so let the share rise from the first row on"
+                "interface: the table begins flat; an interface at rest has a stiffness, so let the"
+                " share rise from the first row on"
             )
         self.L = 1 / (mu * steepest)
 
     def respond(self, memory: Memory, p: F64, move: F64) -> tuple[F64, F64, F64]:
-        """Traction (Pa) and stiffness (Pa/m) after a first `move` of each point (m); see `Interface.respond`."""
+        """Traction (Pa) and stiffness (Pa/m) after a first `move` of each point (m); see
+        `Interface.respond`.
+        """
         s = np.minimum(np.abs(move), self._end)
         rising = np.where(np.abs(move) < self._end, self._slope(s), 0.0)
-        return np.copysign(self.mu * p * self._share(s), move), self.mu * p * rising, np.zeros_like(p)
+        return (
+            np.copysign(self.mu * p * self._share(s), move),
+            self.mu * p * rising,
+            np.zeros_like(p),
+        )
 
     def remember(self, memory: Memory, p: F64, move: F64, front: F64) -> Memory:
         """No memory."""
@@ -183,7 +239,9 @@ def _compact(touched: list[F64], slopes: list[float], p: F64) -> Memory:
 
 
 @njit(cache=True, nogil=True)
-def _respond(touched: F64, slopes: F64, p: F64, move: F64, mu: float, L: float) -> tuple[F64, F64, F64]:
+def _respond(
+    touched: F64, slopes: F64, p: F64, move: F64, mu: float, L: float
+) -> tuple[F64, F64, F64]:
     n, reach = p.size, mu * L
     sigma, stiffness, front = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):

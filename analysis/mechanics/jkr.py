@@ -1,12 +1,16 @@
-"""Johnson, Kendall and Roberts: a Hertz contact with adhesion, for soft bodies whose attraction reaches less far than it bends them.
+"""Johnson, Kendall and Roberts: a Hertz contact with adhesion, for soft bodies whose attraction
+reaches less far than it bends them.
 
-SI units. `w` is the work of adhesion (J/m^2), `P` the normal force, negative where it pulls; E, nu and R are those of `hertz`. Adhesion
-of shorter reach than deformation means a Tabor parameter (`tabor_parameter`) above about 5; Maugis' theory covers smaller ones. A rough
-face adheres far less than its smooth back, which is why the paper takes E from a JKR test and leaves adhesion out of the friction runs.
+SI units. `w` is the work of adhesion (J/m^2), `P` the normal force, negative where it pulls; E, nu
+and R are those of `hertz`. Adhesion of shorter reach than deformation means a Tabor parameter
+(`tabor_parameter`) above about 5; Maugis' theory covers smaller ones. A rough face adheres far less
+than its smooth back, which is why the paper takes E from a JKR test and leaves adhesion out of the
+friction runs.
 
 References
 ----------
-Johnson, Kendall, Roberts 1971; Johnson, Contact Mechanics, section 5.5; Prevost et al. 2013, section 2.1.
+Johnson, Kendall, Roberts 1971; Johnson, Contact Mechanics, section 5.5; Prevost et al. 2013,
+section 2.1.
 """
 
 from __future__ import annotations
@@ -33,23 +37,31 @@ def normal_force(a: ArrayLike, w: float, E: float, nu: float, R: float) -> F64:
 
 
 def contact_radius(P: ArrayLike, w: float, E: float, nu: float, R: float) -> F64:
-    """Stable contact radius in metres under the normal force P, shape of `P`; NaN where it pulls harder than `pull_off_force`."""
+    """Stable contact radius in metres under the normal force P, shape of `P`; NaN where it pulls
+    harder than `pull_off_force`.
+    """
     check("JKR contact", R=R)
     P, pull = np.asarray(P, dtype=np.float64), 1.5 * np.pi * _work(w) * R
     beyond = P + pull
     root = np.sqrt(np.where(beyond >= 0, beyond, np.nan))
-    return np.asarray(np.cbrt(3 * R / (4 * reduced_modulus(E, nu))) * np.cbrt(root + np.sqrt(pull)) ** 2)
+    return np.asarray(
+        np.cbrt(3 * R / (4 * reduced_modulus(E, nu))) * np.cbrt(root + np.sqrt(pull)) ** 2
+    )
 
 
 def indentation(a: ArrayLike, w: float, E: float, nu: float, R: float) -> F64:
-    """Distance in metres by which the block far away has approached the sphere since they touched without force."""
+    """Distance in metres by which the block far away has approached the sphere since they touched
+    without force.
+    """
     check("JKR contact", R=R)
     a = np.asarray(a, dtype=np.float64)
     return np.asarray(a * a / R - np.sqrt(2 * np.pi * a * _work(w) / reduced_modulus(E, nu)))
 
 
 def pressure(r: ArrayLike, a: float, w: float, E: float, nu: float, R: float) -> F64:
-    """Contact pressure (Pa) at the distance r from the centre, negative where it pulls; 0 outside, -inf at the edge itself."""
+    """Contact pressure (Pa) at the distance r from the centre, negative where it pulls; 0 outside,
+    -inf at the edge itself.
+    """
     check("JKR pressure", radius=a, R=R)
     stiff, x = reduced_modulus(E, nu), np.asarray(r, dtype=np.float64) / a
     root = np.sqrt(np.maximum((1 - x) * (1 + x), 0.0))
@@ -60,7 +72,9 @@ def pressure(r: ArrayLike, a: float, w: float, E: float, nu: float, R: float) ->
 
 
 def work_of_adhesion(a: ArrayLike, P: ArrayLike, E: float, nu: float, R: float) -> F64:
-    """Work of adhesion w (J/m^2) by which a contact under P has the radius `a`, which broadcast; NaN where `a` is smaller than Hertz's."""
+    """Work of adhesion w (J/m^2) by which a contact under P has the radius `a`, which broadcast;
+    NaN where `a` is smaller than Hertz's.
+    """
     check("JKR contact", R=R)
     a, stiff = np.asarray(a, dtype=np.float64), reduced_modulus(E, nu)
     missing = 4 * stiff * a**3 / (3 * R) - np.asarray(P, dtype=np.float64)
@@ -68,12 +82,16 @@ def work_of_adhesion(a: ArrayLike, P: ArrayLike, E: float, nu: float, R: float) 
 
 
 def tabor_parameter(w: float, E: float, nu: float, R: float, reach: float = 0.3e-9) -> float:
-    """Elastic deformation by adhesion over the reach of the attraction (metres): JKR holds above about 5, its opposite (DMT) below 0.1."""
+    """Elastic deformation by adhesion over the reach of the attraction (metres): JKR holds above
+    about 5, its opposite (DMT) below 0.1.
+    """
     check("JKR contact", R=R, reach=reach)
     return float(np.cbrt(R * (_work(w) / reduced_modulus(E, nu)) ** 2) / reach)
 
 
 def _work(w: float) -> float:
     if not 0 <= w < np.inf:
-        raise ValueError(f"JKR contact: a work of adhesion of {w:g} J/m^2 found; give a finite number, 0 or more")
+        raise ValueError(
+            f"JKR contact: a work of adhesion of {w:g} J/m^2 found; give a finite number, 0 or more"
+        )
     return w

@@ -1,11 +1,14 @@
-"""A sphere on a rough plane, loaded tangentially: block displacement, shear force, traction and surface displacement. SI units throughout.
+"""A sphere on a rough plane, loaded tangentially: block displacement, shear force, traction and
+surface displacement. SI units throughout.
 
-Every point of the contact obeys ``s = D - G*sigma(s)``: D is the block's displacement, G*sigma the elastic one of its surface (azimuthal
-mean) and sigma(s) the local law of `interface`. In Legendre polynomials P_2n of xi = sqrt(1 - r^2/a^2), G is diagonal for tractions
-P_2n(xi)/xi (Popov), and Hertz's pressure makes ``xi sigma`` a smooth even function of xi: a few modes give many digits.
+Every point of the contact obeys ``s = D - G*sigma(s)``: D is the block's displacement, G*sigma the
+elastic one of its surface (azimuthal mean) and sigma(s) the local law of `interface`. In Legendre
+polynomials P_2n of xi = sqrt(1 - r^2/a^2), G is diagonal for tractions P_2n(xi)/xi (Popov), and
+Hertz's pressure makes ``xi sigma`` a smooth even function of xi: a few modes give many digits.
 
-The same sums have Abel's form ``G*sigma ~ integral of F(t)/sqrt(r^2 - t^2)`` over t < min(r, a), with F a sum of Legendre polynomials of
-t/a; a factor ``1 - 2 t^2/r^2`` gives the part that goes with the double angle. The displacement is exact at all r, inside and outside.
+The same sums have Abel's form ``G*sigma ~ integral of F(t)/sqrt(r^2 - t^2)`` over t < min(r, a),
+with F a sum of Legendre polynomials of t/a; a factor ``1 - 2 t^2/r^2`` gives the part that goes
+with the double angle. The displacement is exact at all r, inside and outside.
 
 References
 ----------
@@ -48,9 +51,11 @@ class Contact:
     R : float
         Radius of the sphere, metres.
     mu, L : float
-        Friction coefficient and elastic length (m) of the interface; the limit L -> 0 is `cattaneo_mindlin`.
+        Friction coefficient and elastic length (m) of the interface; the limit L -> 0 is
+        `cattaneo_mindlin`.
     thickness : float
-        Of the block on its rigid plate, metres, two contact radii or more; default a half-space. Hertz's pressure is kept.
+        Of the block on its rigid plate, metres, two contact radii or more; default a half-space.
+        Hertz's pressure is kept.
 
     Raises
     ------
@@ -67,9 +72,14 @@ class Contact:
     thickness: float = math.inf
 
     def __post_init__(self) -> None:
-        hertz.check("loading", nu=self.nu, normal_force=self.P, E=self.E, R=self.R, mu=self.mu, L=self.L)
+        hertz.check(
+            "loading", nu=self.nu, normal_force=self.P, E=self.E, R=self.R, mu=self.mu, L=self.L
+        )
         if not self.thickness >= 2 * self.a:
-            raise ValueError(f"loading: a block {self.thickness:g} m thick found; give two contact radii ({2 * self.a:.3g} m) or more")
+            raise ValueError(
+                f"loading: a block {self.thickness:g} m thick found; give two contact radii"
+                f" ({2 * self.a:.3g} m) or more"
+            )
 
     @cached_property
     def a(self) -> float:
@@ -83,7 +93,9 @@ class Contact:
 
     @property
     def full_shift(self) -> float:
-        """Displacement of the block (m) at which the whole contact would slide for L = 0, on a half-space."""
+        """Displacement of the block (m) at which the whole contact would slide for L = 0, on a
+        half-space.
+        """
         return cattaneo_mindlin.full_shift(self.mu, self.P, self.a, self.E, self.nu)
 
     def pressure(self, r: ArrayLike) -> F64:
@@ -92,7 +104,10 @@ class Contact:
 
 
 class _Basis(NamedTuple):
-    """What depends on the number of modes alone, for a contact of radius 1. `series` matrices give coefficients of Chebyshev."""
+    """What depends on the number of modes alone, for a contact of radius 1.
+
+    `series` matrices give coefficients of Chebyshev.
+    """
 
     xi: F64
     weight: F64  # of a traction in the force, over 2 pi a^2
@@ -122,10 +137,14 @@ def _basis(modes: int) -> _Basis:
         theta = end[:, None] / 2 * (1 + t)
         abel = np.pi**2 * at_zero * _even(r[:, None] * np.sin(theta), modes)  # F(t), for each mode
         weights = (end[:, None] / np.pi * v, end[:, None] / np.pi * v * np.cos(2 * theta))
-        mean, double = (series @ (np.einsum("kt,ktn->kn", q, abel) / divisor) @ project for q in weights)
+        mean, double = (
+            series @ (np.einsum("kt,ktn->kn", q, abel) / divisor) @ project for q in weights
+        )
         parts.append((mean, double))
     green = even @ ((np.pi * at_zero)[:, None] ** 2 * project) * xi
-    return _Basis(xi, w * xi, green, series @ _even(np.sqrt((1 + z) / 2), modes) @ project, parts[0], parts[1])
+    return _Basis(
+        xi, w * xi, green, series @ _even(np.sqrt((1 + z) / 2), modes) @ project, parts[0], parts[1]
+    )
 
 
 def _even(t: F64, modes: int) -> F64:
@@ -146,7 +165,8 @@ class State:
     stiffness : float
         dQ/dD as the motion goes on, N/m.
     s, sigma : ndarray, shape (modes,)
-        Displacement of the surface (m), as a camera at rest with the sphere sees it, and shear traction (Pa), at the radii `r`.
+        Displacement of the surface (m), as a camera at rest with the sphere sees it, and shear
+        traction (Pa), at the radii `r`.
     memory : Memory
         Of the interface, at the same radii.
     """
@@ -192,10 +212,14 @@ class State:
         contact = self.loading.contact
         r = np.asarray(r, dtype=np.float64)
         x = np.minimum(r / contact.a, 1.0)
-        return np.asarray(contact.pressure(r) * chebyshev.chebval(1 - 2 * x * x, self._series.share))
+        return np.asarray(
+            contact.pressure(r) * chebyshev.chebval(1 - 2 * x * x, self._series.share)
+        )
 
     def displacement(self, r: ArrayLike) -> tuple[F64, F64]:
-        """Surface displacement G*sigma as (g0, g2), metres, at any r: ``gx = g0 + g2 cos 2 theta``, ``gy = g2 sin 2 theta``."""
+        """Surface displacement G*sigma as (g0, g2), metres, at any r: ``gx = g0 + g2 cos 2 theta``,
+        ``gy = g2 sin 2 theta``.
+        """
         contact = self.loading.contact
         r = np.asarray(r, dtype=np.float64)
         x = np.atleast_1d(r) / contact.a
@@ -219,7 +243,9 @@ class State:
 
 
 class _Series(NamedTuple):
-    """Chebyshev series of a traction over the pressure, and of both parts of its displacement: inside, outside, by the layer."""
+    """Chebyshev series of a traction over the pressure, and of both parts of its displacement:
+    inside, outside, by the layer.
+    """
 
     share: F64
     parts: tuple[tuple[F64, F64, F64], tuple[F64, F64, F64]]
@@ -234,19 +260,23 @@ class AxisymmetricLoading:
     modes : int
         Number of Legendre polynomials, and of radii.
     law : TabulatedLaw, optional
-        Instead of the contact's interface; its mu and L are to be the contact's. First loadings only.
+        Instead of the contact's interface; its mu and L are to be the contact's. First loadings
+        only.
 
     Notes
     -----
-    Friction acts along x and the azimuthal mean of u_x decides on slip: exact for nu = 0, else 0.1 % in Q. The equations are solved
-    by Newton's method with a line search, together with what drives the contact: ``D + compliance Q = stage``, or Q given.
+    Friction acts along x and the azimuthal mean of u_x decides on slip: exact for nu = 0, else 0.1
+    % in Q. The equations are solved by Newton's method with a line search, together with what
+    drives the contact: ``D + compliance Q = stage``, or Q given.
 
-    A first loading depends on where it ends alone. Otherwise each radius keeps the memory described in `interface`, which has
-    Mindlin and Deresiewicz's unloading as its limit L -> 0. A step first changes P, then D, and is exact for that path; when both
-    change together, make small steps.
+    A first loading depends on where it ends alone. Otherwise each radius keeps the memory described
+    in `interface`, which has Mindlin and Deresiewicz's unloading as its limit L -> 0. A step first
+    changes P, then D, and is exact for that path; when both change together, make small steps.
     """
 
-    def __init__(self, contact: Contact, modes: int = 64, *, law: TabulatedLaw | None = None) -> None:
+    def __init__(
+        self, contact: Contact, modes: int = 64, *, law: TabulatedLaw | None = None
+    ) -> None:
         if modes < 4:
             raise ValueError(f"loading: {modes} modes were asked; use 4 or more")
         self.contact, self.modes, self._basis = contact, int(modes), _basis(int(modes))
@@ -270,7 +300,9 @@ class AxisymmetricLoading:
             self._layer = (series @ mean[modes:], series @ double[modes:])
 
     def _layer_matrices(self, r: F64) -> tuple[F64, F64]:
-        """From the traction at the nodes to what the layer adds to both parts of the displacement at the radii r."""
+        """From the traction at the nodes to what the layer adds to both parts of the displacement
+        at the radii r.
+        """
         contact = self.contact
         angle = np.pi * (np.arange(_LAYER_ANGLES) + 0.5) / _LAYER_ANGLES
         x = r[:, None, None] - self.r[:, None] * np.cos(angle)
@@ -287,37 +319,53 @@ class AxisymmetricLoading:
         """State after a first loading to the shear force Q, newtons, less than mu P."""
         limit = self.contact.mu * self.contact.P
         if not abs(Q) < limit:
-            raise ValueError(f"loading: a shear force of {Q:g} N was asked; the contact carries less than mu P = {limit:g} N")
+            raise ValueError(
+                f"loading: a shear force of {Q:g} N was asked; the contact carries less than mu P ="
+                f" {limit:g} N"
+            )
         return self._solved(self.rest, 0.0, 1.0, Q)
 
     def driven(self, stage: float, compliance: float = 0.0) -> State:
-        """State after a first loading by a stage (m) in series with a compliance (m/N) of all else that gives way."""
+        """State after a first loading by a stage (m) in series with a compliance (m/N) of all else
+        that gives way.
+        """
         return self.advance(self.rest, stage, compliance=compliance)
 
-    def advance(self, state: State, stage: float, *, P: float | None = None, compliance: float = 0.0) -> State:
-        """State that follows another one, once P (default: its own) and then the stage have come to their new values.
+    def advance(
+        self, state: State, stage: float, *, P: float | None = None, compliance: float = 0.0
+    ) -> State:
+        """State that follows another one, once P (default: its own) and then the stage have come to
+        their new values.
 
         With no compliance the stage is the block: its displacement D.
         """
         if not (math.isfinite(stage) and 0 <= compliance < math.inf):
             raise ValueError(
-                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite ones, the compliance 0 or more"
+                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite"
+                " ones, the compliance 0 or more"
             )
         loading = state.loading
         if self._law is not None and state.s.any():
-            raise ValueError("loading: a step from a loaded state was asked of a tabulated law, which has no memory; load from rest")
+            raise ValueError(
+                "loading: a step from a loaded state was asked of a tabulated law, which has no"
+                " memory; load from rest"
+            )
         if P is not None and P != loading.contact.P:
             loading = AxisymmetricLoading(replace(loading.contact, P=P), loading.modes)
         return loading._solved(state, 1.0, compliance, stage)
 
     def table(self, n: int, furthest: float | None = None) -> tuple[State, ...]:
-        """States (n) of a first loading, evenly spaced in D from 0 to `furthest` (m); default: until all but 1e-6 of mu P is carried."""
+        """States (n) of a first loading, evenly spaced in D from 0 to `furthest` (m); default:
+        until all but 1e-6 of mu P is carried.
+        """
         contact = self.contact
         if furthest is None:
             furthest = self.at_force((1 - 1e-6) * contact.mu * contact.P).D
         states = [self.rest]
         for D in np.linspace(0.0, furthest, n)[1:]:
-            states.append(self.at_block(float(D)) if self._law else self.advance(states[-1], float(D)))
+            states.append(
+                self.at_block(float(D)) if self._law else self.advance(states[-1], float(D))
+            )
         return tuple(states)
 
     def series(self, sigma: F64) -> _Series:
@@ -325,7 +373,9 @@ class AxisymmetricLoading:
         basis, load = self._basis, self._basis.xi * sigma
         first, second = (
             (scale * inside @ load, scale * outside @ load, layer @ sigma)
-            for scale, inside, outside, layer in zip(self._scale, basis.inside, basis.outside, self._layer, strict=True)
+            for scale, inside, outside, layer in zip(
+                self._scale, basis.inside, basis.outside, self._layer, strict=True
+            )
         )
         return _Series(basis.share @ (sigma / self.p), (first, second))
 
@@ -334,7 +384,9 @@ class AxisymmetricLoading:
         """The state before any shear."""
         zero, k = np.zeros(self.modes), self.p / self.contact.L
         moved = np.linalg.solve(np.eye(self.modes) + self._green * k, np.ones(self.modes))
-        return State(self, 0.0, 0.0, float((self._weight * k) @ moved), zero, zero, Memory.fresh(self.modes))
+        return State(
+            self, 0.0, 0.0, float((self._weight * k) @ moved), zero, zero, Memory.fresh(self.modes)
+        )
 
     def _taken_over(self, state: State) -> tuple[Memory, F64]:
         """Memory and displacement s of another state, at the radii and pressures of this one."""
@@ -343,10 +395,18 @@ class AxisymmetricLoading:
         old = state.loading
         before, memory = old.contact.pressure(self.r), state.memory
         if memory.slopes.size:
-            xi = np.clip(before / hertz.peak_pressure(old.contact.P, old.contact.a), old._basis.xi[0], old._basis.xi[-1])
+            xi = np.clip(
+                before / hertz.peak_pressure(old.contact.P, old.contact.a),
+                old._basis.xi[0],
+                old._basis.xi[-1],
+            )
             share = np.where(memory.touched > 1e-100 * old.p, memory.touched / old.p, 0.0)
-            memory = replace(memory, touched=before * PchipInterpolator(old._basis.xi, share, axis=1)(xi))
-        return self._interface.under(memory, before, self.p), state.D - state.displacement(self.r)[0]
+            memory = replace(
+                memory, touched=before * PchipInterpolator(old._basis.xi, share, axis=1)(xi)
+            )
+        return self._interface.under(memory, before, self.p), state.D - state.displacement(self.r)[
+            0
+        ]
 
     def _solved(self, state: State, per_D: float, per_Q: float, target: float) -> State:
         """Newton's method for ``s + G sigma = D`` and ``per_D D + per_Q Q = target``."""
@@ -357,7 +417,10 @@ class AxisymmetricLoading:
         soft = 1 / (per_D + per_Q * 8 * self.contact.G * self.contact.a / (2 - self.contact.nu))
 
         def excess(sigma: F64, s: F64, D: float) -> tuple[F64, float, float]:
-            local, rest = D - s - self._green @ sigma, target - per_D * D - per_Q * float(self._weight @ sigma)
+            local, rest = (
+                D - s - self._green @ sigma,
+                target - per_D * D - per_Q * float(self._weight @ sigma),
+            )
             return local, rest, math.hypot(float(np.sqrt(local @ local / local.size)), soft * rest)
 
         # at rest, the side towards which a point will move tells its stiffness
@@ -365,7 +428,9 @@ class AxisymmetricLoading:
         sigma, stiffness, front = respond(memory, self.p, move)
         local, rest, size = excess(sigma, s, D)
         for _ in range(MOST_STEPS):
-            first, moved = np.linalg.solve(eye + self._green * stiffness, np.stack([local, one], axis=1)).T
+            first, moved = np.linalg.solve(
+                eye + self._green * stiffness, np.stack([local, one], axis=1)
+            ).T
             drive = self._weight * stiffness
             dD = (rest - per_Q * float(drive @ first)) / (per_D + per_Q * float(drive @ moved))
             ds = first + dD * moved
@@ -382,6 +447,9 @@ class AxisymmetricLoading:
             if np.abs(ds).max() ** 2 <= 1e-13 * self.contact.mu * self.contact.L * np.abs(s).max():
                 break
         else:
-            raise ValueError(f"loading: no equilibrium was found in {MOST_STEPS} steps towards {target:g}; go there in smaller steps")
+            raise ValueError(
+                f"loading: no equilibrium was found in {MOST_STEPS} steps towards {target:g}; go"
+                " there in smaller steps"
+            )
         memory = law.remember(memory, self.p, move, front)
         return State(self, D, float(self._weight @ sigma), float(drive @ moved), s, sigma, memory)

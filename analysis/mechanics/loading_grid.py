@@ -1,7 +1,9 @@
-"""A rough contact of any pressure loaded tangentially, on a grid of cells: one or both components of the traction. SI units throughout.
+"""A rough contact of any pressure loaded tangentially, on a grid of cells: one or both components
+of the traction. SI units throughout.
 
-The equations are those of `loading`, ``s = D - G*sigma(s)``, with G a `half_space.SurfaceGreen`. With both components the traction points
-along the displacement s of the surface, so that friction turns where the block moves sideways too (nu > 0).
+The equations are those of `loading`, ``s = D - G*sigma(s)``, with G a `half_space.SurfaceGreen`.
+With both components the traction points along the displacement s of the surface, so that friction
+turns where the block moves sideways too (nu > 0).
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ from analysis.mechanics.loading import AxisymmetricLoading, Contact
 F64 = NDArray[np.float64]
 
 CLOSE = 3e-7
-"""Residual, as a fraction of what drives the contact, at which a step is done: 100 times below the error of 128 x 128 cells."""
+"""Residual, as a fraction of what drives the contact, at which a step is done: 100 times below the
+error of 128 x 128 cells.
+"""
 MOST_STEPS = 200
 _MOST_PRODUCTS = 200
 _FORCING = 0.01  # part of the residual that conjugate gradients leave
@@ -36,7 +40,8 @@ class GridState:
     D, Q : float
         Displacement of the block far away (m), and shear force along x (N).
     s, sigma : ndarray, shape (ny, nx), or (2, ny, nx) with both components
-        Displacement of the surface (m) as a camera at rest with the sphere sees it, and shear traction (Pa).
+        Displacement of the surface (m) as a camera at rest with the sphere sees it, and shear
+        traction (Pa).
     pressure : ndarray, shape (ny, nx)
         Pascals.
     memory : Memory
@@ -53,7 +58,9 @@ class GridState:
 
 @dataclass(frozen=True)
 class _Response:
-    """The interface after a move: traction, the square root of its derivative as an operator, and what the memory needs."""
+    """The interface after a move: traction, the square root of its derivative as an operator, and
+    what the memory needs.
+    """
 
     sigma: F64
     root: Callable[[F64], F64]
@@ -62,12 +69,18 @@ class _Response:
 
 
 def hertz_cells(contact: Contact, cells: int) -> tuple[F64, float]:
-    """Mean pressure (Pa) on each cell of a square grid that just holds the contact, shape (cells, cells), and its pitch (m)."""
+    """Mean pressure (Pa) on each cell of a square grid that just holds the contact, shape (cells,
+    cells), and its pitch (m).
+    """
     if cells < 8:
         raise ValueError(f"loading: a grid of {cells} cells a side was asked; use 8 or more")
     pitch = 2 * contact.a / (cells - 2)
     at = (np.arange(cells * _SUB) - (cells * _SUB - 1) / 2) * pitch / _SUB
-    p = contact.pressure(np.hypot(at[:, None], at)).reshape(cells, _SUB, cells, _SUB).mean(axis=(1, 3))
+    p = (
+        contact.pressure(np.hypot(at[:, None], at))
+        .reshape(cells, _SUB, cells, _SUB)
+        .mean(axis=(1, 3))
+    )
     return p * (contact.P / (p.sum() * pitch * pitch)), pitch
 
 
@@ -85,14 +98,17 @@ class GridLoading:
 
     Notes
     -----
-    Newton's method with a line search; each step by conjugate gradients, symmetric because the interface's stiffness k enters as
-    ``1 + sqrt(k) G sqrt(k)``.
+    Newton's method with a line search; each step by conjugate gradients, symmetric because the
+    interface's stiffness k enters as ``1 + sqrt(k) G sqrt(k)``.
     """
 
     def __init__(self, pressure: ArrayLike, green: SurfaceGreen, interface: Interface) -> None:
         p = np.asarray(pressure, dtype=np.float64)
         if p.shape != green.shape or not (np.isfinite(p) & (p >= 0)).all() or not p.any():
-            raise ValueError(f"loading: a pressure of shape {p.shape} found; give {green.shape}, finite, 0 or more, and not 0 everywhere")
+            raise ValueError(
+                f"loading: a pressure of shape {p.shape} found; give {green.shape}, finite, 0 or"
+                " more, and not 0 everywhere"
+            )
         self.pressure, self.green, self.interface = p, green, interface
         self._round: AxisymmetricLoading | None = None
         self._area = green.pitch[0] * green.pitch[1]
@@ -101,17 +117,24 @@ class GridLoading:
     def of_sphere(cls, contact: Contact, cells: int = 128, *, coupled: bool = False) -> GridLoading:
         """A sphere on a plane, on a square grid that just holds the contact."""
         p, pitch = hertz_cells(contact, cells)
-        green = SurfaceGreen(p.shape, pitch, contact.E, contact.nu, thickness=contact.thickness, coupled=coupled)
+        green = SurfaceGreen(
+            p.shape, pitch, contact.E, contact.nu, thickness=contact.thickness, coupled=coupled
+        )
         loading = cls(p, green, Interface(contact.mu, contact.L))
         loading._round = AxisymmetricLoading(contact)
         return loading
 
     def _guess(self, stage: float, compliance: float) -> F64:
-        """Where the search for a first loading starts: at the axisymmetric solution, if the contact is round."""
+        """Where the search for a first loading starts: at the axisymmetric solution, if the contact
+        is round.
+        """
         s = self.rest.s.copy()
         if self._round is not None:
             ny, nx = self.green.shape
-            x, y = (np.arange(nx) - (nx - 1) / 2) * self.green.pitch[0], (np.arange(ny)[:, None] - (ny - 1) / 2) * self.green.pitch[1]
+            x, y = (
+                (np.arange(nx) - (nx - 1) / 2) * self.green.pitch[0],
+                (np.arange(ny)[:, None] - (ny - 1) / 2) * self.green.pitch[1],
+            )
             state = self._round.driven(stage, compliance)
             r, double = np.hypot(x, y), 2 * np.arctan2(y, x)
             at = np.linspace(0, r.max(), 2048)
@@ -126,15 +149,33 @@ class GridLoading:
         zero = np.zeros((2, *self.green.shape) if self.green.coupled else self.green.shape)
         return GridState(0.0, 0.0, zero, zero, self.pressure, Memory.fresh(self.pressure.size))
 
-    def driven(self, stage: float, compliance: float = 0.0, *, near: GridState | None = None) -> GridState:
-        """State after a first loading by a stage (m) in series with a compliance (m/N); the search starts `near` another state."""
+    def driven(
+        self, stage: float, compliance: float = 0.0, *, near: GridState | None = None
+    ) -> GridState:
+        """State after a first loading by a stage (m) in series with a compliance (m/N); the search
+        starts `near` another state.
+        """
         rest = self.rest
-        return self._solved(rest, self._guess(stage, compliance) if near is None else near.s, stage, compliance)
+        return self._solved(
+            rest, self._guess(stage, compliance) if near is None else near.s, stage, compliance
+        )
 
-    def advance(self, state: GridState, stage: float, *, compliance: float = 0.0, pressure: ArrayLike | None = None) -> GridState:
-        """State that follows another one, once the pressure (default: its own) and then the stage have come to their new values."""
+    def advance(
+        self,
+        state: GridState,
+        stage: float,
+        *,
+        compliance: float = 0.0,
+        pressure: ArrayLike | None = None,
+    ) -> GridState:
+        """State that follows another one, once the pressure (default: its own) and then the stage
+        have come to their new values.
+        """
         if self.green.coupled:
-            raise ValueError("loading: a history with both components of the traction was asked; use one component, or first loadings")
+            raise ValueError(
+                "loading: a history with both components of the traction was asked; use one"
+                " component, or first loadings"
+            )
         p = state.pressure if pressure is None else np.asarray(pressure, dtype=np.float64)
         loading = self if p is self.pressure else GridLoading(p, self.green, self.interface)
         return loading._solved(state, state.s, stage, compliance)
@@ -142,10 +183,15 @@ class GridLoading:
     def _solved(self, state: GridState, s: F64, stage: float, compliance: float) -> GridState:
         if not (math.isfinite(stage) and 0 <= compliance < math.inf):
             raise ValueError(
-                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite ones, the compliance 0 or more"
+                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite"
+                " ones, the compliance 0 or more"
             )
         p, before = self.pressure.ravel(), state.pressure.ravel()
-        memory = state.memory if state.pressure is self.pressure else self.interface.under(state.memory, before, p)
+        memory = (
+            state.memory
+            if state.pressure is self.pressure
+            else self.interface.under(state.memory, before, p)
+        )
         drive = np.zeros_like(s)
         _along(drive)[...] = stage
 
@@ -157,7 +203,11 @@ class GridLoading:
 
         def respond(s: F64) -> _Response:
             move = (s - state.s).reshape(-1, p.size)
-            return self._along_slip(move) if self.green.coupled else self._one_component(memory, move[0])
+            return (
+                self._along_slip(move)
+                if self.green.coupled
+                else self._one_component(memory, move[0])
+            )
 
         # at rest, the side towards which a point will move tells its stiffness
         s = s + math.copysign(1e-12 * self.interface.L, stage - state.D - compliance * state.Q)
@@ -175,13 +225,17 @@ class GridLoading:
                 after = drive - s - share * ds - yielded(trial.sigma)
                 gained = trial.sigma - law.sigma
                 down, up = float(np.vdot(rest, gained)), -float(np.vdot(after, gained))
-                # the energy is convex in the traction, with slope -rest: it may rise again only a little at the end of the step
+                # the energy is convex in the traction, with slope -rest: it may rise again only a
+                # little at the end of the step
                 if up <= 0.5 * down or share < 1e-6:
                     break
                 share *= min(0.5, max(0.1, down / (down + up)))
             s, law, rest = s + share * ds, trial, after
         else:
-            raise ValueError(f"loading: no equilibrium was found in {MOST_STEPS} steps towards {stage:g} m; go there in smaller steps")
+            raise ValueError(
+                f"loading: no equilibrium was found in {MOST_STEPS} steps towards {stage:g} m; go"
+                " there in smaller steps"
+            )
         Q = self._force(law.sigma)
         if not self.green.coupled:
             memory = self.interface.remember(memory, p, law.move, law.front)
@@ -197,10 +251,14 @@ class GridLoading:
 
     def _along_slip(self, move: F64) -> _Response:
         length = np.hypot(move[0], move[1])
-        sigma, stiffness, front = self.interface.respond(Memory.fresh(length.size), self.pressure.ravel(), length)
+        sigma, stiffness, front = self.interface.respond(
+            Memory.fresh(length.size), self.pressure.ravel(), length
+        )
         n = np.divide(move, length, out=np.zeros_like(move), where=length > 0)
         root_along = np.sqrt(stiffness).reshape(self.green.shape)
-        root_across = np.sqrt(np.divide(sigma, length, out=stiffness.copy(), where=length > 0)).reshape(self.green.shape)
+        root_across = np.sqrt(
+            np.divide(sigma, length, out=stiffness.copy(), where=length > 0)
+        ).reshape(self.green.shape)
         direction = n.reshape(2, *self.green.shape)
 
         def root(v: F64) -> F64:
@@ -216,7 +274,9 @@ def _along(field: F64) -> F64:
 
 
 def _newton_step(rest: F64, root: Callable[[F64], F64], yielded: Callable[[F64], F64]) -> F64:
-    """Newton's ds of ``(1 + G k) ds = rest``, as ``rest - G sqrt(k) y`` with ``(1 + sqrt(k) G sqrt(k)) y = sqrt(k) rest``."""
+    """Newton's ds of ``(1 + G k) ds = rest``, as ``rest - G sqrt(k) y`` with ``(1 + sqrt(k) G
+    sqrt(k)) y = sqrt(k) rest``.
+    """
     y = np.zeros_like(rest)
     r = root(rest)
     goal = _FORCING * float(np.linalg.norm(r))

@@ -1,4 +1,6 @@
-"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: what is there, and whether it works."""
+"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: what is there, and whether it
+works.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from app.config import load
 from app.doctor import Finding, as_data, examine, found_by
 
 
-def check(bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: float, as_json: bool) -> int:
+def check(
+    bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: float, as_json: bool
+) -> int:
     """Go through a bench and tell what works; the exit code."""
     from app.bench_check import check as findings_of
     from app.devices import make_bench
@@ -20,7 +24,10 @@ def check(bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: 
     for finding in findings_of(config, make_bench(config, 1.0), home=home, move_um=move_um):
         findings.append(finding)
         if not as_json:
-            output().print(f"{'ok    ' if finding.is_fine else 'FAILS ' if finding.needed else 'look  '} {finding.label}: {finding.value}")
+            output().print(
+                f"{'ok    ' if finding.is_fine else 'FAILS ' if finding.needed else 'look  '}"
+                f" {finding.label}: {finding.value}"
+            )
     works = all(finding.is_fine or not finding.needed for finding in findings)
     if as_json:
         print_json({"works": works, "findings": [as_data(finding) for finding in findings]})
@@ -32,7 +39,10 @@ def check(bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: 
 
 def cameras(producer: str, as_json: bool) -> int:
     """List the cameras that the drivers find; the exit code, 0 also where there is none."""
-    findings = {"pylon": found_by("drivers.camera_pylon"), "gentl": found_by("drivers.camera_gentl", producer) if producer else []}
+    findings = {
+        "pylon": found_by("drivers.camera_pylon"),
+        "gentl": found_by("drivers.camera_gentl", producer) if producer else [],
+    }
     if as_json:
         print_json({driver: [as_data(f) for f in found] for driver, found in findings.items()})
         return DONE
@@ -47,9 +57,16 @@ def cameras(producer: str, as_json: bool) -> int:
 def doctor(as_json: bool) -> int:
     """Print the findings; the exit code, 1 where something is missing that every run needs."""
     findings = examine()
-    is_able = all(finding.is_fine or not finding.needed for group in findings.values() for finding in group)
+    is_able = all(
+        finding.is_fine or not finding.needed for group in findings.values() for finding in group
+    )
     if as_json:
-        print_json({"is_able_to_run": is_able, **{heading: [as_data(f) for f in group] for heading, group in findings.items()}})
+        print_json(
+            {
+                "is_able_to_run": is_able,
+                **{heading: [as_data(f) for f in group] for heading, group in findings.items()},
+            }
+        )
     else:
         for heading, group in findings.items():
             print_rows(heading, group)

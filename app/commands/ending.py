@@ -1,4 +1,6 @@
-"""The report at the end of a run or a replay: numbers on the terminal, a picture beside the session."""
+"""The report at the end of a run or a replay: numbers on the terminal, a picture beside the
+session.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,10 @@ from app.results import Outcome
 
 
 def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
-    """Tell how a run ended and draw its picture; the same as data. `session` is None where nothing was recorded."""
+    """Tell how a run ended and draw its picture; the same as data.
+
+    `session` is None where nothing was recorded.
+    """
     picture = _draw(session, as_json) if session else None
     return _report(outcome, "run", session, picture, as_json, {})
 
@@ -23,12 +28,18 @@ def report_replay(source: Any, outcome: Outcome, session: Path, as_json: bool) -
     picture: Path | None = picture_of(session)
     if not picture_of(session).exists():
         picture = _draw(session, as_json)
-    same = f"{comparison.identical} of {comparison.frames} frames gave the recorded results to the bit"
+    same = (
+        f"{comparison.identical} of {comparison.frames} frames gave the recorded results to the bit"
+    )
     if comparison.first_difference:
         same += f"; first difference: {comparison.first_difference}"
     if not as_json:
         output().print(same)
-    extra = {"frames": comparison.frames, "identical": comparison.identical, "first_difference": comparison.first_difference}
+    extra = {
+        "frames": comparison.frames,
+        "identical": comparison.identical,
+        "first_difference": comparison.first_difference,
+    }
     return _report(outcome, "replay", session, picture, as_json, {"comparison": extra})
 
 
@@ -39,12 +50,27 @@ def report_analysis(source: Any, outcome: Outcome, as_json: bool) -> dict[str, A
     made = source.output if outcome.state == "done" else None
     picture = _draw(made, as_json) if made else None
     if not as_json and outcome.summary and source.recorded_summary:
-        print_rows(f"{source.path.name} and {source.output.name}", compared_rows(source.recorded_summary, outcome.summary))
-    return _report(outcome, "analysis", made, picture, as_json, {"source": str(source.path), "recorded": plain(source.recorded_summary)})
+        print_rows(
+            f"{source.path.name} and {source.output.name}",
+            compared_rows(source.recorded_summary, outcome.summary),
+        )
+    return _report(
+        outcome,
+        "analysis",
+        made,
+        picture,
+        as_json,
+        {"source": str(source.path), "recorded": plain(source.recorded_summary)},
+    )
 
 
 def _report(
-    outcome: Outcome, what: str, session: Path | None, picture: Path | None, as_json: bool, extra: dict[str, Any]
+    outcome: Outcome,
+    what: str,
+    session: Path | None,
+    picture: Path | None,
+    as_json: bool,
+    extra: dict[str, Any],
 ) -> dict[str, Any]:
     from app.report.summary import outcome_data, outcome_rows
 
@@ -58,12 +84,17 @@ def _report(
             output().print(f"picture: {picture}")
         if outcome.state == "failed":
             say(outcome.reason)
-    paths = {"session": str(session) if session else None, "picture": str(picture) if picture else None}
+    paths = {
+        "session": str(session) if session else None,
+        "picture": str(picture) if picture else None,
+    }
     return {**paths, **outcome_data(outcome), **extra}
 
 
 def _draw(session: Path, as_json: bool) -> Path | None:
-    """The picture of a session, made from what is on disk; None, with the reason on the terminal, where there is nothing to draw."""
+    """The picture of a session, made from what is on disk; None, with the reason on the terminal,
+    where there is nothing to draw.
+    """
     from app.report.figures import experiment_picture, numbered_instants
     from app.results import without_fields
     from app.session.reader import SessionReader

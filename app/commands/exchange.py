@@ -9,12 +9,16 @@ from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output, print_json, print_rows
 
 
-def export(session: Path, destination: Path, what: str, frames: str, *, overwrite: bool, as_json: bool) -> int:
+def export(
+    session: Path, destination: Path, what: str, frames: str, *, overwrite: bool, as_json: bool
+) -> int:
     """Write what a session holds; the exit code."""
     from app.exchange.exporting import export as write
 
     with Bar("exporting", quiet=as_json) as bar:
-        sentence = write(session, destination, what, frames=frames, overwrite=overwrite, on_progress=bar.show)
+        sentence = write(
+            session, destination, what, frames=frames, overwrite=overwrite, on_progress=bar.show
+        )
     if as_json:
         print_json({"session": str(session), "output": str(destination), "written": sentence})
     else:
@@ -23,20 +27,28 @@ def export(session: Path, destination: Path, what: str, frames: str, *, overwrit
 
 
 def import_(session: Path, *, overwrite: bool, as_json: bool, **given: Any) -> int:
-    """Make a session of images and forces; the exit code. `given` are the fields of `app.exchange.frames.Sources`."""
+    """Make a session of images and forces; the exit code.
+
+    `given` are the fields of `app.exchange.frames.Sources`.
+    """
     check_writable(session)
     from app.exchange.frames import Sources
     from app.exchange.importing import import_files
     from app.report.summary import outcome_data, outcome_rows
 
     with Bar("importing", quiet=as_json) as bar:
-        imported = import_files(Sources(**given), session, overwrite=overwrite, on_progress=bar.show)
+        imported = import_files(
+            Sources(**given), session, overwrite=overwrite, on_progress=bar.show
+        )
     outcome = imported.outcome
     if as_json:
         print_json({"session": str(session), "remarks": imported.remarks, **outcome_data(outcome)})
         return DONE
     print_rows(outcome.reason, outcome_rows(outcome))
-    for sentence in (*imported.remarks, *(f"note: {note}" for note in (outcome.summary.notes if outcome.summary else ()))):
+    for sentence in (
+        *imported.remarks,
+        *(f"note: {note}" for note in (outcome.summary.notes if outcome.summary else ())),
+    ):
         output().print(sentence)
     output().print(f"session: {session}; `slipscope replay {session}` analyses it again")
     return DONE

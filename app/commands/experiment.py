@@ -1,4 +1,6 @@
-"""`slipscope run` and `slipscope replay`: a run or a replay, in the window or without, and the report at its end."""
+"""`slipscope run` and `slipscope replay`: a run or a replay, in the window or without, and the
+report at its end.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
-from app.commands.names import check_session_and_picture, mark_of, new_session_name, next_free, parse_pace
+from app.commands.names import (
+    check_session_and_picture,
+    mark_of,
+    new_session_name,
+    next_free,
+    parse_pace,
+)
 from app.commands.terminal import DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
@@ -108,25 +116,40 @@ def run(
     problem = window_problem(headless)
     if problem is not None and not autostart:
         raise UserError(
-            f"{problem}; `slipscope run --headless` runs the simulated experiment without one" if problem else "no window was asked"
+            f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
+            if problem
+            else "no window was asked"
         )
     from app.live import make_run
 
     made: list[Recorded] = []
 
     def make() -> Any:
-        """The first run has the name that was asked; further ones in the same window never replace anything."""
+        """The first run has the name that was asked; further ones in the same window never replace
+        anything.
+        """
         again = bool(made)
         path = next_free(asked or new_session_name(datetime.now())) if again else first
         check_session_and_picture(path, overwrite and not again)
-        made.append(Recorded(make_run(config, path, pace=speed, overwrite=overwrite and not again), path, mark_of(path)))
+        made.append(
+            Recorded(
+                make_run(config, path, pace=speed, overwrite=overwrite and not again),
+                path,
+                mark_of(path),
+            )
+        )
         return made[-1].source
 
     if problem is not None:
         source = make()  # whatever is wrong with what was asked is said before the long part begins
         _say_why_headless(problem, as_json)
         _follow(source, as_json)
-    reports = _Reports(made, lambda r: report_run(r.source.outcome(), r.session if mark_of(r.session) != r.before else None, as_json))
+    reports = _Reports(
+        made,
+        lambda r: report_run(
+            r.source.outcome(), r.session if mark_of(r.session) != r.before else None, as_json
+        ),
+    )
     if problem is None:
         with reports.as_they_end():
             _in_window(make, autostart=autostart)
@@ -147,7 +170,9 @@ def replay(
     overwrite: bool,
     as_json: bool,
 ) -> int:
-    """Replay a session, or analyse it once more into `output` where that or other settings are asked, and report it; the exit code."""
+    """Replay a session, or analyse it once more into `output` where that or other settings are
+    asked, and report it; the exit code.
+    """
     problem = window_problem(headless)
     once_more = output is not None or bool(overrides)
     speed = parse_pace(pace or ("1" if problem is None and not once_more else "max"))
@@ -157,14 +182,18 @@ def replay(
     made: list[Any] = []
 
     def make() -> Any:
-        """The first analysis has the name that was asked; further ones in the same window never replace anything."""
+        """The first analysis has the name that was asked; further ones in the same window never
+        replace anything.
+        """
         if not once_more:
             return make_replay(session, pace=speed)
         asked = output or session.with_stem(f"{session.stem}-analysis")
         first = output is not None and not made
         path = asked if first else next_free(asked)
         check_session_and_picture(path, overwrite and first)
-        return Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite and first)
+        return Reanalysis(
+            session, path, pace=speed, overrides=overrides, overwrite=overwrite and first
+        )
 
     def make_and_keep() -> Any:
         made.append(make())
@@ -183,7 +212,11 @@ def replay(
     if source is None:
         return DONE
     outcome: Outcome = source.outcome()
-    data = report_analysis(source, outcome, as_json) if once_more else report_replay(source, outcome, session, as_json)
+    data = (
+        report_analysis(source, outcome, as_json)
+        if once_more
+        else report_replay(source, outcome, session, as_json)
+    )
     if as_json:
         print_json(data)
     return FAILED if outcome.state == "failed" else DONE
@@ -210,7 +243,9 @@ def _let_end(source: Source) -> None:
 
 
 def _follow(source: Source, as_json: bool) -> Outcome:
-    """Start, show progress, and wait; Ctrl-C stops in good order, a second one stops the motion again and leaves."""
+    """Start, show progress, and wait; Ctrl-C stops in good order, a second one stops the motion
+    again and leaves.
+    """
     asked_to_stop = False
     try:
         with Bar("starting", quiet=as_json) as bar:
@@ -235,6 +270,8 @@ def _follow(source: Source, as_json: bool) -> Outcome:
 
 def _progress_text(health: Health) -> str:
     counts = health.counts
-    frames = f"{counts.frames_received} frames" + (f", {counts.frames_lost} lost" if counts.frames_lost else "")
+    frames = f"{counts.frames_received} frames" + (
+        f", {counts.frames_lost} lost" if counts.frames_lost else ""
+    )
     advice = f": {health.reason}" if health.reason and health.state in ("armed", "running") else ""
     return f"{health.phase or health.state}{advice} ({frames})"

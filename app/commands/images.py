@@ -27,15 +27,29 @@ def dic(
     overwrite: bool,
     **asked: Any,
 ) -> int:
-    """Correlate image files and write the fields; the exit code. `asked` are settings by their names in ``[dic]``."""
+    """Correlate image files and write the fields; the exit code.
+
+    `asked` are settings by their names in ``[dic]``.
+    """
     settings = _settings(asked)
     check_writable(fields)
     if fields.exists() and not overwrite:
-        raise UserError(f"{fields}: a file of that name exists; choose another name or give --overwrite")
+        raise UserError(
+            f"{fields}: a file of that name exists; choose another name or give --overwrite"
+        )
     from app.dic_files import correlate_files
 
     with Bar("correlating", quiet=False) as bar:
-        summary = correlate_files(reference, list(images), fields, settings, mask=mask, roi=roi, overwrite=overwrite, on_progress=bar.show)
+        summary = correlate_files(
+            reference,
+            list(images),
+            fields,
+            settings,
+            mask=mask,
+            roi=roi,
+            overwrite=overwrite,
+            on_progress=bar.show,
+        )
     _tell(summary)
     return DONE
 
@@ -45,16 +59,26 @@ def _settings(asked: dict[str, Any]) -> Dic:
     try:
         return from_data({"dic": asked}, "dic").dic
     except ConfigError as error:
-        raise UserError(re.sub(r"\bdic\.(\w+)", lambda key: "--" + key[1].replace("_", "-"), str(error))) from None
+        raise UserError(
+            re.sub(r"\bdic\.(\w+)", lambda key: "--" + key[1].replace("_", "-"), str(error))
+        ) from None
 
 
 def _tell(summary: FilesSummary) -> None:
     fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
-    output().print(f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}")
+    output().print(
+        f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}"
+    )
     quality = (
-        f"; median standard uncertainty {summary.ux_std_px:.4f} px of u_x, {summary.uy_std_px:.4f} px of u_y;"
+        f"; median standard uncertainty {summary.ux_std_px:.4f} px of u_x, {summary.uy_std_px:.4f}"
+        " px of u_y;"
         f" median correlation {summary.zncc:.4f}"
     )
-    output().print(f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else ""))
+    output().print(
+        f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else "")
+    )
     if summary.updates:
-        output().print(f"reference replaced {summary.updates} times, which adds {summary.drift_px:.4f} px to the uncertainty of u_x")
+        output().print(
+            f"reference replaced {summary.updates} times, which adds {summary.drift_px:.4f} px to"
+            " the uncertainty of u_x"
+        )

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def info(session: Path, as_json: bool, verify: bool = False) -> int:
-    """Print what a session holds, and with `verify` the receipt of reading it back; the exit code, 1 if it is not as it was recorded."""
+    """Print what a session holds, and with `verify` the receipt of reading it back; the exit code,
+    1 if it is not as it was recorded.
+    """
     from app.report.summary import Row, counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of
     from app.session.journal import has_journal
@@ -25,7 +27,9 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         config = from_record(reader.config_toml, f"{session}: settings")
         summary, counts = reader.summary(), reader.counts()
         phases = [
-            {"phase": e.text, "sample": e.sample, "time_s": e.sample / reader.sample_rate_hz} for e in reader.events() if e.kind == "phase"
+            {"phase": e.text, "sample": e.sample, "time_s": e.sample / reader.sample_rate_hz}
+            for e in reader.events()
+            if e.kind == "phase"
         ]
         data = {
             "session": str(session),
@@ -53,20 +57,38 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         Row("state", "", f"{data['state']}" + (f": {data['reason']}" if data["reason"] else "")),
         Row("started", "", str(data["started"])),
         Row("ended", "", str(data["ended"]) or "not closed in good order"),
-        Row("images", "", "{1} x {0} px".format(*data["frame_shape"]) + (f", in {reader.source.session}" if reader.source else "")),  # type: ignore[misc]
+        Row(
+            "images",
+            "",
+            "{1} x {0} px".format(*data["frame_shape"])
+            + (f", in {reader.source.session}" if reader.source else ""),
+        ),  # type: ignore[misc]
         *([Row("further analyses", "", ", ".join(data["analyses"]))] if data["analyses"] else []),  # type: ignore[arg-type]
         *counts_rows(counts),
-        Row("phases", "", ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases) or "none"),
-        *(summary_rows(summary) if summary else [Row("summary", "", "none: the run did not come to its end")]),
+        Row(
+            "phases",
+            "",
+            ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases) or "none",
+        ),
+        *(
+            summary_rows(summary)
+            if summary
+            else [Row("summary", "", "none: the run did not come to its end")]
+        ),
         *resources_rows(data["resources"]),  # type: ignore[arg-type]
     ]
     print_rows(str(session), rows)
     for note in summary.notes if summary else ():
         output().print(f"note: {note}")
     changed = changed_settings(config)
-    print_rows("settings other than the defaults", [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")])
+    print_rows(
+        "settings other than the defaults",
+        [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")],
+    )
     if data["has_journal"]:
-        output().print(f"`slipscope repair {session} -o REPAIRED.h5` brings back what its journal holds")
+        output().print(
+            f"`slipscope repair {session} -o REPAIRED.h5` brings back what its journal holds"
+        )
     if receipt:
         output().print(str(receipt))
     if fault:

@@ -17,7 +17,16 @@ from app.commands.terminal import DONE, Bar, output, print_json
 from app.config import averaging_box_px, from_record
 from app.errors import UserError
 from app.field_files import read_fields
-from app.invert_files import METHODS, SUFFIXES, Block, Inverted, Series, TableWriter, invert_series, noise_of
+from app.invert_files import (
+    METHODS,
+    SUFFIXES,
+    Block,
+    Inverted,
+    Series,
+    TableWriter,
+    invert_series,
+    noise_of,
+)
 from app.report.summary import measured_text, plain
 from app.results import Phase
 from app.sections import Config, Dic
@@ -40,18 +49,33 @@ def invert(
     as_json: bool,
     **material: float | None,
 ) -> int:
-    """Invert the fields of a file; the exit code. `material` are the options that a session's settings can answer, None: not given."""
+    """Invert the fields of a file; the exit code.
+
+    `material` are the options that a session's settings can answer, None: not given.
+    """
     if method not in METHODS:
         raise UserError(f"--method: {method} found; there are {', '.join(METHODS)}")
     if destination is not None:
         check_writable(destination)
         if destination.suffix.lower() not in SUFFIXES:
-            raise UserError(f"{destination}: results are written as {' or '.join(SUFFIXES)}; give such an ending")
+            raise UserError(
+                f"{destination}: results are written as {' or '.join(SUFFIXES)}; give such an"
+                " ending"
+            )
         if destination.exists() and not overwrite:
-            raise UserError(f"{destination}: a file of that name exists; choose another name or give --overwrite")
+            raise UserError(
+                f"{destination}: a file of that name exists; choose another name or give"
+                " --overwrite"
+            )
     series, known = _from_session(path) if is_session(path) else _from_fields(path, pixel, box)
     if centre is not None:
-        series = Series(series.x_m, series.y_m, (centre[0] * 1e-3, centre[1] * 1e-3), series.count, series.fields)
+        series = Series(
+            series.x_m,
+            series.y_m,
+            (centre[0] * 1e-3, centre[1] * 1e-3),
+            series.count,
+            series.fields,
+        )
     series = _chosen(series, frames)
     block = _block(known | {name: value for name, value in material.items() if value is not None})
     failures: list[str] = []
@@ -73,30 +97,50 @@ def invert(
         if writer:
             writer.close(is_complete=is_complete)
     if as_json:
-        print_json(plain({"centre_m": found_centre, "method": method, "fields": [_data(one) for one in kept], "failures": failures}))
+        print_json(
+            plain(
+                {
+                    "centre_m": found_centre,
+                    "method": method,
+                    "fields": [_data(one) for one in kept],
+                    "failures": failures,
+                }
+            )
+        )
     else:
         _tell(kept, found_centre, method, destination, failures)
     return DONE
 
 
-def _from_fields(path: Path, pixel: float | None, box: float | None) -> tuple[Series, dict[str, float]]:
+def _from_fields(
+    path: Path, pixel: float | None, box: float | None
+) -> tuple[Series, dict[str, float]]:
     found = read_fields(path, None if pixel is None else pixel * 1e-6)
     side = (2 * found.pitch_m[0] if box is None else box * 1e-6) if box != 0 else 0.0
 
     def fields() -> Iterator[tuple[int, Any, Any]]:
         return zip(found.frames, found.ux_m, found.sd_m, strict=True)
 
-    return Series(found.x_m, found.y_m, None, len(found.frames), fields), {"box": side, "noise_box": side}
+    return Series(found.x_m, found.y_m, None, len(found.frames), fields), {
+        "box": side,
+        "noise_box": side,
+    }
 
 
 def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
     with SessionReader(path) as session:
         config = from_record(session.config_toml, f"{path}: settings")
         contact = session.contact()
-        numbers = [i for i, s in enumerate(session.snapshots()) if s.phase is Phase.DRIVE and s.ux_px.size]
+        numbers = [
+            i for i, s in enumerate(session.snapshots()) if s.phase is Phase.DRIVE and s.ux_px.size
+        ]
         if not numbers:
             raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
-        force = float(np.median([session.snapshot(i).normal_force_n for i in numbers[:: max(1, len(numbers) // 20)]]))
+        force = float(
+            np.median(
+                [session.snapshot(i).normal_force_n for i in numbers[:: max(1, len(numbers) // 20)]]
+            )
+        )
         grid = session.grid_x_px, session.grid_y_px
     pixel_m = config.camera.pixel * 1e-6
 
@@ -104,11 +148,21 @@ def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
         with SessionReader(path) as session:
             for i in numbers:
                 s = session.snapshot(i)
-                yield s.frame, s.ux_px * np.float64(pixel_m) - s.lens_m, s.ux_std_px * np.float64(pixel_m)
+                yield (
+                    s.frame,
+                    s.ux_px * np.float64(pixel_m) - s.lens_m,
+                    s.ux_std_px * np.float64(pixel_m),
+                )
 
-    centre = None if contact is None else (contact.centre_px[0] * pixel_m, contact.centre_px[1] * pixel_m)
+    centre = (
+        None
+        if contact is None
+        else (contact.centre_px[0] * pixel_m, contact.centre_px[1] * pixel_m)
+    )
     x_m, y_m = (np.asarray(axis, np.float64) * pixel_m for axis in grid)
-    return Series(x_m, y_m, centre, len(numbers), fields), _known(config, force, config.dic, pixel_m)
+    return Series(x_m, y_m, centre, len(numbers), fields), _known(
+        config, force, config.dic, pixel_m
+    )
 
 
 def _known(config: Config, force: float, dic: Dic, pixel_m: float) -> dict[str, float]:
@@ -126,12 +180,21 @@ def _known(config: Config, force: float, dic: Dic, pixel_m: float) -> dict[str, 
 
 
 def _block(asked: dict[str, Any]) -> Block:
-    missing = [f"--{name.replace('_', '-')}" for name in ("normal_force", "modulus", "poisson", "radius") if name not in asked]
+    missing = [
+        f"--{name.replace('_', '-')}"
+        for name in ("normal_force", "modulus", "poisson", "radius")
+        if name not in asked
+    ]
     if missing:
-        raise UserError(f"invert: {', '.join(missing)} not given; a file of fields does not say what they were measured on")
+        raise UserError(
+            f"invert: {', '.join(missing)} not given; a file of fields does not say what they were"
+            " measured on"
+        )
     for name in ("normal_force", "modulus", "radius"):
         if not 0 < asked[name] < math.inf:
-            raise UserError(f"--{name.replace('_', '-')}: {asked[name]:g} found; give a positive number")
+            raise UserError(
+                f"--{name.replace('_', '-')}: {asked[name]:g} found; give a positive number"
+            )
     if not 0 <= asked["poisson"] <= 0.5:
         raise UserError(f"--poisson: {asked['poisson']:g} found; give 0 to 0.5")
     for name in ("roughness", "thickness"):
@@ -155,7 +218,9 @@ def _chosen(series: Series, frames: list[int]) -> Series:
     held = {number for number, *_ in series.fields()}
     missing = sorted(set(frames) - held)
     if missing:
-        raise UserError(f"--frame: {missing[0]} is not there; the file has fields {min(held)} to {max(held)}")
+        raise UserError(
+            f"--frame: {missing[0]} is not there; the file has fields {min(held)} to {max(held)}"
+        )
 
     def fields() -> Iterator[tuple[int, Any, Any]]:
         return (field for field in series.fields() if field[0] in frames)
@@ -184,7 +249,13 @@ def _data(one: Inverted) -> dict[str, Any]:
     }
 
 
-def _tell(results: list[Inverted], centre: tuple[float, float], method: str, destination: Path | None, failures: list[str]) -> None:
+def _tell(
+    results: list[Inverted],
+    centre: tuple[float, float],
+    method: str,
+    destination: Path | None,
+    failures: list[str],
+) -> None:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for name in ("frame", "Q (N)", "D (um)", "max (kPa)", "r (mm)", "residual", "stopped"):
         table.add_column(name, no_wrap=True)
@@ -198,14 +269,24 @@ def _tell(results: list[Inverted], centre: tuple[float, float], method: str, des
             f"{np.nanmax(one.profile[1]) * 1e-3:.2f}",
             f"{one.peak_radius_m * 1e3:.2f}",
             f"{noise_of(found):.2f}",
-            str(found.stopped) + ("" if found.is_converged else ", not converged") + ("" if found.is_covered else ", not covered"),
+            str(found.stopped)
+            + ("" if found.is_converged else ", not converged")
+            + ("" if found.is_covered else ", not covered"),
         )
-    output().print(f"{method}: {len(results)} fields, contact's centre at x = {centre[0] * 1e3:.3f} mm, y = {centre[1] * 1e3:.3f} mm")
+    output().print(
+        f"{method}: {len(results)} fields, contact's centre at x = {centre[0] * 1e3:.3f} mm, y ="
+        f" {centre[1] * 1e3:.3f} mm"
+    )
     Console(highlight=False, markup=False, width=max(Console().width, 110)).print(table)
-    output().print("Q: integral of sigma; max: the largest sigma of the profile, and where; residual: in units of the noise")
+    output().print(
+        "Q: integral of sigma; max: the largest sigma of the profile, and where; residual: in units"
+        " of the noise"
+    )
     if step > 1:
         output().print(f"every {step}th field shown")
-    for note in dict.fromkeys([*(note for one in results for note in one.result.notes), *failures[:3]]):
+    for note in dict.fromkeys(
+        [*(note for one in results for note in one.result.notes), *failures[:3]]
+    ):
         output().print(f"note: {note}")
     if len(failures) > 3:
         output().print(f"note: {len(failures)} fields could not be inverted")

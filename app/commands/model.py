@@ -1,4 +1,6 @@
-"""`slipscope model`: what theory says of a sphere pressed on a rough block and sheared, as numbers, a table of curves, or a figure."""
+"""`slipscope model`: what theory says of a sphere pressed on a rough block and sheared, as numbers,
+a table of curves, or a figure.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ F64 = NDArray[np.float64]
 
 SUFFIXES = (".csv", ".png", ".pdf", ".svg")
 POINTS = 301  # a is one of them
-WIDEST, FARTHEST = 3.0, 1.5  # of the curves: contact radii, and shifts at which Cattaneo and Mindlin's contact slides
+# of the curves: contact radii, and shifts at which Cattaneo and Mindlin's contact slides
+WIDEST, FARTHEST = 3.0, 1.5
 SHARP = 2e-3  # a length below this part of that shift asks for more modes
 FAINT = 0.01  # of the peak pressure: where a rough contact is taken to end
 
@@ -58,14 +61,21 @@ class System:
         for name, (least, most, unit) in LIMITS.items():
             value = getattr(self, name)
             if not least <= value <= most:
-                raise UserError(f"--{name.replace('_', '-')}: {value:g} found; give {least:g} to {most:g} {unit}".rstrip())
+                raise UserError(
+                    f"--{name.replace('_', '-')}: {value:g} found; give {least:g} to {most:g} {unit}".rstrip()
+                )
         if self.thickness > 0 and self.length == 0:
-            raise UserError("--thickness: a layer is solved for a rough interface only; give --length more than 0 with it")
+            raise UserError(
+                "--thickness: a layer is solved for a rough interface only; give --length more than"
+                " 0 with it"
+            )
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One result: its name in files, what it is, its symbol, its value in SI, and the unit and factor for people."""
+    """One result: its name in files, what it is, its symbol, its value in SI, and the unit and
+    factor for people.
+    """
 
     key: str
     label: str
@@ -80,15 +90,31 @@ class Quantity:
         return f"{self.value * self.per_si:.4g} {self.unit}".rstrip()
 
 
-def model(path: Path | None, shear_force: float | None, share: float | None, *, overwrite: bool, as_json: bool, **asked: float) -> int:
-    """Print the numbers of a contact and write its curves; the exit code. `asked` are the fields of `System`."""
+def model(
+    path: Path | None,
+    shear_force: float | None,
+    share: float | None,
+    *,
+    overwrite: bool,
+    as_json: bool,
+    **asked: float,
+) -> int:
+    """Print the numbers of a contact and write its curves; the exit code.
+
+    `asked` are the fields of `System`.
+    """
     system = System(**asked)
     if path is not None:
         if path.suffix.lower() not in SUFFIXES:
-            raise UserError(f"{path}: a name that ends in {', '.join(SUFFIXES)} is needed; the ending tells what is written")
+            raise UserError(
+                f"{path}: a name that ends in {', '.join(SUFFIXES)} is needed; the ending tells"
+                " what is written"
+            )
         check_writable(path)
         if path.exists() and not overwrite:
-            raise UserError(f"{path}: a file of that name exists; choose another name or give --overwrite")
+            raise UserError(
+                f"{path}: a file of that name exists; choose another name or give --overwrite"
+            )
     Q = _force(system, shear_force, share)
     try:
         sheared = Sheared(system, Q)
@@ -101,7 +127,9 @@ def model(path: Path | None, shear_force: float | None, share: float | None, *, 
     if as_json:
         print_json({q.key: q.value for q in numbers})
         return DONE
-    print_rows("sphere on a block, pressed and sheared", [Row(q.label, q.symbol, q.text) for q in numbers])
+    print_rows(
+        "sphere on a block, pressed and sheared", [Row(q.label, q.symbol, q.text) for q in numbers]
+    )
     if path is not None:
         output().print(f"written: {path}")
     return DONE
@@ -114,26 +142,39 @@ def _force(system: System, shear_force: float | None, share: float | None) -> fl
     limit = system.friction * system.normal_force
     Q = limit * (0.6 if share is None else share) if shear_force is None else shear_force
     if not 0 <= Q <= limit:
-        raise UserError(f"Q = {Q:g} N asked; give 0 to mu P = {limit:g} N, by --shear-force or as a --share of it")
+        raise UserError(
+            f"Q = {Q:g} N asked; give 0 to mu P = {limit:g} N, by --shear-force or as a --share of"
+            " it"
+        )
     if limit <= Q and system.length > 0:
-        raise UserError("Q = mu P asked, which a rough interface only nears; give less, or --length 0")
+        raise UserError(
+            "Q = mu P asked, which a rough interface only nears; give less, or --length 0"
+        )
     return Q
 
 
 class Sheared:
-    """The contact under Q: Cattaneo and Mindlin's, and that of a rough interface if its length is not 0.
+    """The contact under Q: Cattaneo and Mindlin's, and that of a rough interface if its length is
+    not 0.
 
-    A length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides leaves an edge that the modes hold to 0.5 % of mu p0.
+    A length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides leaves an edge
+    that the modes hold to 0.5 % of mu p0.
     """
 
     def __init__(self, system: System, Q: float) -> None:
         self.system, self.Q = system, Q
-        self.P, self.E, self.nu, self.R = system.normal_force, system.modulus * 1e6, system.poisson, system.radius * 1e-3
+        self.P, self.E, self.nu, self.R = (
+            system.normal_force,
+            system.modulus * 1e6,
+            system.poisson,
+            system.radius * 1e-3,
+        )
         self.L, self.h = system.length * 1e-6, system.roughness * 1e-6
         self.a = hertz.contact_radius(self.P, self.E, self.nu, self.R)
         if self.a > self.R / 2:
             raise UserError(
-                f"a contact of radius {self.a * 1e3:.3g} mm found, too wide for Hertz; press less on this sphere of {system.radius:g} mm"
+                f"a contact of radius {self.a * 1e3:.3g} mm found, too wide for Hertz; press less"
+                f" on this sphere of {system.radius:g} mm"
             )
         self.cm = system.friction, self.P, self.a, self.E, self.nu
         self.loading: AxisymmetricLoading | None = None
@@ -141,10 +182,13 @@ class Sheared:
         if self.L > 0:
             thickness = system.thickness * 1e-3 or math.inf
             contact = Contact(self.P, self.E, self.nu, self.R, system.friction, self.L, thickness)
-            self.loading = AxisymmetricLoading(contact, 64 if self.L / contact.full_shift > SHARP else 128)
+            self.loading = AxisymmetricLoading(
+                contact, 64 if self.L / contact.full_shift > SHARP else 128
+            )
             self.state = self.loading.at_force(Q)
         self.rough: greenwood_tripp.RoughContact | None = None
-        if self.h * self.R / self.a**2 >= greenwood_tripp.SMOOTHEST:  # below, Hertz's pressure is right to 0.2 %
+        # below, Hertz's pressure is right to 0.2 %
+        if self.h * self.R / self.a**2 >= greenwood_tripp.SMOOTHEST:
             self.rough = greenwood_tripp.rough_contact(self.P, self.E, self.nu, self.R, self.h)
 
     def numbers(self) -> list[Quantity]:
@@ -161,41 +205,118 @@ class Sheared:
             Quantity("poisson", "Poisson's ratio", "nu", nu),
             Quantity("sphere_radius_m", "radius of the sphere", "R", self.R, *mm),
             Quantity("friction", "friction coefficient", "mu", mu),
-            Quantity("shear_force_n", f"shear force, {self.Q / limit:.4g} of the greatest", "Q", self.Q, "N"),
+            Quantity(
+                "shear_force_n",
+                f"shear force, {self.Q / limit:.4g} of the greatest",
+                "Q",
+                self.Q,
+                "N",
+            ),
             Quantity("friction_limit_n", "greatest shear force", "mu P", limit, "N"),
             Quantity("hertz_radius_m", "contact radius, Hertz", "a_H", a, *mm),
             Quantity("peak_pressure_pa", "pressure at the centre, Hertz", "p0", p0, *kpa),
-            Quantity("indentation_m", "indentation, Hertz", "a_H^2/R", hertz.indentation(a, self.R), *um),
-            Quantity("stick_radius_m", "stick radius, Cattaneo-Mindlin", "c", float(cattaneo_mindlin.stick_radius(self.Q, limit, a)), *mm),
+            Quantity(
+                "indentation_m", "indentation, Hertz", "a_H^2/R", hertz.indentation(a, self.R), *um
+            ),
+            Quantity(
+                "stick_radius_m",
+                "stick radius, Cattaneo-Mindlin",
+                "c",
+                float(cattaneo_mindlin.stick_radius(self.Q, limit, a)),
+                *mm,
+            ),
             Quantity("block_shift_m", "displacement of the block", "delta", block, *um),
             Quantity("block_shift_cm_m", "the same, Cattaneo-Mindlin", "delta", shift, *um),
-            Quantity("sliding_shift_m", "at which Cattaneo-Mindlin's slides", "delta_max", cattaneo_mindlin.full_shift(*self.cm), *um),
-            Quantity("stiffness_smooth_n_per_m", "contact stiffness at rest, smooth", "8 G a/(2-nu)", smooth, *stiff),
+            Quantity(
+                "sliding_shift_m",
+                "at which Cattaneo-Mindlin's slides",
+                "delta_max",
+                cattaneo_mindlin.full_shift(*self.cm),
+                *um,
+            ),
+            Quantity(
+                "stiffness_smooth_n_per_m",
+                "contact stiffness at rest, smooth",
+                "8 G a/(2-nu)",
+                smooth,
+                *stiff,
+            ),
         ]
         if self.loading and self.state:
             start = self.loading.at_block(0.0).stiffness
             found += [
-                Quantity("stiffness_rough_n_per_m", "the same, rough interface", "dQ/ddelta", start, *stiff),
+                Quantity(
+                    "stiffness_rough_n_per_m",
+                    "the same, rough interface",
+                    "dQ/ddelta",
+                    start,
+                    *stiff,
+                ),
                 Quantity("elastic_length_m", "elastic length of the interface", "L", self.L, *um),
-                Quantity("interface_stiffness_pa_per_m", "its stiffness at the centre", "p0/L", p0 / self.L, "kPa/um", 1e-9),
-                Quantity("peak_radius_m", "where the traction is greatest", "r", self.state.peak_radius, *mm),
-                Quantity("centre_slip_m", "displacement at the centre", "u_x(0)", self._seen(np.zeros(1))[0].item(), *um),
+                Quantity(
+                    "interface_stiffness_pa_per_m",
+                    "its stiffness at the centre",
+                    "p0/L",
+                    p0 / self.L,
+                    "kPa/um",
+                    1e-9,
+                ),
+                Quantity(
+                    "peak_radius_m",
+                    "where the traction is greatest",
+                    "r",
+                    self.state.peak_radius,
+                    *mm,
+                ),
+                Quantity(
+                    "centre_slip_m",
+                    "displacement at the centre",
+                    "u_x(0)",
+                    self._seen(np.zeros(1))[0].item(),
+                    *um,
+                ),
             ]
         if self.system.thickness:
-            found.append(Quantity("thickness_m", "thickness of the block", "H", self.system.thickness * 1e-3, *mm))
+            found.append(
+                Quantity(
+                    "thickness_m", "thickness of the block", "H", self.system.thickness * 1e-3, *mm
+                )
+            )
         if self.h > 0:
             apparent = greenwood_tripp.apparent_radius(a, self.R, self.h)
             found += [
                 Quantity("roughness_m", "standard deviation of the heights", "h", self.h, *um),
-                Quantity("bureau_length_m", "L of a surface of this roughness", "L(h)", elastic_length(self.h, nu), *um),
+                Quantity(
+                    "bureau_length_m",
+                    "L of a surface of this roughness",
+                    "L(h)",
+                    elastic_length(self.h, nu),
+                    *um,
+                ),
                 Quantity("apparent_radius_m", "apparent radius", "a_H + sqrt(R h)", apparent, *mm),
             ]
         if self.rough:
             found += [
-                Quantity("roughness_parameter", "roughness, Greenwood-Tripp", "alpha", self.rough.alpha),
-                Quantity("effective_radius_m", "effective radius", "a*", self.rough.effective_radius, *mm),
-                Quantity("faint_radius_m", f"radius of {FAINT:.0%} of its peak pressure", "", self.rough.radius_at(FAINT), *mm),
-                Quantity("rough_peak_pressure_pa", "its peak pressure", "p(0)", self.rough.peak_pressure, *kpa),
+                Quantity(
+                    "roughness_parameter", "roughness, Greenwood-Tripp", "alpha", self.rough.alpha
+                ),
+                Quantity(
+                    "effective_radius_m", "effective radius", "a*", self.rough.effective_radius, *mm
+                ),
+                Quantity(
+                    "faint_radius_m",
+                    f"radius of {FAINT:.0%} of its peak pressure",
+                    "",
+                    self.rough.radius_at(FAINT),
+                    *mm,
+                ),
+                Quantity(
+                    "rough_peak_pressure_pa",
+                    "its peak pressure",
+                    "p(0)",
+                    self.rough.peak_pressure,
+                    *kpa,
+                ),
             ]
         return found + self._adhesive()
 
@@ -206,31 +327,65 @@ class Sheared:
         a = float(jkr.contact_radius(self.P, w, self.E, self.nu, self.R))
         return [
             Quantity("jkr_radius_m", "contact radius, JKR", "a", a, "mm", 1e3),
-            Quantity("jkr_indentation_m", "indentation, JKR", "", float(jkr.indentation(a, w, self.E, self.nu, self.R)), "um", 1e6),
-            Quantity("jkr_pull_off_n", "pull-off force, JKR", "-3/2 pi w R", jkr.pull_off_force(w, self.R), "mN", 1e3),
-            Quantity("tabor_parameter", "Tabor parameter (JKR above 5)", "", jkr.tabor_parameter(w, self.E, self.nu, self.R)),
+            Quantity(
+                "jkr_indentation_m",
+                "indentation, JKR",
+                "",
+                float(jkr.indentation(a, w, self.E, self.nu, self.R)),
+                "um",
+                1e6,
+            ),
+            Quantity(
+                "jkr_pull_off_n",
+                "pull-off force, JKR",
+                "-3/2 pi w R",
+                jkr.pull_off_force(w, self.R),
+                "mN",
+                1e3,
+            ),
+            Quantity(
+                "tabor_parameter",
+                "Tabor parameter (JKR above 5)",
+                "",
+                jkr.tabor_parameter(w, self.E, self.nu, self.R),
+            ),
         ]
 
     def _seen(self, r: F64) -> tuple[F64, F64]:
-        """What a camera at rest with the sphere sees: azimuthal mean of u_x, and its part that goes with cos 2 theta."""
+        """What a camera at rest with the sphere sees: azimuthal mean of u_x, and its part that goes
+        with cos 2 theta.
+        """
         D = self.state.D if self.state else float(cattaneo_mindlin.shift(self.Q, *self.cm))
-        g0, g2 = self.state.displacement(r) if self.state else cattaneo_mindlin.radial_displacement(r, self.Q, *self.cm)
+        g0, g2 = (
+            self.state.displacement(r)
+            if self.state
+            else cattaneo_mindlin.radial_displacement(r, self.Q, *self.cm)
+        )
         return D - g0, -g2
 
     def curves(self) -> dict[str, F64]:
         """Columns of the table: profiles over r, then the force over the displacement of the block."""
         mu, P, a, *_ = self.cm
         c = cattaneo_mindlin.stick_radius(self.Q, mu * P, a)
-        r = np.union1d(np.linspace(0, WIDEST * a, POINTS), c)  # where Cattaneo and Mindlin's traction has its peak
+        # where Cattaneo and Mindlin's traction has its peak
+        r = np.union1d(np.linspace(0, WIDEST * a, POINTS), c)
         delta = np.linspace(0, FARTHEST * cattaneo_mindlin.full_shift(*self.cm), len(r))
         mean, double = self._seen(r)
         cm = cattaneo_mindlin.radial_displacement(r, self.Q, *self.cm)[0]
-        sigma_cm, Q_cm = cattaneo_mindlin.traction(r, self.Q, mu, P, a), cattaneo_mindlin.shear_force(delta, *self.cm)
-        Q = np.array([state.Q for state in self.loading.table(len(r), float(delta[-1]))]) if self.loading else Q_cm
+        sigma_cm, Q_cm = (
+            cattaneo_mindlin.traction(r, self.Q, mu, P, a),
+            cattaneo_mindlin.shear_force(delta, *self.cm),
+        )
+        Q = (
+            np.array([state.Q for state in self.loading.table(len(r), float(delta[-1]))])
+            if self.loading
+            else Q_cm
+        )
         return {
             "r_mm": r * 1e3,
             "p_kpa": hertz.pressure(r, P, a) * 1e-3,
-            "p_rough_kpa": (self.rough.pressure(r) if self.rough else hertz.pressure(r, P, a)) * 1e-3,
+            "p_rough_kpa": (self.rough.pressure(r) if self.rough else hertz.pressure(r, P, a))
+            * 1e-3,
             "sigma_kpa": (self.state.traction(r) if self.state else sigma_cm) * 1e-3,
             "sigma_cm_kpa": sigma_cm * 1e-3,
             "ux_um": mean * 1e6,
@@ -248,12 +403,16 @@ def _write(path: Path, numbers: list[Quantity], curves: dict[str, F64], sheared:
         return
     lines = [f"# {q.label}{f' {q.symbol}' if q.symbol else ''}: {q.text}" for q in numbers]
     lines += [
-        "# over r: pressure p (Hertz; rough: Greenwood-Tripp, exponential heights), shear traction sigma, and displacement seen from the",
-        "# sphere, u_x = ux + ux_cos2 cos(2 theta), u_y = ux_cos2 sin(2 theta); over the displacement delta of the block: shear force q",
+        "# over r: pressure p (Hertz; rough: Greenwood-Tripp, exponential heights), shear traction"
+        " sigma, and displacement seen from the",
+        "# sphere, u_x = ux + ux_cos2 cos(2 theta), u_y = ux_cos2 sin(2 theta); over the"
+        " displacement delta of the block: shear force q",
         "# cm: Cattaneo-Mindlin, on a half-space",
         ",".join(curves),
     ]
-    lines += [",".join(f"{value:.9g}" for value in row) for row in zip(*curves.values(), strict=True)]
+    lines += [
+        ",".join(f"{value:.9g}" for value in row) for row in zip(*curves.values(), strict=True)
+    ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -277,16 +436,29 @@ def _figure(path: Path, curves: dict[str, F64], sheared: Sheared) -> None:
         left.set(ylabel="pressure $p$ (kPa)", title="(a) pressure")
         rough = f"rough interface, $L$ = {system.length:g} µm" if system.length else ""
         smooth = "Cattaneo-Mindlin" + (", half-space" if system.thickness else "")
-        pairs = ((right, "r_mm", "sigma", "kpa"), (low_left, "r_mm", "ux", "um"), (low_right, "delta_um", "q", "n"))
+        pairs = (
+            (right, "r_mm", "sigma", "kpa"),
+            (low_left, "r_mm", "ux", "um"),
+            (low_right, "delta_um", "q", "n"),
+        )
         for panel, x, name, unit in pairs:
             if rough:
                 panel.plot(curves[x], curves[f"{name}_{unit}"], color=BLUE, label=rough)
             panel.plot(curves[x], curves[f"{name}_cm_{unit}"], "--", color=RED, label=smooth)
         right.plot(r, mu * p, ":", color=GREY, label=r"$\mu p$")
-        right.set(ylabel=r"shear traction $\sigma_{xz}$ (kPa)", title=f"(b) traction at $Q$ = {sheared.Q:.3g} N")
-        low_left.set(ylabel="$u_x$, mean over the ring (µm)", title="(c) displacement seen from the sphere")
+        right.set(
+            ylabel=r"shear traction $\sigma_{xz}$ (kPa)",
+            title=f"(b) traction at $Q$ = {sheared.Q:.3g} N",
+        )
+        low_left.set(
+            ylabel="$u_x$, mean over the ring (µm)", title="(c) displacement seen from the sphere"
+        )
         low_right.axhline(mu * system.normal_force, color=GREY, ls=":", label=r"$\mu P$")
-        low_right.set(xlabel=r"displacement of the block $\delta$ (µm)", ylabel="shear force $Q$ (N)", title=r"(d) $Q(\delta)$")
+        low_right.set(
+            xlabel=r"displacement of the block $\delta$ (µm)",
+            ylabel="shear force $Q$ (N)",
+            title=r"(d) $Q(\delta)$",
+        )
         pressed = r[curves["p_rough_kpa"] > 1e-3 * curves["p_rough_kpa"][0]][-1]
         for panel, end in ((left, 1.1 * pressed), (right, 1.1 * pressed), (low_left, r[-1])):
             panel.set(xlabel="distance from the centre $r$ (mm)", xlim=(0, min(end, r[-1])))
@@ -296,7 +468,8 @@ def _figure(path: Path, curves: dict[str, F64], sheared: Sheared) -> None:
         low_right.set_xlim(0, curves["delta_um"][-1])
         layer = f", {system.thickness:g} mm thick" if system.thickness else ""
         title = (
-            f"$P$ = {system.normal_force:g} N, $E$ = {system.modulus:g} MPa, ν = {system.poisson:g}, $R$ = {system.radius:g} mm,"
+            f"$P$ = {system.normal_force:g} N, $E$ = {system.modulus:g} MPa, ν ="
+            f" {system.poisson:g}, $R$ = {system.radius:g} mm,"
             f" µ = {mu:g}, $h$ = {system.roughness:g} µm{layer}"
         )
         figure.suptitle(title, fontsize=8, color=GREY)

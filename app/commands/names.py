@@ -27,7 +27,10 @@ def parse_pace(text: str) -> float | None:
     except ValueError:
         pace = math.nan
     if not (math.isfinite(pace) and pace > 0):
-        raise UserError(f"--pace: '{text}' was asked; give 1 (real time), max (as fast as the machine), or another number more than 0")
+        raise UserError(
+            f"--pace: '{text}' was asked; give 1 (real time), max (as fast as the machine), or"
+            " another number more than 0"
+        )
     return pace
 
 
@@ -37,7 +40,9 @@ def new_session_name(now: datetime) -> Path:
 
 
 def next_free(session: Path) -> Path:
-    """`session`, or the first of ``name-2``, ``name-3`` ... for which neither a session nor its picture or journal exists."""
+    """`session`, or the first of ``name-2``, ``name-3`` ... for which neither a session nor its
+    picture or journal exists.
+    """
     candidate, number = session, 1
     while any(path.exists() for path in (candidate, picture_of(candidate), journal_of(candidate))):
         number += 1
@@ -78,7 +83,9 @@ def check_writable(path: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise UserError(f"{path}: it can not be written: {error.strerror}; choose another place") from None
+        raise UserError(
+            f"{path}: it can not be written: {error.strerror}; choose another place"
+        ) from None
 
 
 def check_session_and_picture(session: Path, overwrite: bool) -> None:
@@ -86,8 +93,17 @@ def check_session_and_picture(session: Path, overwrite: bool) -> None:
     check_writable(session)
     picture = picture_of(session)
     if picture == session:
-        raise UserError(f"{session}: the session would have the name of its own picture; choose another ending, such as .h5")
-    for path, what in ((session, "session"), (picture, "picture"), (journal_of(session), "journal of a session that was cut short")):
+        raise UserError(
+            f"{session}: the session would have the name of its own picture; choose another ending,"
+            " such as .h5"
+        )
+    for path, what in (
+        (session, "session"),
+        (picture, "picture"),
+        (journal_of(session), "journal of a session that was cut short"),
+    ):
         check_writable(path)
         if path.exists() and not overwrite:
-            raise UserError(f"{path}: a {what} of that name exists; choose another name or give --overwrite")
+            raise UserError(
+                f"{path}: a {what} of that name exists; choose another name or give --overwrite"
+            )

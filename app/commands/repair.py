@@ -16,7 +16,10 @@ def repair(session: Path, destination: Path, overwrite: bool, as_json: bool) -> 
     check_writable(destination)
     with Bar("reading what is left", quiet=as_json) as bar:
         repaired = sessions.repair(
-            session, destination, overwrite=overwrite, progress=lambda share: bar.show("bringing back the frames", share)
+            session,
+            destination,
+            overwrite=overwrite,
+            progress=lambda share: bar.show("bringing back the frames", share),
         )
     if as_json:
         print_json(plain(repaired))

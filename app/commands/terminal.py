@@ -1,4 +1,6 @@
-"""What the program says on the terminal: tables and results on standard output, progress and errors on standard error."""
+"""What the program says on the terminal: tables and results on standard output, progress and errors
+on standard error.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,14 @@ from typing import Any, Protocol
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
 
 from app.config import ConfigError
@@ -37,7 +46,9 @@ def output() -> Console:
 
 def say(sentence: str) -> None:
     """One line for the person at the terminal, on standard error."""
-    Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(f"slipscope: {sentence}")
+    Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(
+        f"slipscope: {sentence}"
+    )
 
 
 def print_json(data: Any) -> None:
@@ -61,9 +72,11 @@ def print_rows(title: str, rows: Sequence[RowLike]) -> None:
 
 @contextmanager
 def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
-    """Every error as one sentence and an exit code: 2 what the user can mend in what was asked, 1 a failure. Never a traceback.
+    """Every error as one sentence and an exit code: 2 what the user can mend in what was asked, 1 a
+    failure. Never a traceback.
 
-    With `as_json` the sentence comes as ``{"error": ...}`` on standard output; with `debug` the exception goes through.
+    With `as_json` the sentence comes as ``{"error": ...}`` on standard output; with `debug` the
+    exception goes through.
     """
     try:
         yield
@@ -72,11 +85,20 @@ def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
     except (DeviceError, OSError) as error:
         _end(str(error), FAILED, error, as_json, debug)
     except KeyboardInterrupt as error:
-        _end("Ctrl-C: left before the end; what was flushed to a session is safe", FAILED, error, as_json, debug)
+        _end(
+            "Ctrl-C: left before the end; what was flushed to a session is safe",
+            FAILED,
+            error,
+            as_json,
+            debug,
+        )
     except (typer.Exit, typer.Abort):
         raise
     except Exception as error:
-        sentence = f"unexpected {type(error).__name__}: {error}; `slipscope --debug ...` shows where it came from"
+        sentence = (
+            f"unexpected {type(error).__name__}: {error}; `slipscope --debug ...` shows where it"
+            " came from"
+        )
         _end(sentence, FAILED, error, as_json, debug)
 
 
@@ -92,7 +114,9 @@ def _end(sentence: str, code: int, error: BaseException, as_json: bool, debug: b
 
 
 class Bar:
-    """A progress bar on standard error, gone when it is done; a line per tenth where that is no terminal; nothing where `quiet`."""
+    """A progress bar on standard error, gone when it is done; a line per tenth where that is no
+    terminal; nothing where `quiet`.
+    """
 
     def __init__(self, description: str, *, quiet: bool) -> None:
         console = Console(stderr=True, highlight=False)
@@ -105,7 +129,9 @@ class Bar:
             transient=True,
             disable=quiet or not console.is_terminal,
         )
-        self._lines_left = [] if quiet or console.is_terminal else [tenth / 10 for tenth in range(1, 11)]
+        self._lines_left = (
+            [] if quiet or console.is_terminal else [tenth / 10 for tenth in range(1, 11)]
+        )
         self._task: TaskID = self._progress.add_task(description, total=1.0)
 
     def __enter__(self) -> Bar:

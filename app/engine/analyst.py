@@ -27,7 +27,9 @@ class Analyst:
         Set once the reference image is in place.
     """
 
-    def __init__(self, pipeline: Pipeline, history: History, recorder: Recorder, frames: LatestChannel[Frame]) -> None:
+    def __init__(
+        self, pipeline: Pipeline, history: History, recorder: Recorder, frames: LatestChannel[Frame]
+    ) -> None:
         self.series = Series()
         self.reference_taken = threading.Event()
         self._pipeline = pipeline
@@ -53,7 +55,9 @@ class Analyst:
         if not self._history.wait_for(frame.sample + self._history.exposure_samples):
             self._frames.skipped += 1  # the forces ended before its exposure did
             return
-        snapshot = self._pipeline.step(frame.index, frame.sample, frame.image, self._history.conditions(frame.sample))
+        snapshot = self._pipeline.step(
+            frame.index, frame.sample, frame.image, self._history.conditions(frame.sample)
+        )
         if self._pipeline.reference_frame == frame.index:
             self._recorder.event(Event(frame.sample, "reference", f"frame {frame.index}"))
             self.reference_taken.set()

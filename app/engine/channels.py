@@ -1,4 +1,7 @@
-"""The two ways from one thread to another: lossless to the disk, newest-wins to the analysis. Both bounded, both counted."""
+"""The two ways from one thread to another: lossless to the disk, newest-wins to the analysis.
+
+Both bounded, both counted.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,16 @@ class ChannelClosed(RuntimeError):
 
 
 class LosslessChannel(Generic[T]):
-    """A queue bounded in bytes that never drops: a sender waits for room, or is told that there is none.
+    """A queue bounded in bytes that never drops: a sender waits for room, or is told that there is
+    none.
 
     Parameters
     ----------
     capacity_bytes : int
         Data held at most.
     sender_waits : bool
-        True where the source can wait (a free-running simulation), False where it can not (hardware, real time).
+        True where the source can wait (a free-running simulation), False where it can not
+        (hardware, real time).
     """
 
     def __init__(self, capacity_bytes: int, *, sender_waits: bool) -> None:
@@ -48,9 +53,16 @@ class LosslessChannel(Generic[T]):
             The receiver gave up, or the channel was ended.
         """
         with self._changed:
-            while self._bytes and self._bytes + nbytes > self.capacity_bytes and not (self._ended or self._broken):
+            while (
+                self._bytes
+                and self._bytes + nbytes > self.capacity_bytes
+                and not (self._ended or self._broken)
+            ):
                 if not self.sender_waits:
-                    raise ChannelFull(f"{self._bytes / 2**20:.0f} MiB wait and {self.capacity_bytes / 2**20:.0f} MiB is the queue's limit")
+                    raise ChannelFull(
+                        f"{self._bytes / 2**20:.0f} MiB wait and {self.capacity_bytes / 2**20:.0f}"
+                        " MiB is the queue's limit"
+                    )
                 self._changed.wait()
             if self._ended or self._broken:
                 raise ChannelClosed
@@ -94,7 +106,8 @@ class LosslessChannel(Generic[T]):
 
 
 class LatestChannel(Generic[T]):
-    """A short queue where the newest wins: what does not fit pushes out the oldest, which is counted as skipped.
+    """A short queue where the newest wins: what does not fit pushes out the oldest, which is
+    counted as skipped.
 
     With `sender_waits` nothing is ever pushed out.
     """
@@ -110,7 +123,9 @@ class LatestChannel(Generic[T]):
         self._changed = threading.Condition()
 
     def narrow(self, depth: int, grace: int) -> None:
-        """Lower the depth once the queue has run empty, or after `grace` more items at the latest: what waits now is not pushed out."""
+        """Lower the depth once the queue has run empty, or after `grace` more items at the latest:
+        what waits now is not pushed out.
+        """
         with self._changed:
             self._narrow_to, self._grace = depth, grace
             if not self._items:
@@ -134,7 +149,9 @@ class LatestChannel(Generic[T]):
             self._changed.notify_all()
 
     def get(self, timeout_s: float) -> T | None:
-        """The oldest item that was not pushed out, or None when none came in `timeout_s` or the channel is at its end."""
+        """The oldest item that was not pushed out, or None when none came in `timeout_s` or the
+        channel is at its end.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._ended, timeout_s)
             if not self._items:

@@ -1,4 +1,6 @@
-"""How a run comes to its end: one named reason, and the actuator stopped before anything else is done."""
+"""How a run comes to its end: one named reason, and the actuator stopped before anything else is
+done.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,10 @@ class Ending:
         self._closed = False
 
     def call(self, reason: str, *, failed: bool) -> None:
-        """Name the end, then stop the actuator. A failure outranks an orderly end; otherwise the first reason stays."""
+        """Name the end, then stop the actuator.
+
+        A failure outranks an orderly end; otherwise the first reason stays.
+        """
         self._note(reason, failed=failed)
         try:
             self._stop_actuator()
@@ -65,7 +70,9 @@ class Ending:
 
     def spawn(self, name: str, work: Callable[[], None]) -> threading.Thread:
         """A thread, started, whose exceptions end the run by name."""
-        thread = threading.Thread(target=self.attempt, args=(name, work), name=f"slipscope-{name}", daemon=True)
+        thread = threading.Thread(
+            target=self.attempt, args=(name, work), name=f"slipscope-{name}", daemon=True
+        )
         thread.start()
         return thread
 

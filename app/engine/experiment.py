@@ -1,4 +1,6 @@
-"""The course of a loading experiment as decisions on what was just measured: no threads, no devices, no clock but samples."""
+"""The course of a loading experiment as decisions on what was just measured: no threads, no
+devices, no clock but samples.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from app.sections import Config
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
 REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
 STALL_PATIENCE_S = 5.0
-STANDSTILL_S = 2.0  # without progress while it says that it moves, or the time for STANDSTILL_M if that is longer
+# without progress while it says that it moves, or the time for STANDSTILL_M if that is longer
+STANDSTILL_S = 2.0
 STANDSTILL_M = 2e-6  # well above what an encoder jitters
 SATURATED = 0.9995  # share of the range above which a reading says nothing
 
@@ -25,9 +28,11 @@ class ExperimentFailed(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What is known at the end of a block: its forces (n, 2) in newtons, the stage, and whether the reference image was taken.
+    """What is known at the end of a block: its forces (n, 2) in newtons, the stage, and whether the
+    reference image was taken.
 
-    `range_used` is the largest reading of the normal and the shear sensor, as a share of the range of its input.
+    `range_used` is the largest reading of the normal and the shear sensor, as a share of the range
+    of its input.
     """
 
     end_sample: int
@@ -41,8 +46,9 @@ class Measured:
 class Experiment:
     """The phases of a loading experiment: free block, contact, reference at rest, drive, end.
 
-    `advance` is called once per block and answers the phase from that block's end on. Entering `Phase.DRIVE` is the caller's
-    order to move the actuator by `travel_m`, and no further; `Phase.END` its order to stop.
+    `advance` is called once per block and answers the phase from that block's end on. Entering
+    `Phase.DRIVE` is the caller's order to move the actuator by `travel_m`, and no further;
+    `Phase.END` its order to stop.
     """
 
     def __init__(self, config: Config) -> None:
@@ -52,7 +58,8 @@ class Experiment:
         self.advice = ""
         self._since = 0
         self._settled_since: int | None = None
-        self._advanced = (0, -math.inf)  # sample and travel at which the stage was last seen to have moved on
+        # sample and travel at which the stage was last seen to have moved on
+        self._advanced = (0, -math.inf)
 
     @property
     def travel_m(self) -> float:
@@ -94,27 +101,44 @@ class Experiment:
         normal, shear = float(now.forces[:, 0].max()), float(np.abs(now.forces[:, 1]).max())
         if not np.isfinite(now.forces).all():
             raise ExperimentFailed("forces: a reading is not a number; check the sensors")
-        for name, used, volts in zip(("normal", "shear"), now.range_used, self.config.forces.range, strict=True):
+        for name, used, volts in zip(
+            ("normal", "shear"), now.range_used, self.config.forces.range, strict=True
+        ):
             if used >= SATURATED:
                 raise ExperimentFailed(
-                    f"forces: the {name} sensor is at the end of its range of {volts:g} V, so its force is not known;"
+                    f"forces: the {name} sensor is at the end of its range of {volts:g} V, so its"
+                    " force is not known;"
                     " check the sensor and its gap, or raise forces.range"
                 )
         if normal > limits.normal_force:
-            raise ExperimentFailed(f"limit: the normal force reached {normal:.3f} N, limits.normal_force is {limits.normal_force:g} N")
+            raise ExperimentFailed(
+                f"limit: the normal force reached {normal:.3f} N, limits.normal_force is"
+                f" {limits.normal_force:g} N"
+            )
         if shear > limits.shear_force:
-            raise ExperimentFailed(f"limit: the shear force reached {shear:.3f} N, limits.shear_force is {limits.shear_force:g} N")
+            raise ExperimentFailed(
+                f"limit: the shear force reached {shear:.3f} N, limits.shear_force is"
+                f" {limits.shear_force:g} N"
+            )
         if now.travel_m > limits.travel * 1e-6:
-            raise ExperimentFailed(f"limit: the stage went {now.travel_m * 1e6:.1f} um, limits.travel is {limits.travel:g} um")
+            raise ExperimentFailed(
+                f"limit: the stage went {now.travel_m * 1e6:.1f} um, limits.travel is"
+                f" {limits.travel:g} um"
+            )
 
     def _background(self, now: Measured) -> Phase:
         normal = float(now.forces[:, 0].mean())
         if normal > TOUCH_FRACTION * self.config.run.normal_force:
             raise ExperimentFailed(
-                f"background: the normal force reads {normal:.3f} N while the block should hang free;"
+                f"background: the normal force reads {normal:.3f} N while the block should hang"
+                " free;"
                 " lift it, or set run.background_time = 0"
             )
-        return Phase.CONTACT if self._seconds(now) >= self.config.run.background_time else Phase.BACKGROUND
+        return (
+            Phase.CONTACT
+            if self._seconds(now) >= self.config.run.background_time
+            else Phase.BACKGROUND
+        )
 
     def _contact(self, now: Measured) -> Phase:
         run = self.config.run
@@ -126,29 +150,43 @@ class Experiment:
             self.advice = (
                 f"press the contact to {run.normal_force:g} N (P is {normal:.3f} N)"
                 if far
-                else f"renew the contact: Q is {shear * 1e3:.1f} mN, more than {run.shear_tolerance:.0%} of P"
+                else (
+                    f"renew the contact: Q is {shear * 1e3:.1f} mN, more than"
+                    f" {run.shear_tolerance:.0%} of P"
+                )
             )
             if self._seconds(now) > run.contact_timeout:
-                raise ExperimentFailed(f"contact: not ready after run.contact_timeout = {run.contact_timeout:g} s; {self.advice}")
+                raise ExperimentFailed(
+                    f"contact: not ready after run.contact_timeout = {run.contact_timeout:g} s;"
+                    f" {self.advice}"
+                )
             return Phase.CONTACT
         self.advice = "the contact settles"
         if self._settled_since is None:
             self._settled_since = now.end_sample - len(now.forces)
-        return Phase.REFERENCE if now.end_sample - self._settled_since >= run.settle_time * self.rate else Phase.CONTACT
+        return (
+            Phase.REFERENCE
+            if now.end_sample - self._settled_since >= run.settle_time * self.rate
+            else Phase.CONTACT
+        )
 
     def _reference(self, now: Measured) -> Phase:
         waited = self._seconds(now)
         if waited >= self.config.run.reference_time and now.has_reference:
             return Phase.DRIVE
         if waited > self.config.run.reference_time + REFERENCE_PATIENCE_S:
-            raise ExperimentFailed(f"reference: no image could be taken as reference in {waited:.1f} s; check the camera and its trigger")
+            raise ExperimentFailed(
+                f"reference: no image could be taken as reference in {waited:.1f} s; check the"
+                " camera and its trigger"
+            )
         return Phase.REFERENCE
 
     def _drive(self, now: Measured) -> Phase:
         if not now.is_moving:
             if now.travel_m < 0.98 * self.travel_m:
                 raise ExperimentFailed(
-                    f"actuator: it stopped after {now.travel_m * 1e6:.1f} of {self.config.run.travel:g} um;"
+                    f"actuator: it stopped after {now.travel_m * 1e6:.1f} of"
+                    f" {self.config.run.travel:g} um;"
                     " check it for a stall or an end of run"
                 )
             return Phase.END
@@ -157,13 +195,15 @@ class Experiment:
         patience = max(STANDSTILL_S, STANDSTILL_M / self.velocity_m_s)
         if now.end_sample - self._advanced[0] > patience * self.rate:
             raise ExperimentFailed(
-                f"actuator: it stands at {now.travel_m * 1e6:.1f} um of travel while it should move at"
+                f"actuator: it stands at {now.travel_m * 1e6:.1f} um of travel while it should move"
+                " at"
                 f" {self.config.run.velocity:g} um/s; check it for a stall"
             )
         expected = self.travel_m / self.velocity_m_s
         if self._seconds(now) > 1.2 * expected + STALL_PATIENCE_S:
             raise ExperimentFailed(
-                f"actuator: {now.travel_m * 1e6:.1f} of {self.config.run.travel:g} um after {self._seconds(now):.0f} s,"
+                f"actuator: {now.travel_m * 1e6:.1f} of {self.config.run.travel:g} um after"
+                f" {self._seconds(now):.0f} s,"
                 f" {expected:.0f} s were expected; check it for a stall"
             )
         return Phase.DRIVE

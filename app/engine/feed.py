@@ -13,7 +13,8 @@ from app.results import Phase
 
 
 class Feed:
-    """Gives a history the readings of an experiment, a block for each position of the stage, in their order.
+    """Gives a history the readings of an experiment, a block for each position of the stage, in
+    their order.
 
     Parameters
     ----------

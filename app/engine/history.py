@@ -1,4 +1,6 @@
-"""What the bench has measured so far, by sample: the place where a frame finds its forces, its travel and its phase."""
+"""What the bench has measured so far, by sample: the place where a frame finds its forces, its
+travel and its phase.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from numpy.typing import NDArray
 
 from app.results import Phase
 
-KEPT_SECONDS = 60.0  # full-rate forces kept for frames still to be analysed; far longer than any queue before the analysis
+# full-rate forces kept for frames still to be analysed; far longer than any queue before the
+# analysis
+KEPT_SECONDS = 60.0
 MOST_MEANS = 4096  # an even number; twice the points of a plot
 
 
@@ -19,7 +23,8 @@ MOST_MEANS = 4096  # an even number; twice the points of a plot
 class Conditions:
     """The state of the bench during one exposure.
 
-    `time_s` is the middle of the exposure from the start of the drive (NaN before it); forces are means over the exposure.
+    `time_s` is the middle of the exposure from the start of the drive (NaN before it); forces are
+    means over the exposure.
     """
 
     phase: Phase
@@ -32,8 +37,8 @@ class Conditions:
 class History:
     """Forces, stage positions and phases on the sample clock; written by one thread, read by any.
 
-    The last minute is kept at full rate in a ring, with the positions that go with it; for plots of the whole run there is one mean per
-    block, or per second block, per fourth ... in a long run.
+    The last minute is kept at full rate in a ring, with the positions that go with it; for plots of
+    the whole run there is one mean per block, or per second block, per fourth ... in a long run.
     """
 
     def __init__(self, sample_rate_hz: float, exposure_samples: int) -> None:
@@ -61,8 +66,12 @@ class History:
         """Whether no more samples will come."""
         return self._ended
 
-    def append(self, first: int, forces: NDArray[np.float64], position_m: float, position_sample: int) -> None:
-        """Add one block of forces, shape (n, 2) in newtons (P, Q), and a position of the stage, read at its end or later."""
+    def append(
+        self, first: int, forces: NDArray[np.float64], position_m: float, position_sample: int
+    ) -> None:
+        """Add one block of forces, shape (n, 2) in newtons (P, Q), and a position of the stage,
+        read at its end or later.
+        """
         with self._changed:
             end = first + len(forces)
             self._ring[np.arange(first, end) % len(self._ring)] = forces
@@ -120,16 +129,25 @@ class History:
             return self._phases[max(0, bisect_right(self._phase_samples, sample) - 1)]
 
     def conditions(self, sample: int) -> Conditions:
-        """The state of the bench during the exposure that starts at `sample`; it must be known by now (`wait_for`)."""
+        """The state of the bench during the exposure that starts at `sample`; it must be known by
+        now (`wait_for`).
+        """
         with self._changed:
             last = sample + self.exposure_samples
             if self._end - sample > len(self._ring):
-                raise RuntimeError(f"history: sample {sample} was asked {self._end - sample} samples later; {len(self._ring)} are kept")
+                raise RuntimeError(
+                    f"history: sample {sample} was asked {self._end - sample} samples later;"
+                    f" {len(self._ring)} are kept"
+                )
             mean = self._ring[np.arange(sample, last) % len(self._ring)].mean(axis=0)
         phase = self.phase_at(sample)
         middle = sample + self.exposure_samples / 2
         drive = self.phase_start(Phase.DRIVE)
-        time_s = (middle - drive) / self.sample_rate_hz if drive is not None and sample >= drive else float("nan")
+        time_s = (
+            (middle - drive) / self.sample_rate_hz
+            if drive is not None and sample >= drive
+            else float("nan")
+        )
         return Conditions(phase, time_s, float(mean[0]), float(mean[1]), self._travel(middle))
 
     def _travel(self, sample: float) -> float:
@@ -142,8 +160,12 @@ class History:
         share = (sample - s0) / (s1 - s0) if s1 > s0 else 0.0
         return x0 + (x1 - x0) * min(1.0, max(0.0, share)) - self._start_m
 
-    def block_means(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """About `n` points of the whole run for a plot: samples, P, Q (means over a block, every k-th block)."""
+    def block_means(
+        self, n: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """About `n` points of the whole run for a plot: samples, P, Q (means over a block, every
+        k-th block).
+        """
         with self._changed:
             kept = self._means[:: max(1, len(self._means) // max(1, n))]
         table = np.array(kept, dtype=np.float64).reshape(-1, 3)

@@ -1,4 +1,6 @@
-"""What comes in from the forces and the stage, block by block: to the disk, to the history, and to the decisions of the run."""
+"""What comes in from the forces and the stage, block by block: to the disk, to the history, and to
+the decisions of the run.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ class Intake:
     Parameters
     ----------
     patient : bool
-        True where the sources wait for our own disk and analysis (simulation at full speed): they have a minute, hardware has seconds.
+        True where the sources wait for our own disk and analysis (simulation at full speed): they
+        have a minute, hardware has seconds.
 
     Attributes
     ----------
@@ -48,7 +51,9 @@ class Intake:
         Position of the stage at the start of the run.
     """
 
-    def __init__(self, config: Config, bench: BenchDevices, history: History, *, patient: bool) -> None:
+    def __init__(
+        self, config: Config, bench: BenchDevices, history: History, *, patient: bool
+    ) -> None:
         self.samples_lost = 0
         self.start_m = 0.0
         self._config = config
@@ -66,7 +71,8 @@ class Intake:
         return self._history.end + self._bench.forces.backlog()
 
     def take(self, recorder: Recorder, has_reference: bool = False) -> Measured | None:
-        """The next block, on its way to the disk, and what it says; None for a gap that the settings put up with.
+        """The next block, on its way to the disk, and what it says; None for a gap that the
+        settings put up with.
 
         Raises
         ------
@@ -84,17 +90,27 @@ class Intake:
         now, position, moving = block.end, math.nan, False
         try:
             stage = self._bench.actuator.position_m(), self._bench.actuator.is_moving()
-            now = max(now, self.now())  # the stage was read now, which is later than the block where more of them wait
+            # the stage was read now, which is later than the block where more of them wait
+            now = max(now, self.now())
             position, moving = stage
         finally:  # an actuator that fails, or a board that goes away after the block, costs no sample
             recorder.position(now, position)
             self._history.append(block.first, forces, position, now)
         if isinstance(block, LostSamples):
             if self._config.forces.on_overflow == "end":
-                raise DeviceFault(f"{block.reason}; {block.count} samples from {block.first} on are lost")
+                raise DeviceFault(
+                    f"{block.reason}; {block.count} samples from {block.first} on are lost"
+                )
             return None
         normal, shear = np.abs(volts).max(axis=0) / self._config.forces.range
-        return Measured(block.end, forces, position - self.start_m, moving, has_reference, (float(normal), float(shear)))
+        return Measured(
+            block.end,
+            forces,
+            position - self.start_m,
+            moving,
+            has_reference,
+            (float(normal), float(shear)),
+        )
 
     def _read(self) -> SampleBlock | LostSamples:
         for attempts_left in reversed(range(self._reads)):

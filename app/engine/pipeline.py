@@ -1,4 +1,6 @@
-"""One frame in, one snapshot out: the analysis that live runs and replays share, step by step and without side effects elsewhere."""
+"""One frame in, one snapshot out: the analysis that live runs and replays share, step by step and
+without side effects elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -46,20 +48,26 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
     s = config.sample
     if not normal_force_n > 0:
         return math.nan
-    return float(hertz.contact_radius(normal_force_n, s.young_modulus * 1e6, s.poisson, s.lens_radius * 1e-3))
+    return float(
+        hertz.contact_radius(normal_force_n, s.young_modulus * 1e6, s.poisson, s.lens_radius * 1e-3)
+    )
 
 
 def full_slip_stress(config: Config, amplitude: float) -> float:
-    """Traction mu p0 at the centre of a contact that slides as a whole, pascals, of a `StickFit.amplitude`."""
+    """Traction mu p0 at the centre of a contact that slides as a whole, pascals, of a
+    `StickFit.amplitude`.
+    """
     E, nu = config.sample.young_modulus * 1e6, config.sample.poisson
     return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
 
 
 class Pipeline:
-    """Background, reference, displacement field, ring means, stick radius: the state of the analysis of one session.
+    """Background, reference, displacement field, ring means, stick radius: the state of the
+    analysis of one session.
 
-    Frames must come in order. The result of a frame depends on the background and reference frames; those analysed in between only start
-    its search, which can change a displacement by a small part of its uncertainty. The same frames give the same bits.
+    Frames must come in order. The result of a frame depends on the background and reference frames;
+    those analysed in between only start its search, which can change a displacement by a small part
+    of its uncertainty. The same frames give the same bits.
     """
 
     def __init__(self, config: Config, image_shape: tuple[int, int]) -> None:
@@ -72,7 +80,9 @@ class Pipeline:
         self._tracker: Tracker | None = None
         self._reference_shear_n = 0.0
         self._tractions: Tractions | None = None
-        self._x_m, self._y_m = (axis * self._pixel_m for axis in np.meshgrid(self.grid.x_px, self.grid.y_px))
+        self._x_m, self._y_m = (
+            axis * self._pixel_m for axis in np.meshgrid(self.grid.x_px, self.grid.y_px)
+        )
 
     @property
     def _pixel_m(self) -> float:
@@ -85,10 +95,15 @@ class Pipeline:
         if self._tracker is not None:
             self._tracker.close()
         if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:
-            drift = f"{self._tracker.updates} times, which adds {self._tracker.drift_px:.4f} px to the uncertainty of u_x"
+            drift = (
+                f"{self._tracker.updates} times, which adds {self._tracker.drift_px:.4f} px to the"
+                " uncertainty of u_x"
+            )
             self.notes.append(f"dic: the reference was replaced {drift}")
 
-    def step(self, index: int, sample: int, image: NDArray[np.generic], now: Conditions) -> Snapshot:
+    def step(
+        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
+    ) -> Snapshot:
         """The snapshot of one frame, given what the bench measured during its exposure."""
         if now.phase is Phase.BACKGROUND:
             self._background = image
@@ -109,12 +124,19 @@ class Pipeline:
             self._prepare_tractions(now)
 
     def _find_contact(self, image: NDArray[np.generic]) -> None:
-        """Centre and apparent radius from the background difference; without one the picture's middle, and a note that says so."""
+        """Centre and apparent radius from the background difference; without one the picture's
+        middle, and a note that says so.
+        """
         rows, columns = image.shape
         middle = ((columns - 1) / 2, (rows - 1) / 2)
         if self._background is None:
-            self.notes.append("contact: no background image was taken, so a is not measured and rings are drawn about the picture's middle")
-            self.contact = ContactResult(middle, math.nan, math.nan, (math.nan, math.nan), _NO_RINGS, _NO_RINGS)
+            self.notes.append(
+                "contact: no background image was taken, so a is not measured and rings are drawn"
+                " about the picture's middle"
+            )
+            self.contact = ContactResult(
+                middle, math.nan, math.nan, (math.nan, math.nan), _NO_RINGS, _NO_RINGS
+            )
             return
         found = apparent_contact(self._background, image)
         centre = found.centre_px
@@ -135,16 +157,21 @@ class Pipeline:
         centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
         try:
             hertz_m = hertz_radius_m(self.config, now.normal_force_n)
-            self._tractions = Tractions(self.config, self._x_m - centre_x, self._y_m - centre_y, hertz_m)
+            self._tractions = Tractions(
+                self.config, self._x_m - centre_x, self._y_m - centre_y, hertz_m
+            )
         except ValueError as error:
             self.notes.append(f"no shear traction was computed: {error}")
 
-    def _measure(self, index: int, sample: int, image: NDArray[np.generic], now: Conditions) -> Snapshot:
+    def _measure(
+        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
+    ) -> Snapshot:
         assert self._tracker is not None
         assert self.contact is not None
         field = self._tracker.track(image)
         compliance = self.config.sample.lens_compliance * 1e-6
-        lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0  # a stiff holder needs no force
+        # a stiff holder needs no force
+        lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
         ux_m = field.ux_px * np.float64(self._pixel_m)
         centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
         # distances from the lens where the material is now, not where it was at t = 0
@@ -152,17 +179,34 @@ class Pipeline:
         y = self._y_m + field.uy_px * np.float64(self._pixel_m) - centre_y
         r = np.hypot(x, y)
         sliding_ux = ux_m - lens_m
-        rings = ring_means(r, sliding_ux, self.config.dic.step * self._pixel_m, self._whole_rings_m(), theta=np.arctan2(y, x))
+        rings = ring_means(
+            r,
+            sliding_ux,
+            self.config.dic.step * self._pixel_m,
+            self._whole_rings_m(),
+            theta=np.arctan2(y, x),
+        )
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
-        inner_m = CENTRE_SHARE * (self.contact.apparent_radius_m if math.isfinite(self.contact.apparent_radius_m) else hertz_m)
+        inner_m = CENTRE_SHARE * (
+            self.contact.apparent_radius_m
+            if math.isfinite(self.contact.apparent_radius_m)
+            else hertz_m
+        )
         sheared: dict[str, Any] = {}
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
-            box, width = averaging_box_px(self.config.dic) * self._pixel_m, self.config.dic.step * self._pixel_m
-            fit = fit_stick_radius(rings.radius, rings.mean, rings.standard_error, hertz_m, box=box, width=width)
+            box, width = (
+                averaging_box_px(self.config.dic) * self._pixel_m,
+                self.config.dic.step * self._pixel_m,
+            )
+            fit = fit_stick_radius(
+                rings.radius, rings.mean, rings.standard_error, hertz_m, box=box, width=width
+            )
             sheared = {"stick_radius_m": fit.stick_radius, "stick_radius_sd_m": fit.stick_radius_sd}
             sheared["full_slip_pa"] = full_slip_stress(self.config, fit.amplitude)
             if self._tractions is not None:
-                sheared |= self._tractions.of(rings) | self._tractions.field(sliding_ux, field.ux_std_px * np.float64(self._pixel_m))
+                sheared |= self._tractions.of(rings) | self._tractions.field(
+                    sliding_ux, field.ux_std_px * np.float64(self._pixel_m)
+                )
         return replace(
             _nothing_yet(index, sample, now),
             lens_m=lens_m,
@@ -180,7 +224,9 @@ class Pipeline:
         )
 
     def _whole_rings_m(self) -> float:
-        """Radius of the largest ring about the contact's centre that lies inside the grid: cut rings would not average u_y's part out."""
+        """Radius of the largest ring about the contact's centre that lies inside the grid: cut
+        rings would not average u_y's part out.
+        """
         assert self.contact is not None
         cx, cy = self.contact.centre_px
         x, y = self.grid.x_px, self.grid.y_px
@@ -213,8 +259,12 @@ def _nothing_yet(index: int, sample: int, now: Conditions) -> Snapshot:
     )
 
 
-def summarise(config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]) -> Summary:
-    """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the drive."""
+def summarise(
+    config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]
+) -> Summary:
+    """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
+    drive.
+    """
     drive = [s for s in snapshots if s.phase is Phase.DRIVE]
     time, centre, shear, normal = (
         np.array([getattr(s, name) for s in drive], dtype=np.float64)

@@ -1,4 +1,6 @@
-"""Who goes first when the processor is too small for all: devices, recorder and window before the analysis."""
+"""Who goes first when the processor is too small for all: devices, recorder and window before the
+analysis.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,8 @@ import threading
 def give_way() -> None:
     """Let this thread, and those that it starts, go after all others of the program.
 
-    Linux takes a niceness per thread and hands it on, Windows a priority. Elsewhere nothing is done: the order is a courtesy, no result
-    depends on it.
+    Linux takes a niceness per thread and hands it on, Windows a priority. Elsewhere nothing is
+    done: the order is a courtesy, no result depends on it.
     """
     if sys.platform == "linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

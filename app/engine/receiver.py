@@ -1,4 +1,6 @@
-"""The camera's side of a run: the fate of every trigger, to the disk without loss and to the analysis newest first."""
+"""The camera's side of a run: the fate of every trigger, to the disk without loss and to the
+analysis newest first.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,13 @@ class Receiver:
     """
 
     def __init__(
-        self, camera: Camera, train: TriggerTrain, history: History, recorder: Recorder, to_analysis: LatestChannel[Frame], ending: Ending
+        self,
+        camera: Camera,
+        train: TriggerTrain,
+        history: History,
+        recorder: Recorder,
+        to_analysis: LatestChannel[Frame],
+        ending: Ending,
     ) -> None:
         self.received = 0
         self.lost = 0
@@ -58,12 +66,16 @@ class Receiver:
             It has had none for too long: the camera is silent.
         """
         now = time.monotonic()
-        overdue = self._history.end - self._train.sample(self.answered) > 2 * self._train.divisor + self._history.exposure_samples
+        overdue = (
+            self._history.end - self._train.sample(self.answered)
+            > 2 * self._train.divisor + self._history.exposure_samples
+        )
         if not overdue or self._hands_over or self.answered != self._awaited[0]:
             self._awaited = (self.answered, now)
         elif now - self._awaited[1] > PATIENCE_S:
             raise DeviceTimeout(
-                f"{self._camera.name}: trigger {self.answered} had no answer for {PATIENCE_S:g} s; check the trigger line and the camera"
+                f"{self._camera.name}: trigger {self.answered} had no answer for {PATIENCE_S:g} s;"
+                " check the trigger line and the camera"
             )
         return overdue
 
@@ -76,11 +88,19 @@ class Receiver:
         self._to_analysis.end()
         self._history.wait_for_end()
         for missing in range(self.answered, self._train.count_before(self._history.end)):
-            self._deliver(LostFrame(missing, self._train.sample(missing), f"no image came before the run ended: {self._ending.reason}"))
+            self._deliver(
+                LostFrame(
+                    missing,
+                    self._train.sample(missing),
+                    f"no image came before the run ended: {self._ending.reason}",
+                )
+            )
 
     def _receive(self) -> None:
         answered_at = time.monotonic()
-        while not self._history.has_ended or self.answered < self._train.count_before(self._history.end):
+        while not self._history.has_ended or self.answered < self._train.count_before(
+            self._history.end
+        ):
             try:
                 self._deliver(self._camera.read(POLL_S))
                 answered_at = time.monotonic()

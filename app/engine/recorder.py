@@ -1,4 +1,6 @@
-"""The way to the disk: everything that was measured, in the order it came, through one bounded queue that never drops."""
+"""The way to the disk: everything that was measured, in the order it came, through one bounded
+queue that never drops.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ class SessionSink(Protocol):
     @property
     def receipt(self) -> object: ...  # after `close`: what is there, as a sentence by str()
 
-    def append_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None: ...
+    def append_samples(
+        self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]
+    ) -> None: ...
     def append_gap(self, first: int, count: int, reason: str) -> None: ...
     def append_frame(self, index: int, sample: int, image: NDArray[Any]) -> None: ...
     def append_lost_frame(self, index: int, sample: int, reason: str) -> None: ...
@@ -46,8 +50,9 @@ class Recorder:
     sender_waits : bool
         True where the sources wait for the disk (free-running simulation).
     on_failure : callable
-        Told one sentence when the sink can not be written any more, or when the queue is full. It must stop what moves: after a full
-        queue all senders wait for the disk, so that whatever was measured until everything stood is recorded.
+        Told one sentence when the sink can not be written any more, or when the queue is full. It
+        must stop what moves: after a full queue all senders wait for the disk, so that whatever was
+        measured until everything stood is recorded.
     """
 
     def __init__(
@@ -66,7 +71,9 @@ class Recorder:
         self._sink = sink
         self._flush_interval_s = flush_interval_s
         self._on_failure = on_failure
-        self._queue: LosslessChannel[Callable[[], None]] = LosslessChannel(int(queue_s * bytes_per_s), sender_waits=sender_waits)
+        self._queue: LosslessChannel[Callable[[], None]] = LosslessChannel(
+            int(queue_s * bytes_per_s), sender_waits=sender_waits
+        )
 
     @property
     def fill(self) -> float:
@@ -75,11 +82,15 @@ class Recorder:
 
     def samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
         """Record a block of readings and the forces they mean."""
-        self._put(lambda: self._sink.append_samples(first, volts, forces), volts.nbytes + forces.nbytes)
+        self._put(
+            lambda: self._sink.append_samples(first, volts, forces), volts.nbytes + forces.nbytes
+        )
 
     def gap(self, lost: LostSamples) -> None:
         """Record that samples are missing."""
-        self._put(lambda: self._sink.append_gap(lost.first, lost.count, lost.reason), 32 * lost.count)
+        self._put(
+            lambda: self._sink.append_gap(lost.first, lost.count, lost.reason), 32 * lost.count
+        )
 
     def position(self, sample: int, position_m: float) -> None:
         """Record where the stage was at `sample`."""
@@ -104,7 +115,10 @@ class Recorder:
 
     def snapshot(self, snapshot: Snapshot) -> None:
         """Record the results of a frame."""
-        self._put(lambda: self._sink.append_snapshot(snapshot), 5 * snapshot.ux_px.nbytes + snapshot.status.nbytes + 2000)
+        self._put(
+            lambda: self._sink.append_snapshot(snapshot),
+            5 * snapshot.ux_px.nbytes + snapshot.status.nbytes + 2000,
+        )
 
     def contact(self, contact: ContactResult) -> None:
         """Record the apparent contact."""
@@ -115,9 +129,11 @@ class Recorder:
         self._queue.end()
 
     def work(self) -> None:
-        """Write until the end, flushing at the interval. A failure closes the queue and is told; what was flushed is safe.
+        """Write until the end, flushing at the interval. A failure closes the queue and is told;
+        what was flushed is safe.
 
-        The interval runs from the begin of a flush to the next, so that a slow one costs no safety; half of it is left to write in.
+        The interval runs from the begin of a flush to the next, so that a slow one costs no safety;
+        half of it is left to write in.
         """
         process = psutil.Process()
         due = time.monotonic() + self._flush_interval_s
@@ -129,12 +145,18 @@ class Recorder:
                 began = time.monotonic()
                 if began >= due:
                     self._sink.flush()
-                    due = max(began + self._flush_interval_s, time.monotonic() + self._flush_interval_s / 2)
+                    due = max(
+                        began + self._flush_interval_s,
+                        time.monotonic() + self._flush_interval_s / 2,
+                    )
                     self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
             self._sink.flush()
         except Exception as error:
             self._queue.break_off()
-            self._on_failure(f"recorder: the session can not be written: {error}; everything flushed before is safe")
+            self._on_failure(
+                f"recorder: the session can not be written: {error}; everything flushed before is"
+                " safe"
+            )
 
     def _put(self, write: Callable[[], None], nbytes: int) -> None:
         """Queue one write; where there is no room for it, name the end and wait for the disk."""
@@ -143,8 +165,10 @@ class Recorder:
                 self._queue.put(write, nbytes)
             except ChannelFull:
                 self._on_failure(
-                    f"recorder: the disk is slower than the data, {self.queue_s:g} s of it wait and the queue holds no more;"
-                    " record to a faster disk, or fewer frames by a larger camera.divisor; a larger recording.queue bridges longer pauses"
+                    f"recorder: the disk is slower than the data, {self.queue_s:g} s of it wait and"
+                    " the queue holds no more;"
+                    " record to a faster disk, or fewer frames by a larger camera.divisor; a larger"
+                    " recording.queue bridges longer pauses"
                 )
                 self._queue.sender_waits = True
                 self._queue.put(write, nbytes)

@@ -1,12 +1,14 @@
-"""One live run: four threads from the devices to the disk and the analysis, and a stop that comes first.
+"""One live run: four threads from the devices to the disk and the analysis, and a stop that comes
+first.
 
 control   reads the force blocks, decides the phases, commands the actuator, watches the limits
 camera    reads every trigger's fate (`receiver`)
 analysis  one pipeline step per frame (`analyst`)
 recorder  everything to the session, flushed at least twice a second (`recorder`)
 
-States: idle -> armed -> running -> stopping -> done | failed. Whatever happens, in whichever thread, the actuator is stopped first,
-what was measured reaches the disk, and the run ends in a named state with a reason (`ending`).
+States: idle -> armed -> running -> stopping -> done | failed. Whatever happens, in whichever
+thread, the actuator is stopped first, what was measured reaches the disk, and the run ends in a
+named state with a reason (`ending`).
 """
 
 from __future__ import annotations
@@ -42,13 +44,18 @@ from drivers.protocols import Frame, TriggerTrain
 
 PAUSE_S = 0.001  # until the next look at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
-HURRIED_S = 0.2  # of frames kept for the analysis during the drive: one that takes a little longer than a frame loses none
+# of frames kept for the analysis during the drive: one that takes a little longer than a frame
+# loses none
+HURRIED_S = 0.2
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
 FIELD_BYTES, SAMPLE_BYTES = 21, 32  # of a grid point's results, and of a sample's forces and volts
-UNHURRIED_S = 1.5  # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
+# of frames kept for the analysis before the drive: taking the reference takes longer than a frame
+UNHURRIED_S = 1.5
 
 
-CreateSink = Callable[[tuple[int, int], np.dtype[Any], NDArray[np.float64], NDArray[np.float64]], SessionSink]
+CreateSink = Callable[
+    [tuple[int, int], np.dtype[Any], NDArray[np.float64], NDArray[np.float64]], SessionSink
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +76,11 @@ class Run:
     bench : BenchDevices
         Opened by the run, closed by the run.
     create_sink : callable
-        Makes the session once the bench is open; called with the camera's frame shape and dtype and the DIC grid (x_px, y_px).
+        Makes the session once the bench is open; called with the camera's frame shape and dtype and
+        the DIC grid (x_px, y_px).
     free_running : bool
-        True where the sources wait for us (simulation at full speed): then nothing is skipped and no queue can run full.
+        True where the sources wait for us (simulation at full speed): then nothing is skipped and
+        no queue can run full.
     title : str
         Name of the bench, for people.
     output : Path
@@ -105,12 +114,16 @@ class Run:
         self._exposure = exposure_samples(config)
         self._pipeline = Pipeline(config, (config.camera.height, config.camera.width))
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
-        self._queue_s = max(config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz)
+        self._queue_s = max(
+            config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
+        )
         self._experiment = Experiment(config)
         self._history = History(self.sample_rate_hz, self._exposure)
         self._intake = Intake(config, bench, self._history, patient=free_running)
         self._unhurried_depth = math.ceil(UNHURRIED_S * self.sample_rate_hz / config.camera.divisor)
-        self._to_analysis: LatestChannel[Frame] = LatestChannel(self._unhurried_depth, sender_waits=free_running)
+        self._to_analysis: LatestChannel[Frame] = LatestChannel(
+            self._unhurried_depth, sender_waits=free_running
+        )
         self._ending = Ending(self._stop_actuator)
         self._workers: _Workers | None = None
         self._state = "idle"
@@ -120,24 +133,32 @@ class Run:
         self._outcome: Outcome | None = None
         self._progress = 0.0
 
-    # ------------------------------------------------------------------ what others may call, from any thread
+    # ------------------------------------------------------------------ what others may call, from
+    # any thread
 
     def start(self) -> None:
         """Open the bench and begin; returns at once."""
         with self._starting:
             if self._state != "idle":
-                raise RuntimeError(f"run: start was asked, but the run is {self._state}; make a new run")
+                raise RuntimeError(
+                    f"run: start was asked, but the run is {self._state}; make a new run"
+                )
             self._state = "armed"
         self._thread = self._ending.spawn("control", self._control)
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
-        """The outcome once the run has ended and its threads are gone, None if it has not after `timeout` seconds."""
+        """The outcome once the run has ended and its threads are gone, None if it has not after
+        `timeout` seconds.
+        """
         if self._ended.wait(timeout) and self._thread is not None:
-            self._thread.join()  # an interpreter that ends while the thread lets go of its arrays may crash
+            # an interpreter that ends while the thread lets go of its arrays may crash
+            self._thread.join()
         return self._outcome
 
     def request_stop(self, reason: str) -> None:
-        """End the run in good order: the actuator stops now, what was measured is kept, the state is "done"."""
+        """End the run in good order: the actuator stops now, what was measured is kept, the state
+        is "done".
+        """
         self._ending.call(reason, failed=False)
 
     def stop_motion(self) -> None:
@@ -157,10 +178,14 @@ class Run:
         return self._workers.receiver.latest_image if self._workers else None
 
     def snapshots_since(self, n: int) -> list[Snapshot]:
-        """The snapshots after the first `n`; of all but the newest the fields are gone (`app.engine.series`)."""
+        """The snapshots after the first `n`; of all but the newest the fields are gone
+        (`app.engine.series`).
+        """
         return self._workers.analyst.series.since(n) if self._workers else []
 
-    def force_history(self, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    def force_history(
+        self, n: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """About `n` points of the whole run: samples, P and Q in newtons."""
         return self._history.block_means(n)
 
@@ -173,7 +198,8 @@ class Run:
         under_way = self._state in ("running", "stopping")
         return Health(
             state=self._state,
-            reason=self._ending.reason or (self._experiment.advice if under_way else self._preparing),
+            reason=self._ending.reason
+            or (self._experiment.advice if under_way else self._preparing),
             phase=str(self._experiment.phase) if under_way else "",
             counts=self._count(),
             queue_fill=self._workers.recorder.fill if self._workers else 0.0,
@@ -183,7 +209,8 @@ class Run:
             progress=1.0 if self._outcome else self._progress,
         )
 
-    # ------------------------------------------------------------------ the life of the run, in the control thread
+    # ------------------------------------------------------------------ the life of the run, in the
+    # control thread
 
     def _control(self) -> None:
         """From the opening of the bench to the publishing of the outcome."""
@@ -193,10 +220,14 @@ class Run:
         try:
             self._prepare(self._say_preparing)
             gc.collect()
-            gc.freeze()  # a look at all that was loaded takes 0.1 s with every thread at a stand, also the one that stops the motion
+            # a look at all that was loaded takes 0.1 s with every thread at a stand, also the one
+            # that stops the motion
+            gc.freeze()
             self._bench.open()
             self._check_camera()
-            sink = self._create_sink(self._bench.camera.shape, self._bench.camera.dtype, self.grid_x_px, self.grid_y_px)
+            sink = self._create_sink(
+                self._bench.camera.shape, self._bench.camera.dtype, self.grid_x_px, self.grid_y_px
+            )
             self._record_run(sink)
         except Exception as error:
             self._ending.call(sentence("control", error), failed=True)
@@ -204,7 +235,9 @@ class Run:
         self._ending.attempt("bench", self._bench.close)
         self._pipeline.close()
         now = process.cpu_times()
-        peak = self._workers.recorder.peak_memory_bytes if self._workers else process.memory_info().rss
+        peak = (
+            self._workers.recorder.peak_memory_bytes if self._workers else process.memory_info().rss
+        )
         resources = {
             "peak_memory_mib": round(peak / 2**20, 1),
             "cpu_s": round(now.user + now.system - used.user - used.system, 2),
@@ -224,13 +257,15 @@ class Run:
         dtype, wanted = self._bench.camera.dtype, pixel_type(self.config)
         if dtype != wanted:
             raise DeviceError(
-                f"{self._bench.camera.name}: {self.config.camera.pixel_format} was asked, it gives images of {dtype.itemsize * 8} bit;"
+                f"{self._bench.camera.name}: {self.config.camera.pixel_format} was asked, it gives"
+                f" images of {dtype.itemsize * 8} bit;"
                 f" set camera.pixel_format to {'Mono16' if dtype.itemsize == 2 else 'Mono8'}"
             )
         rows, columns = self._bench.camera.shape
         if (rows, columns) != (self.config.camera.height, self.config.camera.width):
             raise DeviceError(
-                f"{self._bench.camera.name}: images of {self.config.camera.width} x {self.config.camera.height} were asked,"
+                f"{self._bench.camera.name}: images of {self.config.camera.width} x"
+                f" {self.config.camera.height} were asked,"
                 f" it gives {columns} x {rows}; set camera.width and camera.height to that"
             )
 
@@ -246,12 +281,24 @@ class Run:
 
     def _describe(self, resources: dict[str, Any]) -> Outcome:
         series = self.snapshots_since(0)
-        summary = summarise(self.config, series, self.contact(), self._pipeline.notes) if series else None
-        return Outcome("failed" if self._ending.failed else "done", self._ending.reason, self._count(), summary, resources)
+        summary = (
+            summarise(self.config, series, self.contact(), self._pipeline.notes) if series else None
+        )
+        return Outcome(
+            "failed" if self._ending.failed else "done",
+            self._ending.reason,
+            self._count(),
+            summary,
+            resources,
+        )
 
     def _bytes_per_s(self) -> float:
-        """What a second of the run is for the disk at most: images, forces and volts, and the results of every frame."""
-        frame = self.config.camera.width * self.config.camera.height * self._bench.camera.dtype.itemsize
+        """What a second of the run is for the disk at most: images, forces and volts, and the
+        results of every frame.
+        """
+        frame = (
+            self.config.camera.width * self.config.camera.height * self._bench.camera.dtype.itemsize
+        )
         results = FIELD_BYTES * len(self.grid_x_px) * len(self.grid_y_px)
         return self.sample_rate_hz * ((frame + results) / self._train.divisor + SAMPLE_BYTES)
 
@@ -265,7 +312,14 @@ class Run:
             sender_waits=self._free_running,
             on_failure=lambda reason: self._ending.call(reason, failed=True),
         )
-        receiver = Receiver(self._bench.camera, self._train, self._history, recorder, self._to_analysis, self._ending)
+        receiver = Receiver(
+            self._bench.camera,
+            self._train,
+            self._history,
+            recorder,
+            self._to_analysis,
+            self._ending,
+        )
         analyst = Analyst(self._pipeline, self._history, recorder, self._to_analysis)
         self._workers = workers = _Workers(recorder, receiver, analyst)
         recording = self._ending.spawn("recorder", recorder.work)
@@ -276,7 +330,10 @@ class Run:
             self._bench.forces.start(self._train)
             self._intake.begin()
             self._state = "running"
-            others = [self._ending.spawn("camera", receiver.work), self._ending.spawn("analysis", analyst.work)]
+            others = [
+                self._ending.spawn("camera", receiver.work),
+                self._ending.spawn("analysis", analyst.work),
+            ]
             self._measure(workers)
         except Exception as error:
             self._ending.call(sentence("control", error), failed=True)
@@ -289,13 +346,19 @@ class Run:
         """Read, record, decide, until the experiment or somebody ends it."""
         while not self._ending.is_called.is_set():
             measured = self._intake.take(workers.recorder, workers.analyst.reference_taken.is_set())
-            while workers.receiver.is_behind() and self._free_running and not self._ending.is_called.is_set():
+            while (
+                workers.receiver.is_behind()
+                and self._free_running
+                and not self._ending.is_called.is_set()
+            ):
                 time.sleep(PAUSE_S)  # recorded forces would run ahead of what is analysed
             if measured is None:
                 continue
             before = self._experiment.phase
             if before is Phase.REFERENCE and self._reference_is_due(measured):
-                measured = replace(measured, has_reference=self._wait_for_reference(workers.analyst))
+                measured = replace(
+                    measured, has_reference=self._wait_for_reference(workers.analyst)
+                )
             try:
                 phase = self._experiment.advance(measured)
             except ExperimentFailed:
@@ -307,15 +370,26 @@ class Run:
                 if phase is Phase.DRIVE:
                     self._drive(workers)
                 else:
-                    self._begin_phase(workers, phase, self._intake.now() if phase is Phase.END else measured.end_sample)
+                    self._begin_phase(
+                        workers,
+                        phase,
+                        self._intake.now() if phase is Phase.END else measured.end_sample,
+                    )
                 if phase is Phase.END:
-                    self._ending.call(f"the drive of {self.config.run.travel:g} um is complete", failed=False)
+                    self._ending.call(
+                        f"the drive of {self.config.run.travel:g} um is complete", failed=False
+                    )
 
     def _drive(self, workers: _Workers) -> None:
-        """Set the stage in motion. The phase begins on the board's newest sample, which may be ahead of those that were read."""
+        """Set the stage in motion.
+
+        The phase begins on the board's newest sample, which may be ahead of those that were read.
+        """
         if not self._free_running:
             rate = self.sample_rate_hz / self.config.camera.divisor
-            self._to_analysis.narrow(max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth)
+            self._to_analysis.narrow(
+                max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth
+            )
         self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
         self._begin_phase(workers, Phase.DRIVE, self._intake.now())
         if not self._ending.is_called.is_set():
@@ -325,13 +399,22 @@ class Run:
 
     def _reference_is_due(self, measured: Measured) -> bool:
         began = self._history.phase_start(Phase.REFERENCE)
-        return began is not None and measured.end_sample - began >= self.config.run.reference_time * self.sample_rate_hz
+        return (
+            began is not None
+            and measured.end_sample - began >= self.config.run.reference_time * self.sample_rate_hz
+        )
 
     def _wait_for_reference(self, analyst: Analyst) -> bool:
-        """Whether the reference is in place, after waiting for it as long as nothing is sampled meanwhile."""
+        """Whether the reference is in place, after waiting for it as long as nothing is sampled
+        meanwhile.
+        """
         give_up = time.monotonic() + REFERENCE_WAIT_S
         while not analyst.reference_taken.wait(0.01):
-            if self._ending.is_called.is_set() or self._bench.forces.backlog() or time.monotonic() > give_up:
+            if (
+                self._ending.is_called.is_set()
+                or self._bench.forces.backlog()
+                or time.monotonic() > give_up
+            ):
                 return False
         return True
 
@@ -346,7 +429,9 @@ class Run:
             self._bench.actuator.stop()
 
     def _wind_down(self, workers: _Workers, others: list[threading.Thread]) -> None:
-        """Actuator, last samples and exposure, forces, camera, analysis, last events: in this order."""
+        """Actuator, last samples and exposure, forces, camera, analysis, last events: in this
+        order.
+        """
         attempt = self._ending.attempt
         self._state = "stopping"
         attempt("actuator", self._bench.actuator.stop)
@@ -361,11 +446,15 @@ class Run:
         contact = self.contact()
         if contact is not None:
             attempt("recorder", lambda: workers.recorder.contact(contact))
-        last = Event(self._history.end, "error" if self._ending.failed else "stop", self._ending.reason)
+        last = Event(
+            self._history.end, "error" if self._ending.failed else "stop", self._ending.reason
+        )
         attempt("recorder", lambda: workers.recorder.event(last))
 
     def _read_on(self, workers: _Workers) -> None:
-        """Read what was sampled until now, and on until no exposure is open, so that the last trigger can have its frame."""
+        """Read what was sampled until now, and on until no exposure is open, so that the last
+        trigger can have its frame.
+        """
         stood, problem = self._intake.now(), None
         while self._history.end < stood:
             before = self._history.end
@@ -378,7 +467,9 @@ class Run:
         if problem:
             raise problem
         for _ in range(self._train.divisor):
-            if (self._history.end - 1 - self._train.first) % self._train.divisor + 1 >= self._exposure:
+            if (
+                self._history.end - 1 - self._train.first
+            ) % self._train.divisor + 1 >= self._exposure:
                 return
             self._intake.take(workers.recorder)
 

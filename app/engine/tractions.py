@@ -1,4 +1,6 @@
-"""The shear traction under each displacement field of a run: set up once on the reference frame, then quick enough for every frame."""
+"""The shear traction under each displacement field of a run: set up once on the reference frame,
+then quick enough for every frame.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,10 @@ class Tractions:
         sample, pixel_m = config.sample, config.camera.pixel * 1e-6
         self._pitch = config.dic.step * pixel_m
         if not hertz_radius_m > 0:
-            raise ValueError("stress: there is no normal force, so that the contact has no radius; press it before the reference is taken")
+            raise ValueError(
+                "stress: there is no normal force, so that the contact has no radius; press it"
+                " before the reference is taken"
+            )
         rough = math.sqrt(sample.lens_radius * 1e-3 * sample.roughness * 1e-6)
         self._profile = AxisymmetricInversion(
             x_m,
@@ -75,38 +80,57 @@ class Tractions:
             mask = np.hypot(x_m, y_m) < self._profile.mask_radius
             E, nu = sample.young_modulus * 1e6, sample.poisson
             box = averaging_box_px(config.dic) * pixel_m
-            self._problem = InversionProblem(mask, self._pitch, E, nu, box=box, thickness=sample.thickness * 1e-3 or math.inf)
+            self._problem = InversionProblem(
+                mask, self._pitch, E, nu, box=box, thickness=sample.thickness * 1e-3 or math.inf
+            )
 
     def notes(self) -> list[str]:
         """What limits the tractions of the run so far."""
         n, said = self._frames, []
         if self._refused:
-            said.append(f"shear traction: {self._refused} of {n} frames were not inverted; the first: {self._refusal}")
+            said.append(
+                f"shear traction: {self._refused} of {n} frames were not inverted; the first:"
+                f" {self._refusal}"
+            )
         if self._uncovered > OFTEN * n:
-            said.append(f"shear traction: in {self._uncovered} of {n} frames the field does not cover the contact; widen it")
+            said.append(
+                f"shear traction: in {self._uncovered} of {n} frames the field does not cover the"
+                " contact; widen it"
+            )
         if self._doubtful > OFTEN * n:
             said.append(
-                f"shear traction: in {self._doubtful} of {n} frames the residual is above the noise or the traction not 0 at the rim"
+                f"shear traction: in {self._doubtful} of {n} frames the residual is above the noise"
+                " or the traction not 0 at the rim"
             )
         return said
 
     def field(self, ux_m: F64, sd_m: F64) -> dict[str, Any]:
-        """The traction of every grid point from u_x on the material grid, lens compliance removed; nothing where it was not asked for.
+        """The traction of every grid point from u_x on the material grid, lens compliance removed;
+        nothing where it was not asked for.
 
-        Five conjugate gradients from the last field's solution: detail that one field's noise hides lags by a few frames.
+        Five conjugate gradients from the last field's solution: detail that one field's noise hides
+        lags by a few frames.
         """
         if self._problem is None:
             return {}
         places = as_seen(ux_m, self._pitch)
         try:
-            found = conjugate_gradient(self._problem, _at(ux_m, places), _at(sd_m, places), start=self._last, iterations=ITERATIONS)
+            found = conjugate_gradient(
+                self._problem,
+                _at(ux_m, places),
+                _at(sd_m, places),
+                start=self._last,
+                iterations=ITERATIONS,
+            )
         except ValueError:
             return {}
         self._last = found.sigma
         return {"stress_field_pa": found.sigma.astype(np.float32)}
 
     def of(self, rings: Rings) -> dict[str, Any]:
-        """What a snapshot says of the shear traction, by its names there; nothing where the rings do not allow an inversion."""
+        """What a snapshot says of the shear traction, by its names there; nothing where the rings
+        do not allow an inversion.
+        """
         self._frames += 1
         try:
             found = self._profile.solve(rings)
@@ -116,7 +140,12 @@ class Tractions:
         self._uncovered += not found.is_covered
         self._doubtful += not found.is_converged
         inside = found.radius < self._profile.mask_radius
-        peak = stress_peak(found.radius[inside], found.sigma[inside], found.covariance[np.ix_(inside, inside)], reach=self._reach)
+        peak = stress_peak(
+            found.radius[inside],
+            found.sigma[inside],
+            found.covariance[np.ix_(inside, inside)],
+            reach=self._reach,
+        )
         return {
             "peak_radius_m": peak.radius,
             "peak_radius_sd_m": peak.radius_sd,
@@ -131,7 +160,9 @@ class Tractions:
 
 
 def as_seen(ux_m: F64, pitch_m: float) -> tuple[Any, Any]:
-    """Where on the material grid, in columns and rows, the points are that a camera at rest sees at its own grid's points."""
+    """Where on the material grid, in columns and rows, the points are that a camera at rest sees at
+    its own grid's points.
+    """
     rows, columns = np.indices(ux_m.shape, dtype=np.float32)
     moved = (np.nan_to_num(ux_m, nan=float(np.nanmedian(ux_m))) / pitch_m).astype(np.float32)
     x = columns
@@ -143,12 +174,22 @@ def as_seen(ux_m: F64, pitch_m: float) -> tuple[Any, Any]:
 def _at(values: F64, places: tuple[Any, Any]) -> F64:
     """A field at other places, NaN outside and next to points that were not measured."""
     typical = float(np.nanmedian(values))
-    seen = cv2.remap((values - typical).astype(np.float32), *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
+    seen = cv2.remap(
+        (values - typical).astype(np.float32),
+        *places,
+        cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=np.nan,
+    )
     return np.asarray(seen + typical, np.float64)
 
 
-def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[dict[str, float], tuple[str, ...]]:
-    """What the summary of a drive says of the local friction law and of Young's modulus, by its names there, and notes."""
+def local_law(
+    config: Config, drive: Sequence[Snapshot]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """What the summary of a drive says of the local friction law and of Young's modulus, by its
+    names there, and notes.
+    """
     measured = [s for s in drive if math.isfinite(s.stress_force_n)]
     if not measured:
         return {}, ()
@@ -157,12 +198,22 @@ def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[dict[str, floa
         np.array([getattr(s, name) for s in measured])
         for name in ("normal_force_n", "shear_force_n", "stress_force_n", "stress_force_sd_n")
     )
-    noise = float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6)) if len(Q) > 8 else FORCE_NOISE_N
+    noise = (
+        float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6))
+        if len(Q) > 8
+        else FORCE_NOISE_N
+    )
     noise = max(noise, 0.01 * FORCE_NOISE_N)
-    is_ringed = np.array([s.ring_radius_m.size > 0 for s in measured])  # a long series keeps the rings of some
+    # a long series keeps the rings of some
+    is_ringed = np.array([s.ring_radius_m.size > 0 for s in measured])
     n = max(len(s.ring_radius_m) for s in measured)
     radii, ux, sd = (
-        np.array([np.pad(getattr(s, name), (0, n - len(getattr(s, name))), constant_values=np.nan) for s in measured])[is_ringed]
+        np.array(
+            [
+                np.pad(getattr(s, name), (0, n - len(getattr(s, name))), constant_values=np.nan)
+                for s in measured
+            ]
+        )[is_ringed]
         for name in ("ring_radius_m", "ring_ux_m", "ring_sd_m")
     )
     thickness = sample.thickness * 1e-3 or math.inf

@@ -1,4 +1,6 @@
-"""An experiment that was measured elsewhere, recorded and analysed as a live run would have done it."""
+"""An experiment that was measured elsewhere, recorded and analysed as a live run would have done
+it.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +37,11 @@ class Measurements:
     Attributes
     ----------
     volts : ndarray, shape (n, 2)
-        Readings of the normal and the shear sensor, from sample 0 to the end of the last exposure or later; NaN where missing.
+        Readings of the normal and the shear sensor, from sample 0 to the end of the last exposure
+        or later; NaN where missing.
     positions : list of (int, float)
-        Sample and position of the stage in metres, NaN where not known, at the end of each block; the last at the end of the readings.
+        Sample and position of the stage in metres, NaN where not known, at the end of each block;
+        the last at the end of the readings.
     phases : list of (int, Phase)
         Sample on which each phase began.
     first_trigger : int
@@ -63,7 +67,8 @@ def analyse(
     output: Path,
     on_frame: Callable[[int], None],
 ) -> Outcome:
-    """How it ended, with the summary: a session at `output` with every frame analysed, which a replay repeats to the bit.
+    """How it ended, with the summary: a session at `output` with every frame analysed, which a
+    replay repeats to the bit.
 
     `on_frame` is told the number of each frame when it is done. A file of that name is replaced.
     """
@@ -95,7 +100,9 @@ def analyse(
     return outcome
 
 
-def _create(config: Config, measured: Measurements, pipeline: Pipeline, output: Path) -> SessionWriter:
+def _create(
+    config: Config, measured: Measurements, pipeline: Pipeline, output: Path
+) -> SessionWriter:
     return SessionWriter.create(
         output,
         config_toml=to_toml(config),

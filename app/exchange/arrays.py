@@ -26,7 +26,9 @@ _VTK_TYPES = {"f": "Float32", "u": "UInt8"}
 
 @dataclass(frozen=True, slots=True)
 class _Array:
-    """An array to write: its name with the unit, and its values in consecutive blocks of the first axis."""
+    """An array to write: its name with the unit, and its values in consecutive blocks of the first
+    axis.
+    """
 
     name: str
     shape: tuple[int, ...]
@@ -39,13 +41,20 @@ def _whole(name: str, values: Any) -> _Array:
     return _Array(name, array.shape, array.dtype, [array])
 
 
-def _arrays(reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]) -> Iterator[_Array]:
+def _arrays(
+    reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
+) -> Iterator[_Array]:
     """Forces, stage, results and fields, each when it is its turn."""
     _, volts, newtons = reader.forces()
     samples, metres = reader.positions()
     yield _whole("sample_rate_hz", reader.sample_rate_hz)
     yield _whole("pixel_m", reader.pixel_m)
-    for name, values in (("force_P_N", newtons), ("force_Q_N", newtons), ("normal_sensor_V", volts), ("shear_sensor_V", volts)):
+    for name, values in (
+        ("force_P_N", newtons),
+        ("force_Q_N", newtons),
+        ("normal_sensor_V", volts),
+        ("shear_sensor_V", volts),
+    ):
         yield _whole(name, values[:, int(name in ("force_Q_N", "shear_sensor_V"))])
     yield _whole("stage_sample", samples)
     yield _whole("stage_m", metres)
@@ -57,8 +66,15 @@ def _arrays(reader: SessionReader, rows: list[int], tell: Callable[[str, float],
         if snapshot.ux_px.size:
             measured.append(i)
     for name in layout.RESULTS.values():
-        yield _whole(f"result_{name}", [getattr(s, name) for s in snapshots] if snapshots else np.empty(0))
-    yield _whole("field_frame", np.array([s.frame for i, s in zip(rows, snapshots, strict=True) if i in set(measured)], np.int64))
+        yield _whole(
+            f"result_{name}", [getattr(s, name) for s in snapshots] if snapshots else np.empty(0)
+        )
+    yield _whole(
+        "field_frame",
+        np.array(
+            [s.frame for i, s in zip(rows, snapshots, strict=True) if i in set(measured)], np.int64
+        ),
+    )
     yield _whole("field_x_px", reader.grid_x_px)
     yield _whole("field_y_px", reader.grid_y_px)
     yield _whole("field_status_names", [status.label for status in Status])
@@ -68,27 +84,40 @@ def _arrays(reader: SessionReader, rows: list[int], tell: Callable[[str, float],
         yield _Array(f"field_{name}", shape, dtype, _planes(reader, measured, name, tell))
 
 
-def _planes(reader: SessionReader, rows: list[int], name: str, tell: Callable[[str, float], None]) -> Iterator[NDArray[Any]]:
+def _planes(
+    reader: SessionReader, rows: list[int], name: str, tell: Callable[[str, float], None]
+) -> Iterator[NDArray[Any]]:
     for n, i in enumerate(rows):
         tell(f"fields of {name}", n / len(rows))
         yield getattr(reader.snapshot(i), name)[np.newaxis]
 
 
-def write_npz(path: Path, reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]) -> str:
-    """What was written; NumPy reads it with ``numpy.load``. Fields have the shape (field_frame, y, x); one is in memory at a time."""
+def write_npz(
+    path: Path, reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
+) -> str:
+    """What was written; NumPy reads it with ``numpy.load``.
+
+    Fields have the shape (field_frame, y, x); one is in memory at a time.
+    """
     names = []
     with zipfile.ZipFile(path, "x") as archive:
         for array in _arrays(reader, rows, tell):
             names.append(array.name)
             with archive.open(f"{array.name}.npy", "w", force_zip64=True) as file:
-                header = {"descr": np.lib.format.dtype_to_descr(array.dtype), "fortran_order": False, "shape": array.shape}
+                header = {
+                    "descr": np.lib.format.dtype_to_descr(array.dtype),
+                    "fortran_order": False,
+                    "shape": array.shape,
+                }
                 np.lib.format.write_array_header_1_0(file, header)
                 for block in array.blocks:
                     file.write(np.ascontiguousarray(block, array.dtype).tobytes())
     return f"{len(names)} arrays"
 
 
-def write_mat(path: Path, reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]) -> str:
+def write_mat(
+    path: Path, reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
+) -> str:
     """What was written, for MATLAB's ``load``. One array at a time is in memory whole.
 
     Raises
@@ -102,7 +131,8 @@ def write_mat(path: Path, reader: SessionReader, rows: list[int], tell: Callable
             nbytes = int(np.prod(array.shape, dtype=np.int64)) * array.dtype.itemsize
             if nbytes >= MAT_BYTES:
                 raise UserError(
-                    f"export: {array.name} takes {nbytes / 1e9:.1f} GB, a .mat file holds arrays of 2.1 GB; give fewer --frames, or .npz"
+                    f"export: {array.name} takes {nbytes / 1e9:.1f} GB, a .mat file holds arrays of"
+                    " 2.1 GB; give fewer --frames, or .npz"
                 )
             values, at = np.empty(array.shape, array.dtype), 0
             for block in array.blocks:
@@ -111,15 +141,20 @@ def write_mat(path: Path, reader: SessionReader, rows: list[int], tell: Callable
                     continue
                 values[at : at + len(block)] = block
                 at += len(block)
-            scipy.io.savemat(cast(Any, file), {array.name: values}, oned_as="column")  # goes on where the file is
+            # goes on where the file is
+            scipy.io.savemat(cast(Any, file), {array.name: values}, oned_as="column")
             count += 1
     return f"{count} arrays"
 
 
-def write_pvd(path: Path, folder: Path, folder_name: str, reader: SessionReader, snapshots: Iterable[Snapshot]) -> int:
-    """Number of fields written: ``FRAME.vti`` in `folder` each, and at `path` their list with times in s from sample 0.
+def write_pvd(
+    path: Path, folder: Path, folder_name: str, reader: SessionReader, snapshots: Iterable[Snapshot]
+) -> int:
+    """Number of fields written: ``FRAME.vti`` in `folder` each, and at `path` their list with times
+    in s from sample 0.
 
-    ParaView draws y upwards: points lie at (x, -y) in metres and displacements are (u_x, -u_y, 0), so that it shows what the camera sees.
+    ParaView draws y upwards: points lie at (x, -y) in metres and displacements are (u_x, -u_y, 0),
+    so that it shows what the camera sees.
     """
     lines = []
     for snapshot in snapshots:
@@ -127,29 +162,40 @@ def write_pvd(path: Path, folder: Path, folder_name: str, reader: SessionReader,
             name = f"{snapshot.frame:06d}.vti"
             (folder / name).write_text(_image_data(reader, snapshot), encoding="ascii")
             time_s = (snapshot.sample + reader.exposure_samples / 2) / reader.sample_rate_hz
-            lines.append(f'<DataSet timestep="{time_s!r}" group="" part="0" file={quoteattr(f"{folder_name}/{name}")}/>\n')
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n<Collection>\n'
+            lines.append(
+                f'<DataSet timestep="{time_s!r}" group="" part="0"'
+                f" file={quoteattr(f'{folder_name}/{name}')}/>\n"
+            )
+    head = (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"'
+        ' byte_order="LittleEndian">\n<Collection>\n'
+    )
     path.write_text(head + "".join(lines) + "</Collection>\n</VTKFile>\n", encoding="utf-8")
     return len(lines)
 
 
 def _image_data(reader: SessionReader, snapshot: Snapshot) -> str:
-    """One field in the XML of VTK, https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html."""
+    """One field in the XML of VTK,
+    https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html.
+    """
     pixel = np.float32(reader.pixel_m)
     x, y = reader.grid_x_px * reader.pixel_m, reader.grid_y_px * reader.pixel_m
     spacing = [float(axis[1] - axis[0]) if len(axis) > 1 else reader.pixel_m for axis in (x, y)]
     nothing = np.zeros_like(snapshot.ux_px)
     arrays: dict[str, NDArray[Any]] = {
         "displacement_m": np.stack([snapshot.ux_px, -snapshot.uy_px, nothing], axis=-1) * pixel,
-        "displacement_std_m": np.stack([snapshot.ux_std_px, snapshot.uy_std_px, nothing], axis=-1) * pixel,
+        "displacement_std_m": np.stack([snapshot.ux_std_px, snapshot.uy_std_px, nothing], axis=-1)
+        * pixel,
         "zncc": snapshot.zncc,
         "status": snapshot.status,
     }
     extent = f"0 {len(x) - 1} 0 {len(y) - 1} 0 0"
     image = f'Origin="{x[0]!s} {-y[-1]!s} 0" Spacing="{spacing[0]!r} {spacing[1]!r} 1"'
     parts = [
-        '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n',
-        f'<ImageData WholeExtent="{extent}" {image}>\n<Piece Extent="{extent}">\n<PointData Vectors="displacement_m" Scalars="zncc">\n',
+        '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian"'
+        ' header_type="UInt64">\n',
+        f'<ImageData WholeExtent="{extent}" {image}>\n<Piece Extent="{extent}">\n<PointData'
+        ' Vectors="displacement_m" Scalars="zncc">\n',
     ]
     for name, values in arrays.items():
         upwards = np.ascontiguousarray(values[::-1], values.dtype.newbyteorder("<"))
@@ -157,7 +203,8 @@ def _image_data(reader: SessionReader, snapshot: Snapshot) -> str:
         components = f' NumberOfComponents="{values.shape[2]}"' if values.ndim == 3 else ""
         kind = _VTK_TYPES[values.dtype.kind]
         parts.append(
-            f'<DataArray type="{kind}" Name="{name}"{components} format="binary">\n{base64.b64encode(data).decode()}\n</DataArray>\n'
+            f'<DataArray type="{kind}" Name="{name}"{components}'
+            f' format="binary">\n{base64.b64encode(data).decode()}\n</DataArray>\n'
         )
     parts.append("</PointData>\n</Piece>\n</ImageData>\n</VTKFile>\n")
     return "".join(parts)

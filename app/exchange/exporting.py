@@ -37,13 +37,21 @@ FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason"
 FORCES = "sample,time_s,P_N,Q_N,normal_V,shear_V,stage_um"
 POINTS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_std_px,uy_std_px"
 BLOCK = 8192  # samples of a forces table made at a time
-_OWN = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")  # what an export writes into a folder
+# what an export writes into a folder
+_OWN = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
 
 
 def export(
-    session: Path, output: Path, what: str = "", *, frames: str = "", overwrite: bool = False, on_progress: Tell | None = None
+    session: Path,
+    output: Path,
+    what: str = "",
+    *,
+    frames: str = "",
+    overwrite: bool = False,
+    on_progress: Tell | None = None,
 ) -> str:
-    """What was written, one sentence. Files appear only when they are complete; one frame at a time is in memory (see `write_mat`).
+    """What was written, one sentence. Files appear only when they are complete; one frame at a time
+    is in memory (see `write_mat`).
 
     Parameters
     ----------
@@ -57,11 +65,15 @@ def export(
     Raises
     ------
     UserError
-        Something asked can not be done, the output exists, or there is nothing to write; nothing was written.
+        Something asked can not be done, the output exists, or there is nothing to write; nothing
+        was written.
     """
     kind = _kind(output, what)
     if frames and kind == "forces":
-        raise UserError(f"{output}: the forces are written sample by sample, frames {frames} were asked of them; leave --frames out")
+        raise UserError(
+            f"{output}: the forces are written sample by sample, frames {frames} were asked of"
+            " them; leave --frames out"
+        )
     wanted = frame_range(frames)
     check_free(output, overwrite)
     if output.exists() and output.samefile(session):
@@ -74,9 +86,14 @@ def export(
 def _kind(output: Path, what: str) -> str:
     ending = "" if output.is_dir() else output.suffix.lower()
     if ending not in KINDS:
-        raise UserError(f"{output}: the ending '{ending}' is not known; give a folder (no ending) or {', '.join(list(KINDS)[1:])}")
+        raise UserError(
+            f"{output}: the ending '{ending}' is not known; give a folder (no ending) or"
+            f" {', '.join(list(KINDS)[1:])}"
+        )
     if what and what not in KINDS[ending]:
-        raise UserError(f"{output}: {what} can not be written so; '{ending}' takes {' or '.join(KINDS[ending])}")
+        raise UserError(
+            f"{output}: {what} can not be written so; '{ending}' takes {' or '.join(KINDS[ending])}"
+        )
     return what or KINDS[ending][0]
 
 
@@ -93,7 +110,10 @@ def frame_range(text: str) -> range:
     if single:
         return range(int(text), int(text) + 1)
     if text and (parts is None or (parts[3] is not None and int(parts[3]) == 0)):
-        raise UserError(f"--frames: '{text}' was asked; give first:end:step, such as 10:200:5 (200 is not included), or one number")
+        raise UserError(
+            f"--frames: '{text}' was asked; give first:end:step, such as 10:200:5 (200 is not"
+            " included), or one number"
+        )
     first, end, step = parts.groups() if parts else ("", "", "")
     return range(int(first or 0), int(end or 10**15), int(step or 1))
 
@@ -107,7 +127,9 @@ def check_free(output: Path, overwrite: bool) -> None:
         So it is.
     """
     if not output.parent.is_dir():
-        raise UserError(f"{output}: the folder {output.parent} does not exist; create it or choose another")
+        raise UserError(
+            f"{output}: the folder {output.parent} does not exist; create it or choose another"
+        )
     taken = any(output.iterdir()) if output.is_dir() else output.exists()
     if taken and not overwrite:
         what = "the folder is not empty" if output.is_dir() else "a file of that name exists"
@@ -116,7 +138,8 @@ def check_free(output: Path, overwrite: bool) -> None:
 
 @contextmanager
 def appearing(output: Path, overwrite: bool) -> Iterator[Path]:
-    """A name beside `output` for a new file or folder, which takes its place at the end or is removed if anything fails.
+    """A name beside `output` for a new file or folder, which takes its place at the end or is
+    removed if anything fails.
 
     Of a folder that is there already only what an export writes is replaced.
     """
@@ -132,7 +155,10 @@ def appearing(output: Path, overwrite: bool) -> Iterator[Path]:
         for made in list(unfinished.iterdir()):
             made.replace(output / made.name)
     except OSError as error:
-        raise UserError(f"{output}: can not be written ({error.strerror or error}); make room or choose another place") from None
+        raise UserError(
+            f"{output}: can not be written ({error.strerror or error}); make room or choose another"
+            " place"
+        ) from None
     finally:
         if unfinished.is_dir():
             shutil.rmtree(unfinished)
@@ -146,7 +172,8 @@ class _Chosen:
         self.reader, self.tell = reader, tell
         triggers = reader.triggers()
         self.triggers = triggers[[int(index) in wanted for index in triggers["index"]]]
-        self.results = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]  # rows of results
+        # rows of results
+        self.results = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]
 
     def snapshots(self) -> Iterator[Snapshot]:
         """What was found on each of the frames, with progress."""
@@ -157,38 +184,55 @@ class _Chosen:
     def has_fields(self) -> None:
         """Refuse frames without displacement fields."""
         if not any(self.reader.snapshot(i).ux_px.size for i in reversed(self.results)):
-            raise UserError(f"{self.reader.path}: no displacement field was measured on these frames; `slipscope info` lists what there is")
+            raise UserError(
+                f"{self.reader.path}: no displacement field was measured on these frames;"
+                " `slipscope info` lists what there is"
+            )
 
 
 def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     reader, triggers = chosen.reader, chosen.triggers
     if not len(triggers):
-        raise UserError(f"{reader.path}: it has none of the frames that were asked; `slipscope info` says how many there are")
+        raise UserError(
+            f"{reader.path}: it has none of the frames that were asked; `slipscope info` says how"
+            " many there are"
+        )
     received = int(triggers["received"].sum())
     needed = received * int(np.prod(reader.frame_shape)) * reader.frame_dtype.itemsize
     free = shutil.disk_usage(output.parent).free
     if needed > free:
-        raise UserError(f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make room or choose --frames")
+        raise UserError(
+            f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make"
+            " room or choose --frames"
+        )
     settings = to_toml(from_record(reader.config_toml, f"{reader.path}: settings"))
     with appearing(output, overwrite) as folder:
         folder.mkdir()
         rows = _Conditions(reader)
         with _text(folder / "metadata.csv") as table:
             table.write(
-                "# sample: that of the forces on which the exposure began; time_s: from sample 0; phase_sample: on which its phase did;\n"
-                f"# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is {reader.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
+                "# sample: that of the forces on which the exposure began; time_s: from sample 0;"
+                " phase_sample: on which its phase did;\n"
+                "# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is"
+                f" {reader.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
             )
             cells = csv.writer(table, lineterminator="\n")
             for n, (index, sample, is_there, _, reason) in enumerate(triggers.tolist()):
                 name = f"{index:06d}.tiff" if is_there else ""
                 chosen.tell(name or f"frame {index}", n / len(triggers))
                 if is_there:
-                    _, pixels = cv2.imencode(".tiff", reader.frame(index)[2], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
-                    (folder / name).write_bytes(pixels.tobytes())  # OpenCV itself opens only some paths on Windows
+                    _, pixels = cv2.imencode(
+                        ".tiff", reader.frame(index)[2], [cv2.IMWRITE_TIFF_COMPRESSION, 1]
+                    )
+                    # OpenCV itself opens only some paths on Windows
+                    (folder / name).write_bytes(pixels.tobytes())
                 cells.writerow([index, *rows.of(sample), name, reason])
         _forces_table(chosen, folder / "forces.csv")
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
-    return f"{output}: {received} images, {len(triggers) - received} lost frames, metadata.csv, forces.csv, settings.toml"
+    return (
+        f"{output}: {received} images, {len(triggers) - received} lost frames, metadata.csv,"
+        " forces.csv, settings.toml"
+    )
 
 
 class _Conditions:
@@ -198,19 +242,32 @@ class _Conditions:
         self._rate, self._exposure = reader.sample_rate_hz, reader.exposure_samples
         self._forces = reader.forces()[2]
         self._stage = _stage_um(reader)
-        self._phases = [(event.sample, event.text) for event in reader.events() if event.kind == "phase"]
+        self._phases = [
+            (event.sample, event.text) for event in reader.events() if event.kind == "phase"
+        ]
 
     def of(self, sample: int) -> list[str]:
         """Cells sample, time_s, phase, phase_sample, P_N, Q_N, stage_um."""
         exposed = self._forces[sample : sample + self._exposure]
         forces = exposed.mean(axis=0) if len(exposed) else np.full(2, np.nan)
-        began, phase = next((found for found in reversed(self._phases) if found[0] <= sample), ("", ""))
+        began, phase = next(
+            (found for found in reversed(self._phases) if found[0] <= sample), ("", "")
+        )
         stage = self._stage(np.array([sample + self._exposure / 2]))
-        return [str(sample), _cell(sample / self._rate), phase, str(began), *map(_cell, forces.tolist()), _cell(float(stage[0]))]
+        return [
+            str(sample),
+            _cell(sample / self._rate),
+            phase,
+            str(began),
+            *map(_cell, forces.tolist()),
+            _cell(float(stage[0])),
+        ]
 
 
 def _stage_um(reader: SessionReader) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """Position of the stage in um at samples, linear between its readings; NaN where it was never read."""
+    """Position of the stage in um at samples, linear between its readings; NaN where it was never
+    read.
+    """
     samples, metres = reader.positions()
     known = np.isfinite(metres)
     if not known.any():
@@ -238,25 +295,37 @@ def _forces_table(chosen: _Chosen, path: Path) -> int:
     first, volts, newtons = reader.forces()
     stage = _stage_um(reader)
     with _text(path) as table:
-        table.write(f"# {reader.sample_rate_hz:.9g} samples a second; cells of missing samples are empty\n{FORCES}\n")
+        table.write(
+            f"# {reader.sample_rate_hz:.9g} samples a second; cells of missing samples are"
+            f" empty\n{FORCES}\n"
+        )
         for start in range(0, len(volts), BLOCK):
             chosen.tell("forces", start / len(volts))
             samples = np.arange(start, min(start + BLOCK, len(volts))) + first
-            rows = np.column_stack([newtons[start : start + BLOCK], volts[start : start + BLOCK], stage(samples)]).tolist()
+            rows = np.column_stack(
+                [newtons[start : start + BLOCK], volts[start : start + BLOCK], stage(samples)]
+            ).tolist()
             for sample, row in zip(samples.tolist(), rows, strict=True):
-                table.write(f"{sample},{sample / reader.sample_rate_hz!r},{','.join(map(_cell, row))}\n")
+                table.write(
+                    f"{sample},{sample / reader.sample_rate_hz!r},{','.join(map(_cell, row))}\n"
+                )
     return len(volts)
 
 
 def _write_results(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     if not chosen.results:
-        raise UserError(f"{chosen.reader.path}: none of these frames was analysed; `slipscope info` lists what there is")
+        raise UserError(
+            f"{chosen.reader.path}: none of these frames was analysed; `slipscope info` lists what"
+            " there is"
+        )
     names = list(layout.RESULTS.values())
     with appearing(output, overwrite) as path, _text(path) as table:
         table.write(",".join(names) + "\n")
         for snapshot in chosen.snapshots():
             values = (getattr(snapshot, name) for name in names)
-            table.write(",".join(_cell(v) if isinstance(v, float) else str(v) for v in values) + "\n")
+            table.write(
+                ",".join(_cell(v) if isinstance(v, float) else str(v) for v in values) + "\n"
+            )
     return f"{output}: results of {len(chosen.results)} frames"
 
 
@@ -268,15 +337,27 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     count = 0
     with appearing(output, overwrite) as path, _text(path) as table:
         table.write(
-            f"# a pixel is {reader.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the top-left pixel, y points down;"
+            f"# a pixel is {reader.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the top-left"
+            " pixel, y points down;"
             f" the motion of the lens is not taken off\n{POINTS}\n"
         )
         for found in chosen.snapshots():
             count += bool(found.ux_px.size)
-            planes = (found.ux_px, found.uy_px, found.status, found.zncc, found.ux_std_px, found.uy_std_px)
-            for place, ux, uy, status, zncc, ux_std, uy_std in zip(places, *(p.ravel().tolist() for p in planes), strict=False):
+            planes = (
+                found.ux_px,
+                found.uy_px,
+                found.status,
+                found.zncc,
+                found.ux_std_px,
+                found.uy_std_px,
+            )
+            for place, ux, uy, status, zncc, ux_std, uy_std in zip(
+                places, *(p.ravel().tolist() for p in planes), strict=False
+            ):
                 label = labels[status] if status < len(labels) else status
-                table.write(f"{found.frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}\n")
+                table.write(
+                    f"{found.frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}\n"
+                )
     return f"{output}: {count} fields of {len(places)} points"
 
 

@@ -15,13 +15,23 @@ from app.engine.pipeline import sensor_chain
 from app.errors import UserError
 from app.exchange.analysing import Measurements, analyse
 from app.exchange.exporting import appearing, check_free
-from app.exchange.frames import Frame, Sources, first_image, found_files, listed, numbered, taken, with_lost
+from app.exchange.frames import (
+    Frame,
+    Sources,
+    first_image,
+    found_files,
+    listed,
+    numbered,
+    taken,
+    with_lost,
+)
 from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples, read_table
 from app.results import Outcome, Phase
 from app.sections import Config
 from app.session.journal import journal_of
 
-DISAGREEMENT = 1e-3  # between forces in newtons and those that the readings in volts mean, of the largest
+# between forces in newtons and those that the readings in volts mean, of the largest
+DISAGREEMENT = 1e-3
 FOOT = (0.05, 0.15)  # shares of the rise of Q through which a line leads back to its start
 SMOOTH_S = 0.05  # Q is averaged over so much to find it
 RISE = 6.0  # standard deviations of Q before it that are no rise
@@ -36,9 +46,14 @@ class Imported:
 
 
 def import_files(
-    sources: Sources, output: Path, *, overwrite: bool = False, on_progress: Callable[[str, float], None] | None = None
+    sources: Sources,
+    output: Path,
+    *,
+    overwrite: bool = False,
+    on_progress: Callable[[str, float], None] | None = None,
 ) -> Imported:
-    """A session at `output` with all images, forces and results, complete or not there at all; what became of it.
+    """A session at `output` with all images, forces and results, complete or not there at all; what
+    became of it.
 
     Raises
     ------
@@ -50,7 +65,10 @@ def import_files(
         raise UserError(f"{output}: a file was asked, but this is a folder; add a file name")
     check_free(output, overwrite)
     if journal_of(output).exists() and not overwrite:
-        raise UserError(f"{output}: its journal is there, so a session of that name is recorded or was cut short; choose another name")
+        raise UserError(
+            f"{output}: its journal is there, so a session of that name is recorded or was cut"
+            " short; choose another name"
+        )
     remarks: list[str] = []
     sources, files = found_files(sources, remarks)
     table = read_table(sources.metadata, FRAMES) if sources.metadata else None
@@ -59,7 +77,10 @@ def import_files(
     forces = read_table(sources.forces, FORCES) if sources.forces else None
     config = _settings(sources, first, table, forces)
     if sources.settings is None:
-        remarks.append("no settings: the sample, the lens and the sensors are those that `slipscope config` prints")
+        remarks.append(
+            "no settings: the sample, the lens and the sensors are those that `slipscope config`"
+            " prints"
+        )
     _place(frames, table, config)
     frames = with_lost(frames)
     measured = _measurements(config, frames, table, forces, sources, remarks)
@@ -79,13 +100,21 @@ def import_files(
     return Imported(outcome, tuple(remarks))
 
 
-def _settings(sources: Sources, first: NDArray[Any], table: Table | None, forces: Table | None) -> Config:
+def _settings(
+    sources: Sources, first: NDArray[Any], table: Table | None, forces: Table | None
+) -> Config:
     """The settings of the analysis: those given, with what the images and the options say."""
     if sources.settings is None:
-        is_timed = sources.divisor is not None or (table is not None and (table.has("sample") or table.has("time_s")))
+        is_timed = sources.divisor is not None or (
+            table is not None and (table.has("sample") or table.has("time_s"))
+        )
         for known, option, what in (
             (sources.pixel_um, "--pixel", "the size of a pixel, um"),
-            (sources.rate_hz, "--rate", "the samples of the forces per second (without forces: of the times of images), Hz"),
+            (
+                sources.rate_hz,
+                "--rate",
+                "the samples of the forces per second (without forces: of the times of images), Hz",
+            ),
             (is_timed or None, "--divisor", "samples from one image to the next"),
         ):
             if known is None:
@@ -102,15 +131,21 @@ def _settings(sources: Sources, first: NDArray[Any], table: Table | None, forces
         asked["sample.lens_compliance"] = 0  # without Q nobody knows how far the lens moved
     overrides = [f"{key}={value}" for key, value in asked.items() if value is not None]
     if sources.divisor is None and table is not None:
-        rate = load(sources.settings, [*overrides, *sources.overrides, "camera.divisor=1000000"]).forces.sample_rate
+        rate = load(
+            sources.settings, [*overrides, *sources.overrides, "camera.divisor=1000000"]
+        ).forces.sample_rate
         at = clock_samples(table, float(rate))
         if at is not None and len(at) > 1:
             numbers = table.numbers.get("frame", np.arange(table.rows))
-            overrides.append(f"camera.divisor={max(1, round(float(np.median(np.diff(at) / np.diff(numbers)))))}")
+            overrides.append(
+                f"camera.divisor={max(1, round(float(np.median(np.diff(at) / np.diff(numbers)))))}"
+            )
     config = load(sources.settings, [*overrides, *sources.overrides])
     if pixel_type(config) != first.dtype:
         word = "Mono8" if first.dtype == np.uint8 else "Mono16"
-        config = load(sources.settings, [*overrides, *sources.overrides, f"camera.pixel_format={word}"])
+        config = load(
+            sources.settings, [*overrides, *sources.overrides, f"camera.pixel_format={word}"]
+        )
     return config
 
 
@@ -124,18 +159,29 @@ def _place(frames: list[Frame], table: Table | None, config: Config) -> None:
 def _samples(table: Table, config: Config) -> NDArray[np.float64]:
     """The sample of each row; of images without times that of their number."""
     at = clock_samples(table, float(config.forces.sample_rate))
-    return table.numbers.get("frame", np.arange(table.rows, dtype=np.float64)) * config.camera.divisor if at is None else at
+    return (
+        table.numbers.get("frame", np.arange(table.rows, dtype=np.float64)) * config.camera.divisor
+        if at is None
+        else at
+    )
 
 
 def _measurements(
-    config: Config, frames: list[Frame], table: Table | None, forces: Table | None, sources: Sources, remarks: list[str]
+    config: Config,
+    frames: list[Frame],
+    table: Table | None,
+    forces: Table | None,
+    sources: Sources,
+    remarks: list[str],
 ) -> Measurements:
     exposure = exposure_samples(config)
     volts = np.empty((0, 2)) if forces is None else _volts(config, forces)
     end = max(len(volts), frames[-1].sample + exposure)
     volts = np.concatenate([volts, np.full((end - len(volts), 2), np.nan)])
     if forces is None:
-        remarks.append("no forces: P, Q and what follows from them are not known; the displacement fields are")
+        remarks.append(
+            "no forces: P, Q and what follows from them are not known; the displacement fields are"
+        )
     phases = _listed_phases(frames) if table is not None and not _asked_phases(sources) else []
     phases = phases or _phases(config, frames, volts, sources, remarks)
     if phases[-1][1] is not Phase.END:
@@ -143,17 +189,24 @@ def _measurements(
     ends = [*range(config.forces.block, end, config.forces.block), end]
     stage = np.full(len(ends), np.nan)
     for found in (forces, table):
-        if found is not None and found.has("stage_m") and np.isfinite(found.numbers["stage_m"]).any():
+        if (
+            found is not None
+            and found.has("stage_m")
+            and np.isfinite(found.numbers["stage_m"]).any()
+        ):
             at, known = _samples(found, config), np.isfinite(found.numbers["stage_m"])
             middle = exposure / 2 if found is table else 0.0
             stage = np.interp(np.array(ends), at[known] + middle, found.numbers["stage_m"][known])
             break
     missing = sum(frame.path is None for frame in frames)
-    source = f"imported: {len(frames) - missing} images, {missing} lost, from {sources.images[0]}" + (
-        f", forces from {sources.forces}" if sources.forces else ""
+    source = (
+        f"imported: {len(frames) - missing} images, {missing} lost, from {sources.images[0]}"
+        + (f", forces from {sources.forces}" if sources.forces else "")
     )
     first_trigger = max(0, frames[0].sample - frames[0].index * config.camera.divisor)
-    return Measurements(volts, list(zip(ends, stage.tolist(), strict=True)), phases, first_trigger, source)
+    return Measurements(
+        volts, list(zip(ends, stage.tolist(), strict=True)), phases, first_trigger, source
+    )
 
 
 def _volts(config: Config, table: Table) -> NDArray[np.float64]:
@@ -162,22 +215,31 @@ def _volts(config: Config, table: Table) -> NDArray[np.float64]:
     newtons = by_sample(table, ("P_N", "Q_N"), rate) if table.has("P_N", "Q_N") else None
     if not table.has("normal_V", "shear_V"):
         if newtons is None:
-            raise UserError(f"{table.path}: the header has neither P_N and Q_N nor normal_V and shear_V; name the columns so")
+            raise UserError(
+                f"{table.path}: the header has neither P_N and Q_N nor normal_V and shear_V; name"
+                " the columns so"
+            )
         return chain.volts(newtons)
     volts = by_sample(table, ("normal_V", "shear_V"), rate)
     if newtons is not None:
         off = np.abs(chain.forces(volts) - newtons)
-        if off.size and np.nanmax(off, initial=0.0) > DISAGREEMENT * np.nanmax(np.abs(newtons), initial=1e-3):
+        if off.size and np.nanmax(off, initial=0.0) > DISAGREEMENT * np.nanmax(
+            np.abs(newtons), initial=1e-3
+        ):
             raise UserError(
-                f"{table.path}: the readings in volts mean forces that are up to {np.nanmax(off):.3g} N from those in newtons by the"
-                f" settings ({sensitivities(config)[1] * 1e6:g} um/V, {config.forces.stiffness_shear:g} N/m for Q); give the --settings"
+                f"{table.path}: the readings in volts mean forces that are up to"
+                f" {np.nanmax(off):.3g} N from those in newtons by the"
+                f" settings ({sensitivities(config)[1] * 1e6:g} um/V,"
+                f" {config.forces.stiffness_shear:g} N/m for Q); give the --settings"
                 " of the bench, or leave the wrong columns out"
             )
     return volts
 
 
 def _asked_phases(sources: Sources) -> bool:
-    return any(number is not None for number in (sources.background, sources.reference, sources.drive))
+    return any(
+        number is not None for number in (sources.background, sources.reference, sources.drive)
+    )
 
 
 def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
@@ -186,7 +248,10 @@ def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
     for frame in frames:
         if frame.phase and (not phases or frame.phase != phases[-1][1]):
             if frame.phase not in tuple(Phase):
-                raise UserError(f"metadata: phase '{frame.phase}' of frame {frame.index} is not known; there are {', '.join(Phase)}")
+                raise UserError(
+                    f"metadata: phase '{frame.phase}' of frame {frame.index} is not known; there"
+                    f" are {', '.join(Phase)}"
+                )
             began = frame.phase_sample if 0 <= frame.phase_sample <= frame.sample else frame.sample
             phases.append((began if phases else 0, Phase(frame.phase)))
     if phases and Phase.REFERENCE not in [phase for _, phase in phases]:
@@ -195,39 +260,67 @@ def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
 
 
 def _phases(
-    config: Config, frames: list[Frame], volts: NDArray[np.float64], sources: Sources, remarks: list[str]
+    config: Config,
+    frames: list[Frame],
+    volts: NDArray[np.float64],
+    sources: Sources,
+    remarks: list[str],
 ) -> list[tuple[int, Phase]]:
     """The phases by the frames that were asked for; without --drive from where Q rises."""
     there = {frame.index: frame.sample for frame in frames if frame.path is not None}
-    first = min(index for index in there if index != sources.background) if len(there) > 1 else min(there)
-    asked = {"--background": sources.background, "--reference": sources.reference if sources.reference is not None else first}
+    first = (
+        min(index for index in there if index != sources.background)
+        if len(there) > 1
+        else min(there)
+    )
+    asked = {
+        "--background": sources.background,
+        "--reference": sources.reference if sources.reference is not None else first,
+    }
     for option, index in asked.items():
         if index is not None and index not in there:
-            raise UserError(f"{option}: frame {index} was asked, there is no image of it; frames {min(there)} to {max(there)} are there")
+            raise UserError(
+                f"{option}: frame {index} was asked, there is no image of it; frames {min(there)}"
+                f" to {max(there)} are there"
+            )
     exposure, reference = exposure_samples(config), there[asked["--reference"] or 0]
     rest = reference + exposure
     phases = [(0, Phase.CONTACT), (reference, Phase.REFERENCE)]
     if asked["--background"] is not None:
         free = there[asked["--background"]] + exposure
         if free > reference:
-            raise UserError(f"--background: frame {asked['--background']} does not come before the reference; choose another")
+            raise UserError(
+                f"--background: frame {asked['--background']} does not come before the reference;"
+                " choose another"
+            )
         phases = [(0, Phase.BACKGROUND), (free, Phase.CONTACT), (reference, Phase.REFERENCE)]
     if sources.drive is not None:
         drive = next((frame.sample for frame in frames if frame.index == sources.drive), -1)
         if drive < rest:
-            raise UserError(f"--drive: frame {sources.drive} is not one after the reference (frame {asked['--reference']}); choose another")
+            raise UserError(
+                f"--drive: frame {sources.drive} is not one after the reference (frame"
+                f" {asked['--reference']}); choose another"
+            )
     elif np.isfinite(volts[rest:]).any():
-        drive = rest + _rise(sensor_chain(config).forces(volts[rest:])[:, 1], config.forces.sample_rate)
-        remarks.append(f"the drive begins at sample {drive} ({drive / config.forces.sample_rate:.3f} s), where Q begins to rise")
+        drive = rest + _rise(
+            sensor_chain(config).forces(volts[rest:])[:, 1], config.forces.sample_rate
+        )
+        remarks.append(
+            f"the drive begins at sample {drive} ({drive / config.forces.sample_rate:.3f} s), where"
+            " Q begins to rise"
+        )
     else:
         drive = next((frame.sample for frame in frames if frame.sample >= rest), rest)
-        remarks.append("the drive is taken to begin on the frame after the reference; --drive says another")
+        remarks.append(
+            "the drive is taken to begin on the frame after the reference; --drive says another"
+        )
     remarks.append(f"the reference is frame {asked['--reference']}")
     return [*phases, (drive, Phase.DRIVE)]
 
 
 def _rise(shear: NDArray[np.float64], rate: float) -> int:
-    """Sample on which Q leaves its rest: a line through 5 and 15 % of the rise to its greatest value, led back to 0.
+    """Sample on which Q leaves its rest: a line through 5 and 15 % of the rise to its greatest
+    value, led back to 0.
 
     Raises
     ------
@@ -239,14 +332,20 @@ def _rise(shear: NDArray[np.float64], rate: float) -> int:
     mean = blocks.mean(axis=1)[np.isfinite(blocks).all(axis=1)]
     middle = ((np.arange(len(blocks)) + 0.5) * width)[np.isfinite(blocks).all(axis=1)]
     if len(mean) < 4:
-        raise UserError("import: too few forces after the reference to find where Q rises; say where the drive begins with --drive")
+        raise UserError(
+            "import: too few forces after the reference to find where Q rises; say where the drive"
+            " begins with --drive"
+        )
     top = int(np.argmax(np.abs(mean)))
     rest = np.median(mean[: max(1, int(np.argmax(np.abs(mean) > 0.5 * np.abs(mean[top]))))][:20])
     noise = float(np.nanstd(np.diff(shear)) / np.sqrt(2 * width))
     height = abs(mean[top] - rest)
     shares = np.abs(mean[: top + 1] - rest) / max(height, 1e-300)
     if top < 2 or height < RISE * noise or shares.min() >= FOOT[0]:
-        raise UserError(f"import: Q does not rise after the reference (by {height:.3g} N at most); say where the drive begins with --drive")
+        raise UserError(
+            f"import: Q does not rise after the reference (by {height:.3g} N at most); say where"
+            " the drive begins with --drive"
+        )
     feet = []
     for level in FOOT:
         below = int(np.flatnonzero(shares < level)[-1])

@@ -1,4 +1,6 @@
-"""Tables of forces and of images from other benches and programs: text with a header that names quantity and unit."""
+"""Tables of forces and of images from other benches and programs: text with a header that names
+quantity and unit.
+"""
 
 from __future__ import annotations
 
@@ -39,12 +41,15 @@ FRAMES = {
 ON_THE_CLOCK = 0.01  # of a sample: a time this near to one is its
 HOLE = 1.9  # between rows further apart than this many usual distances nothing was measured
 LONGEST_S = 3600.0  # without a row
-SPARSEST, SPARE = 1000, 1 << 22  # samples for each row, and beyond: a table of few rows must not take all memory
+# samples for each row, and beyond: a table of few rows must not take all memory
+SPARSEST, SPARE = 1000, 1 << 22
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The columns of a table that are known, by quantity: numbers with NaN for empty cells, or texts."""
+    """The columns of a table that are known, by quantity: numbers with NaN for empty cells, or
+    texts.
+    """
 
     path: Path
     numbers: dict[str, F64]
@@ -57,9 +62,11 @@ class Table:
 
 
 def read_table(path: Path, known: Mapping[str, tuple[str, float]]) -> Table:
-    """The columns of a text file whose header names are in `known`; lines that begin with # are left out.
+    """The columns of a text file whose header names are in `known`; lines that begin with # are
+    left out.
 
-    Commas, semicolons or tabulators part the cells; except with commas, a number may have a decimal comma.
+    Commas, semicolons or tabulators part the cells; except with commas, a number may have a decimal
+    comma.
 
     Raises
     ------
@@ -74,9 +81,13 @@ def read_table(path: Path, known: Mapping[str, tuple[str, float]]) -> Table:
             head = next(lines, "")
             parting = max(",;\t", key=head.count)
             header = [name.strip() for name in head.split(parting)]
-            columns = [(i, *known[name.lower()]) for i, name in enumerate(header) if name.lower() in known]
+            columns = [
+                (i, *known[name.lower()]) for i, name in enumerate(header) if name.lower() in known
+            ]
             if len({name for _, name, _ in columns}) < len(columns):
-                raise UserError(f"{path}: the header names a quantity twice: {', '.join(header)}; leave one out")
+                raise UserError(
+                    f"{path}: the header names a quantity twice: {', '.join(header)}; leave one out"
+                )
             for _, name, factor in columns:
                 if factor == TEXT:
                     texts[name] = []
@@ -85,12 +96,17 @@ def read_table(path: Path, known: Mapping[str, tuple[str, float]]) -> Table:
             count = 0
             for count, row in enumerate(csv.reader(lines, delimiter=parting), start=1):
                 if len(row) != len(header):
-                    raise UserError(f"{path}: row {count} has {len(row)} cells, the header {len(header)}; mend the table")
+                    raise UserError(
+                        f"{path}: row {count} has {len(row)} cells, the header {len(header)}; mend"
+                        " the table"
+                    )
                 for i, name, factor in columns:
                     if factor == TEXT:
                         texts[name].append(row[i].strip())
                     else:
-                        numbers[name].append(_number(path, count, header[i], row[i].strip(), parting) * factor)
+                        numbers[name].append(
+                            _number(path, count, header[i], row[i].strip(), parting) * factor
+                        )
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UserError(f"{path}: can not be read: {error}; give a table in UTF-8 text") from None
     if not count:
@@ -104,12 +120,16 @@ def _number(path: Path, row: int, name: str, cell: str, parting: str) -> float:
     except ValueError:
         value = math.inf
     if math.isinf(value):
-        raise UserError(f"{path}: '{cell[:40]}' in column {name}, row {row}, is no number; write numbers, nothing where there is none")
+        raise UserError(
+            f"{path}: '{cell[:40]}' in column {name}, row {row}, is no number; write numbers,"
+            " nothing where there is none"
+        )
     return value
 
 
 def clock_samples(table: Table, rate_hz: float) -> F64 | None:
-    """Place of each row on the sample clock, from its sample or its time; None where the table has neither.
+    """Place of each row on the sample clock, from its sample or its time; None where the table has
+    neither.
 
     Raises
     ------
@@ -125,23 +145,29 @@ def clock_samples(table: Table, rate_hz: float) -> F64 | None:
     steps = np.diff(at, prepend=-1e-9)
     bad = np.flatnonzero(~(steps > 0))
     if len(bad):
-        raise UserError(f"{table.path}: {name} of row {bad[0] + 1} is missing, negative or not after the one before; put the rows in order")
+        raise UserError(
+            f"{table.path}: {name} of row {bad[0] + 1} is missing, negative or not after the one"
+            " before; put the rows in order"
+        )
     if steps.max() > LONGEST_S * rate_hz:
         row = int(np.argmax(steps))
         raise UserError(
-            f"{table.path}: {name} of row {row + 1} comes {steps[row] / rate_hz:.4g} s after the one before (or the start);"
+            f"{table.path}: {name} of row {row + 1} comes {steps[row] / rate_hz:.4g} s after the"
+            " one before (or the start);"
             f" count from the start of the recording, with pauses of {LONGEST_S:g} s at most"
         )
     if at[-1] > SPARSEST * table.rows + SPARE:
         raise UserError(
-            f"{table.path}: {table.rows} rows over {at[-1]:.4g} samples at {rate_hz:g} Hz found; give a lower --rate, or fewer hours"
+            f"{table.path}: {table.rows} rows over {at[-1]:.4g} samples at {rate_hz:g} Hz found;"
+            " give a lower --rate, or fewer hours"
         )
     near = np.rint(at)
     return np.where(np.abs(at - near) < ON_THE_CLOCK, near, at)
 
 
 def by_sample(table: Table, columns: tuple[str, ...], rate_hz: float) -> F64:
-    """Columns of a table as one row per sample from 0 on, shape (n, columns), linear between its rows; NaN where there are none.
+    """Columns of a table as one row per sample from 0 on, shape (n, columns), linear between its
+    rows; NaN where there are none.
 
     Raises
     ------
@@ -150,15 +176,23 @@ def by_sample(table: Table, columns: tuple[str, ...], rate_hz: float) -> F64:
     """
     at = clock_samples(table, rate_hz)
     if at is None:
-        raise UserError(f"{table.path}: the header has neither sample nor time_s; say when each row was measured")
+        raise UserError(
+            f"{table.path}: the header has neither sample nor time_s; say when each row was"
+            " measured"
+        )
     usual = float(np.median(np.diff(at))) if len(at) > 1 else 1.0
     if usual < 1 - ON_THE_CLOCK:
         raise UserError(
-            f"{table.path}: {rate_hz / usual:.6g} rows a second found, the sample clock has {rate_hz:g}; give --rate {rate_hz / usual:.6g}"
+            f"{table.path}: {rate_hz / usual:.6g} rows a second found, the sample clock has"
+            f" {rate_hz:g}; give --rate {rate_hz / usual:.6g}"
         )
     samples = np.arange(int(at[-1]) + 1, dtype=np.float64)
     before = np.clip(np.searchsorted(at, samples, "right") - 1, 0, len(at) - 1)
     after = np.minimum(before + 1, len(at) - 1)
-    measured = (samples >= at[0]) & ((samples == at[before]) | (at[after] - at[before] <= HOLE * usual))
-    values = [np.where(measured, np.interp(samples, at, table.numbers[name]), np.nan) for name in columns]
+    measured = (samples >= at[0]) & (
+        (samples == at[before]) | (at[after] - at[before] <= HOLE * usual)
+    )
+    values = [
+        np.where(measured, np.interp(samples, at, table.numbers[name]), np.nan) for name in columns
+    ]
     return np.column_stack(values)

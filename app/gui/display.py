@@ -1,4 +1,6 @@
-"""Whether a window can be opened here, found out without loading Qt: Qt itself would end the process."""
+"""Whether a window can be opened here, found out without loading Qt: Qt itself would end the
+process.
+"""
 
 from __future__ import annotations
 
@@ -29,25 +31,37 @@ _XCB = {
 def display_problem() -> str | None:
     """Why no window can be opened on this machine, in one sentence; None where one can.
 
-    Windows and macOS always have a display. On Linux a display must be named and reachable (``QT_QPA_PLATFORM=offscreen`` counts
-    as one) and the libraries Qt expects of the system must load.
+    Windows and macOS always have a display. On Linux a display must be named and reachable
+    (``QT_QPA_PLATFORM=offscreen`` counts as one) and the libraries Qt expects of the system must
+    load.
     """
     if not sys.platform.startswith("linux"):
         return None
     platform = _platform()
     if not platform:
-        return "no window: neither DISPLAY nor WAYLAND_DISPLAY is set; log in to a desktop, use ssh -X, or run with --headless"
+        return (
+            "no window: neither DISPLAY nor WAYLAND_DISPLAY is set; log in to a desktop, use ssh"
+            " -X, or run with --headless"
+        )
     missing = _missing(_BASE | _XCB if platform == "xcb" else _BASE)
     if missing:
         packages = " ".join(dict.fromkeys(missing.values()))
-        return f"no window: {', '.join(missing)} not found on this system; install with: apt install {packages}, or run with --headless"
+        return (
+            f"no window: {', '.join(missing)} not found on this system; install with: apt install"
+            f" {packages}, or run with --headless"
+        )
     if platform == "xcb" and not _x_server_answers():
-        return f"no window: the X server '{os.environ['DISPLAY']}' named by DISPLAY does not answer; start it, or run with --headless"
+        return (
+            f"no window: the X server '{os.environ['DISPLAY']}' named by DISPLAY does not answer;"
+            " start it, or run with --headless"
+        )
     return None
 
 
 def _platform() -> str:
-    """The Qt platform that would be used: "xcb", "wayland", another one asked for by name, or "" for none."""
+    """The Qt platform that would be used: "xcb", "wayland", another one asked for by name, or ""
+    for none.
+    """
     asked = os.environ.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
     has_x, has_wayland = bool(os.environ.get("DISPLAY")), bool(os.environ.get("WAYLAND_DISPLAY"))
     if asked == "xcb":

@@ -1,4 +1,6 @@
-"""The interface as the camera sees it, with u_x, the contact's edge a and the stick radius c drawn over it."""
+"""The interface as the camera sees it, with u_x, the contact's edge a and the stick radius c drawn
+over it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,16 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtWidgets import QCheckBox, QComboBox, QFrame, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
 
 from app.gui import theme
 from app.gui.numbers import number
@@ -18,7 +29,9 @@ _ANGLES = np.linspace(0.0, 2 * np.pi, 181)
 
 
 class InterfaceView(QFrame):
-    """Live image, overlay and circles; axes in mm from the top-left pixel, x along the drive, y down."""
+    """Live image, overlay and circles; axes in mm from the top-left pixel, x along the drive, y
+    down.
+    """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -26,16 +39,24 @@ class InterfaceView(QFrame):
         self._scene: Scene | None = None
         self._image: ImageView | None = None
         self._field: FieldView | None = None
-        self._fields: tuple[FieldView | None, FieldView | None] = (None, None)  # displacement, shear traction
+        # displacement, shear traction
+        self._fields: tuple[FieldView | None, FieldView | None] = (None, None)
         self.plot = theme.plot_widget("x, driving direction → (mm)", "y (mm)")
         self.image = pg.ImageItem(axisOrder="row-major")
         self.overlay = pg.ImageItem(axisOrder="row-major")
         dashed = pg.mkPen(theme.APPARENT, width=2, style=Qt.PenStyle.DashLine)
         self.apparent = pg.PlotCurveItem(pen=dashed, antialias=True)
         self.stick = pg.PlotCurveItem(pen=pg.mkPen(theme.STICK, width=2.5), antialias=True)
-        self.centre = pg.ScatterPlotItem(symbol="+", size=16, pen=pg.mkPen(theme.APPARENT, width=1.5), brush=None)
+        self.centre = pg.ScatterPlotItem(
+            symbol="+", size=16, pen=pg.mkPen(theme.APPARENT, width=1.5), brush=None
+        )
         self.colour_bar = pg.ColorBarItem(
-            values=(-1, 1), colorMap=theme.displacement_map(), label="uₓ (µm)", interactive=False, width=16, pen=theme.GRID
+            values=(-1, 1),
+            colorMap=theme.displacement_map(),
+            label="uₓ (µm)",
+            interactive=False,
+            width=16,
+            pen=theme.GRID,
         )
         self._build_plot()
         self.heading, self.caption, self.pointed = QLabel("Interface"), QLabel(""), QLabel("")
@@ -60,17 +81,25 @@ class InterfaceView(QFrame):
         """Draw what changed since the last call."""
         if view.image is not None and view.image is not self._image:
             self._image = view.image
-            self.image.setImage(view.image.pixels, levels=view.image.levels, rect=QRectF(*view.image.rect_px))
+            self.image.setImage(
+                view.image.pixels, levels=view.image.levels, rect=QRectF(*view.image.rect_px)
+            )
         self._fields = view.field, view.stress_field
         self.which.setVisible(view.stress_field is not None)
         self._show_overlay()
         _draw_circle(self.apparent, view.centre_px, view.apparent_px)
         _draw_circle(self.stick, view.centre_px, view.stick_px)
-        self.centre.setData(*([], []) if view.centre_px is None else ([view.centre_px[0]], [view.centre_px[1]]))
-        self.caption.setText(" · ".join(part.caption for part in (self._field, view.image) if part is not None))
+        self.centre.setData(
+            *([], []) if view.centre_px is None else ([view.centre_px[0]], [view.centre_px[1]])
+        )
+        self.caption.setText(
+            " · ".join(part.caption for part in (self._field, view.image) if part is not None)
+        )
 
     def _show_overlay(self) -> None:
-        field = self._fields[1 if self._fields[1] is not None and self.which.currentIndex() == 1 else 0]
+        field = self._fields[
+            1 if self._fields[1] is not None and self.which.currentIndex() == 1 else 0
+        ]
         if field is self._field:
             return
         self._field = field
@@ -81,7 +110,9 @@ class InterfaceView(QFrame):
         self.overlay.setImage(field.values, levels=(-limit, limit), rect=QRectF(*field.rect_px))
         self.colour_bar.setLevels((-limit, limit))
         self.colour_bar.getAxis("left").setLabel(f"{field.symbol} ({field.unit})")
-        self.colour_bar.getAxis("right").setTicks([[(value, number(value, 0 if limit >= 10 else 1)) for value in colour_ticks(limit)]])
+        self.colour_bar.getAxis("right").setTicks(
+            [[(value, number(value, 0 if limit >= 10 else 1)) for value in colour_ticks(limit)]]
+        )
 
     def _build_plot(self) -> None:
         plot = self.plot.getPlotItem()
@@ -89,7 +120,9 @@ class InterfaceView(QFrame):
         plot.setAspectLocked(True)
         plot.showGrid(x=False, y=False)
         plot.hideButtons()
-        for depth, item in enumerate((self.image, self.overlay, self.apparent, self.stick, self.centre)):
+        for depth, item in enumerate(
+            (self.image, self.overlay, self.apparent, self.stick, self.centre)
+        ):
             item.setZValue(depth)
             plot.addItem(item)
         self.colour_bar.setImageItem(self.overlay, insert_in=plot)
@@ -106,7 +139,9 @@ class InterfaceView(QFrame):
             label.setObjectName("muted")
         self.show_field.setChecked(True)
         self.show_circles.setChecked(True)
-        self.show_circles.setToolTip("dashed: apparent radius a; solid: stick radius c; cross: centre of the contact")
+        self.show_circles.setToolTip(
+            "dashed: apparent radius a; solid: stick radius c; cross: centre of the contact"
+        )
         self.opacity.setRange(0, 100)
         self.opacity.setFixedWidth(120)
         self.opacity.setToolTip("opacity of the overlay")
@@ -127,7 +162,9 @@ class InterfaceView(QFrame):
             head.addSpacing(8)
             head.addWidget(widget)
         foot.addWidget(self.pointed)
-        self.pointed.setText("point at the image to read it; wheel zooms, drag moves, double click shows all")
+        self.pointed.setText(
+            "point at the image to read it; wheel zooms, drag moves, double click shows all"
+        )
         layout = QVBoxLayout(self)
         layout.setContentsMargins(12, 8, 12, 8)
         layout.addLayout(head)
@@ -157,7 +194,10 @@ class InterfaceView(QFrame):
 def describe_point(scene: Scene, field: FieldView | None, x_px: float, y_px: float) -> str:
     """Place of a point in px and mm, and the field's value in the box under it."""
     scale = scene.pixel_um * 1e-3
-    place = f"x {number(x_px, 0)} px, y {number(y_px, 0)} px  ·  {number(x_px * scale, 2)} mm, {number(y_px * scale, 2)} mm"
+    place = (
+        f"x {number(x_px, 0)} px, y {number(y_px, 0)} px  ·  {number(x_px * scale, 2)} mm,"
+        f" {number(y_px * scale, 2)} mm"
+    )
     if field is None:
         return place
     left, top, width, height = field.rect_px
@@ -166,7 +206,9 @@ def describe_point(scene: Scene, field: FieldView | None, x_px: float, y_px: flo
     if not (0 <= row < rows and 0 <= col < cols):
         return place
     value = float(field.values[row, col])
-    return f"{place}  ·  {field.symbol} " + (f"{number(value, 2)} {field.unit}" if math.isfinite(value) else "not measured")
+    return f"{place}  ·  {field.symbol} " + (
+        f"{number(value, 2)} {field.unit}" if math.isfinite(value) else "not measured"
+    )
 
 
 def colour_ticks(limit: float) -> list[float]:

@@ -13,7 +13,8 @@ from app.gui.numbers import Tone
 class Notice(QFrame):
     """A sentence across the window, hidden while there is nothing to say.
 
-    An alarm stays until it is dismissed or a new run begins; other sentences give way to newer ones.
+    An alarm stays until it is dismissed or a new run begins; other sentences give way to newer
+    ones.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -42,7 +43,10 @@ class Notice(QFrame):
 
     def ask(self, sentence: str, yes: str, on_yes: Callable[[], object]) -> None:
         """Ask for a decision; the window stays in use meanwhile."""
-        self._show(f"{self.text.text()}  {sentence}" if self.is_alarm else sentence, Tone.BAD if self.is_alarm else Tone.WARN)
+        self._show(
+            f"{self.text.text()}  {sentence}" if self.is_alarm else sentence,
+            Tone.BAD if self.is_alarm else Tone.WARN,
+        )
         self.is_question = True
         self._on_yes = on_yes
         self.yes.setText(yes)
@@ -68,5 +72,8 @@ class Notice(QFrame):
         self.yes.hide()
         self.no.setText("Dismiss")
         self.text.setText(sentence)
-        self.setStyleSheet(f"QFrame#panel {{ border: 1px solid {theme.TONES[tone]}; }} QLabel {{ color: {theme.TONES[tone]}; }}")
+        self.setStyleSheet(
+            f"QFrame#panel {{ border: 1px solid {theme.TONES[tone]}; }} QLabel {{ color:"
+            f" {theme.TONES[tone]}; }}"
+        )
         self.show()

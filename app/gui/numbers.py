@@ -58,7 +58,9 @@ def disk_text(free_bytes: int) -> str:
 
 
 def measured(name: str, value: float, sd: float, least: int, unit: str = "") -> Cell:
-    """`value` rounded to its standard uncertainty `sd`, which becomes the cell's detail; `least` decimals where there is none."""
+    """`value` rounded to its standard uncertainty `sd`, which becomes the cell's detail; `least`
+    decimals where there is none.
+    """
     if not math.isfinite(value):
         return Cell(name, NOT_KNOWN)
     decimals = decimals_for(sd, least)

@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
 
 from app.gui import theme
 from app.gui.numbers import NOT_KNOWN, Cell, Tone
@@ -28,7 +37,11 @@ class CellView(QWidget):
 
     def __init__(self, cell: Cell, value_name: str = "value") -> None:
         super().__init__()
-        self.name, self.value, self.detail = _label("", "name"), _label("", value_name), _label("", "detail")
+        self.name, self.value, self.detail = (
+            _label("", "name"),
+            _label("", value_name),
+            _label("", "detail"),
+        )
         self._shown: Cell | None = None
         row = QHBoxLayout()
         row.setSpacing(6)
@@ -49,8 +62,14 @@ class CellView(QWidget):
         self._shown = cell
         self.name.setText(_subscripted(cell.name))
         self.value.setText(cell.value)
-        self.detail.setText(" ".join(part for part in (cell.detail, cell.unit) if part) if cell.value != NOT_KNOWN else "")
-        self.value.setStyleSheet(f"color: {theme.TONES[cell.tone]};" if cell.tone is not Tone.NEUTRAL else "")
+        self.detail.setText(
+            " ".join(part for part in (cell.detail, cell.unit) if part)
+            if cell.value != NOT_KNOWN
+            else ""
+        )
+        self.value.setStyleSheet(
+            f"color: {theme.TONES[cell.tone]};" if cell.tone is not Tone.NEUTRAL else ""
+        )
 
 
 class CellRow(QFrame):
@@ -92,7 +111,9 @@ class ResultPanel(CellRow):
         has_result = view.outcome is not None
         self.heading.setText("Result" if has_result else "Settings of the run")
         self.show_cells(view.result)
-        self.notes.setText(" · ".join(part for part in (view.sentence, view.notes) if part) if has_result else "")
+        self.notes.setText(
+            " · ".join(part for part in (view.sentence, view.notes) if part) if has_result else ""
+        )
         self.notes.setVisible(has_result)
 
 
@@ -105,12 +126,21 @@ class TopBar(QFrame):
         self.title, self.badge, self.phases = _label("SlipScope", "title"), QLabel(""), QLabel("")
         self.sentence = _label("", "muted")
         self.sentence.setWordWrap(True)
-        self.start, self.stop, self.stop_motion = QPushButton("Start  F5"), QPushButton("End run"), QPushButton("STOP MOTION")
+        self.start, self.stop, self.stop_motion = (
+            QPushButton("Start  F5"),
+            QPushButton("End run"),
+            QPushButton("STOP MOTION"),
+        )
         self.start.setObjectName("start")
         self.stop_motion.setObjectName("stop_motion")
         self.stop_motion.setMinimumSize(220, 58)
-        self.stop_motion.setToolTip("Stops the actuator now and ends the run (Esc). A software button is not an emergency stop.")
-        self.stop.setToolTip("Ends the run in good order: the actuator stops, what was measured is kept.")
+        self.stop_motion.setToolTip(
+            "Stops the actuator now and ends the run (Esc). A software button is not an emergency"
+            " stop."
+        )
+        self.stop.setToolTip(
+            "Ends the run in good order: the actuator stops, what was measured is kept."
+        )
         self.start.setToolTip("Begins the run (F5).")
         for button in (self.start, self.stop):
             button.setMinimumHeight(40)
@@ -139,16 +169,22 @@ class TopBar(QFrame):
         self._shown = (state, tone, phase)
         self.badge.setText(state.upper())
         self.badge.setStyleSheet(
-            f"background: {theme.TONES[tone]}; color: #10131a; border-radius: 4px; padding: 2px 10px; font-weight: 700; font-size: 12px;"
+            f"background: {theme.TONES[tone]}; color: #10131a; border-radius: 4px; padding: 2px"
+            " 10px; font-weight: 700; font-size: 12px;"
         )
         words = (
-            f"<b style='color:{theme.TEXT}'>{step}</b>" if step == phase else f"<span style='color:#6c7684'>{step}</span>" for step in Phase
+            f"<b style='color:{theme.TEXT}'>{step}</b>"
+            if step == phase
+            else f"<span style='color:#6c7684'>{step}</span>"
+            for step in Phase
         )
         self.phases.setText("<span style='color:#4b5563'> &nbsp;›&nbsp; </span>".join(words))
 
 
 class HealthStrip(QFrame):
-    """Where every trigger and sample went, how full the queue is, what is left of the disk and of the run."""
+    """Where every trigger and sample went, how full the queue is, what is left of the disk and of
+    the run.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -184,7 +220,9 @@ class HealthStrip(QFrame):
             self.queue.setProperty("tone", str(view.queue.tone))
             self.queue.style().polish(self.queue)
             is_calm = view.queue.tone in (Tone.NEUTRAL, Tone.GOOD)
-            self.queue_text.setStyleSheet("" if is_calm else f"color: {theme.TONES[view.queue.tone]}; font-weight: 700;")
+            self.queue_text.setStyleSheet(
+                "" if is_calm else f"color: {theme.TONES[view.queue.tone]}; font-weight: 700;"
+            )
         self.progress.setValue(round(1000 * view.progress))
         self.progress_text.setText(f"{100 * view.progress:.0f} %")
 

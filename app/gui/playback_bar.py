@@ -10,7 +10,16 @@ from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QPushButto
 
 from app.gui.source import PlaybackSource
 
-PACES: dict[str, float | None] = {"0.1 x": 0.1, "0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "5 x": 5.0, "10 x": 10.0, "max": None}
+PACES: dict[str, float | None] = {
+    "0.1 x": 0.1,
+    "0.25 x": 0.25,
+    "0.5 x": 0.5,
+    "1 x": 1.0,
+    "2 x": 2.0,
+    "5 x": 5.0,
+    "10 x": 10.0,
+    "max": None,
+}
 
 
 class FrameSlider(QSlider):
@@ -19,7 +28,11 @@ class FrameSlider(QSlider):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Go to the place under the pointer, and follow it from there."""
         if event.button() is Qt.MouseButton.LeftButton:
-            self.setValue(QStyle.sliderValueFromPosition(self.minimum(), self.maximum(), int(event.position().x()), self.width()))
+            self.setValue(
+                QStyle.sliderValueFromPosition(
+                    self.minimum(), self.maximum(), int(event.position().x()), self.width()
+                )
+            )
         super().mousePressEvent(event)
 
 
@@ -32,10 +45,20 @@ class PlaybackBar(QFrame):
         super().__init__()
         self.setObjectName("panel")
         self._source: PlaybackSource | None = None
-        self.play, self.forward, self.back = QPushButton("Pause"), QPushButton("▸|"), QPushButton("|◂")
-        self.pace, self.slider, self.place = QComboBox(), FrameSlider(Qt.Orientation.Horizontal), QLabel("")
+        self.play, self.forward, self.back = (
+            QPushButton("Pause"),
+            QPushButton("▸|"),
+            QPushButton("|◂"),
+        )
+        self.pace, self.slider, self.place = (
+            QComboBox(),
+            FrameSlider(Qt.Orientation.Horizontal),
+            QLabel(""),
+        )
         self.play.setToolTip("Space")
-        self.forward.setToolTip("the next frame (right arrow); while it stands at the newest one, that is analysed")
+        self.forward.setToolTip(
+            "the next frame (right arrow); while it stands at the newest one, that is analysed"
+        )
         self.back.setToolTip("the frame before (left arrow)")
         self.pace.addItems(list(PACES))
         self.pace.setToolTip("seconds of the experiment per second")
@@ -53,7 +76,9 @@ class PlaybackBar(QFrame):
         self.play.clicked.connect(self.toggle)
         self.forward.clicked.connect(self.go_forward)
         self.back.clicked.connect(self.go_back)
-        self.pace.textActivated.connect(lambda text: self._do(lambda source: source.playback.set_pace(PACES[text])))
+        self.pace.textActivated.connect(
+            lambda text: self._do(lambda source: source.playback.set_pace(PACES[text]))
+        )
         self.slider.valueChanged.connect(self._moved)
         self.hide()
 
@@ -64,7 +89,9 @@ class PlaybackBar(QFrame):
         if self._source is not None:
             self.slider.setRange(0, self._source.frame_count - 1)
             pace = self._source.playback.pace
-            self.pace.setCurrentText(next((text for text, value in PACES.items() if value == pace), "1 x"))
+            self.pace.setCurrentText(
+                next((text for text, value in PACES.items() if value == pace), "1 x")
+            )
             self.refresh()
 
     def toggle(self) -> None:

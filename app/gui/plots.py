@@ -19,7 +19,8 @@ STRIP_STEP_S = 0.2
 
 
 def cattaneo_mindlin(summary: Summary, points: int = 200) -> tuple[F64, F64]:
-    """Q (newtons) and the stick radius c (mm) that Cattaneo and Mindlin's model gives with mu P = Q_s; empty where Q_s is unknown.
+    """Q (newtons) and the stick radius c (mm) that Cattaneo and Mindlin's model gives with mu P =
+    Q_s; empty where Q_s is unknown.
 
     References
     ----------
@@ -61,7 +62,14 @@ class CurvesView(QWidget):
     def show_scene(self, scene: Scene) -> None:
         """Empty the curves for a new run; the travel axis spans the travel asked for."""
         self._loading = self._curves = self._forces = None
-        for curve in (self.loading_curve, self.stick_curve, self.stick_low, self.stick_high, self.peak_curve, self.model_curve):
+        for curve in (
+            self.loading_curve,
+            self.stick_curve,
+            self.stick_low,
+            self.stick_high,
+            self.peak_curve,
+            self.model_curve,
+        ):
             curve.setData([], [])
         for curve in (self.normal_curve, self.shear_curve):
             curve.setData([], [])
@@ -81,7 +89,9 @@ class CurvesView(QWidget):
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """What draws each plot, where it changed since its last call; one after the other, so that a key need not wait for all."""
+        """What draws each plot, where it changed since its last call; one after the other, so that
+        a key need not wait for all.
+        """
         return self._show_loading, self._show_sticking, self._show_traction, self._show_strips
 
     def _show_loading(self, view: ViewState) -> None:
@@ -117,7 +127,11 @@ class CurvesView(QWidget):
     def _show_curves(self, curves: Curves) -> None:
         self._curves = curves
         order = np.argsort(curves.stick_shear_n, kind="stable")
-        shear, stick, sd = curves.stick_shear_n[order], curves.stick_mm[order], curves.stick_sd_mm[order]
+        shear, stick, sd = (
+            curves.stick_shear_n[order],
+            curves.stick_mm[order],
+            curves.stick_sd_mm[order],
+        )
         self.stick_curve.setData(shear, stick)
         self.stick_low.setData(shear, stick - sd)
         self.stick_high.setData(shear, stick + sd)
@@ -137,7 +151,9 @@ class CurvesView(QWidget):
         self.stress_caption.setText(stress.caption)
 
     def _strips_are_old(self, forces: ForceView) -> bool:
-        """Whether the strips lag enough to be worth drawing; the two of them are the dearest part of a refresh."""
+        """Whether the strips lag enough to be worth drawing; the two of them are the dearest part
+        of a refresh.
+        """
         shown = self._forces
         if shown is None or not len(shown.time_s) or shown.time_label != forces.time_label:
             return bool(len(forces.time_s))
@@ -156,14 +172,35 @@ class CurvesView(QWidget):
         colour = pg.mkColor(theme.STICK)
         self.stick_low = pg.PlotCurveItem(pen=None)
         self.stick_high = pg.PlotCurveItem(pen=None)
-        band = pg.FillBetweenItem(self.stick_low, self.stick_high, brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70))
-        self.stick_curve = pg.PlotDataItem(
-            pen=None, symbol="o", symbolSize=4, symbolBrush=theme.STICK, symbolPen=None, antialias=True, name="c of uₓ ± sd"
+        band = pg.FillBetweenItem(
+            self.stick_low,
+            self.stick_high,
+            brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70),
         )
-        self.peak_curve = pg.PlotDataItem(pen=None, symbol="+", symbolSize=5, symbolBrush=None, symbolPen=theme.SHEAR, name="largest σ")
-        self.model_curve = pg.PlotDataItem(pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, μP = Qₛ")
+        self.stick_curve = pg.PlotDataItem(
+            pen=None,
+            symbol="o",
+            symbolSize=4,
+            symbolBrush=theme.STICK,
+            symbolPen=None,
+            antialias=True,
+            name="c of uₓ ± sd",
+        )
+        self.peak_curve = pg.PlotDataItem(
+            pen=None,
+            symbol="+",
+            symbolSize=5,
+            symbolBrush=None,
+            symbolPen=theme.SHEAR,
+            name="largest σ",
+        )
+        self.model_curve = pg.PlotDataItem(
+            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, μP = Qₛ"
+        )
         self.apparent_line = _guide(self.sticking, 0, "a")
-        legend = self.sticking.addLegend(offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
+        legend = self.sticking.addLegend(
+            offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt"
+        )
         for item in (self.stick_low, self.stick_high, band):
             self.sticking.addItem(item, ignoreBounds=True)
         for item in (self.peak_curve, self.stick_curve, self.model_curve):
@@ -175,16 +212,29 @@ class CurvesView(QWidget):
     def _build_stress(self) -> None:
         colour = pg.mkColor(theme.SHEAR)
         self.stress_low, self.stress_high = pg.PlotCurveItem(pen=None), pg.PlotCurveItem(pen=None)
-        band = pg.FillBetweenItem(self.stress_low, self.stress_high, brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70))
-        self.stress_curve = pg.PlotDataItem(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True, name="inverted ± sd")
-        self.stress_model = pg.PlotDataItem(pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, c of uₓ")
-        legend = self.stress.addLegend(offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
+        band = pg.FillBetweenItem(
+            self.stress_low,
+            self.stress_high,
+            brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70),
+        )
+        self.stress_curve = pg.PlotDataItem(
+            pen=pg.mkPen(theme.SHEAR, width=2), antialias=True, name="inverted ± sd"
+        )
+        self.stress_model = pg.PlotDataItem(
+            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, c of uₓ"
+        )
+        legend = self.stress.addLegend(
+            offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt"
+        )
         legend.setBrush(pg.mkBrush(28, 32, 39, 200))
         for item in (self.stress_low, self.stress_high, band):
             self.stress.addItem(item, ignoreBounds=True)
         for item in (self.stress_curve, self.stress_model):
             self.stress.addItem(item)
-        self.stick_line, self.peak_line = _guide(self.stress, 90, "c"), _guide(self.stress, 90, "max σ")
+        self.stick_line, self.peak_line = (
+            _guide(self.stress, 90, "c"),
+            _guide(self.stress, 90, "max σ"),
+        )
 
     def _build_layout(self) -> None:
         grid = QGridLayout(self)
@@ -193,7 +243,9 @@ class CurvesView(QWidget):
         grid.addWidget(_titled("Loading curve Q(δ)", self.loading), 0, 0)
         grid.addWidget(_titled("Stick radius c(Q)", self.sticking), 0, 1)
         self.stress_caption = QLabel("")
-        grid.addWidget(_titled("Shear traction σ(r)", self.stress, caption=self.stress_caption), 1, 0)
+        grid.addWidget(
+            _titled("Shear traction σ(r)", self.stress, caption=self.stress_caption), 1, 0
+        )
         grid.addWidget(_titled("Forces", self.normal, self.shear), 1, 1)
         for k in (0, 1):
             grid.setRowStretch(k, 1)
@@ -212,7 +264,11 @@ def _guide(plot: Any, angle: int, text: str) -> Any:
         angle=angle,
         pen=pg.mkPen(theme.APPARENT, width=1, style=Qt.PenStyle.DashLine),
         label=text,
-        labelOpts={"position": 0.06 if angle == 0 else 0.3, "color": theme.TEXT, "anchors": [(0, 1), (0, 1)]},
+        labelOpts={
+            "position": 0.06 if angle == 0 else 0.3,
+            "color": theme.TEXT,
+            "anchors": [(0, 1), (0, 1)],
+        },
     )
     line.hide()
     plot.addItem(line, ignoreBounds=True)
@@ -230,7 +286,8 @@ def _titled(title: str, *plots: Any, caption: QLabel | None = None) -> QFrame:
     layout.addWidget(heading)
     if caption is not None:
         caption.setObjectName("muted")
-        caption.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # a long one is cut, not the plots beside it
+        # a long one is cut, not the plots beside it
+        caption.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         layout.addWidget(caption)
     for plot in plots:
         plot.setMinimumHeight(90)

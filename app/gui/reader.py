@@ -1,4 +1,6 @@
-"""The newest view of a run, read in a thread of its own: nothing a source does can freeze the window."""
+"""The newest view of a run, read in a thread of its own: nothing a source does can freeze the
+window.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from app.gui.view_state import Scene, ViewState, read, resolve, scene_of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What came of one look at the source: the scene and its view, or a sentence that says why there is none."""
+    """What came of one look at the source: the scene and its view, or a sentence that says why
+    there is none.
+    """
 
     scene: Scene | None
     view: ViewState | None
@@ -32,7 +36,9 @@ class Reader:
         self._asked_at: float | None = None
         self._answer: Answer | None = None
         self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._work, name="slipscope-window-reader", daemon=True)
+        self._thread = threading.Thread(
+            target=self._work, name="slipscope-window-reader", daemon=True
+        )
         self._thread.start()
 
     def ask(self) -> None:
@@ -70,8 +76,13 @@ class Reader:
             try:
                 scene = scene or scene_of(self.source)
                 view = resolve(scene, read(self.source, view.curves.seen if view else 0), view)
-            except Exception as error:  # whatever the source raises is shown, and the next look may succeed
-                problem = f"The run could not be read ({type(error).__name__}: {error}); it goes on, and STOP MOTION still works."
+            except (
+                Exception
+            ) as error:  # whatever the source raises is shown, and the next look may succeed
+                problem = (
+                    f"The run could not be read ({type(error).__name__}: {error}); it goes on, and"
+                    " STOP MOTION still works."
+                )
             with self._lock:
                 self._answer = Answer(scene, view, problem)
             self._asked_at = None

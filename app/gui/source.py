@@ -1,4 +1,6 @@
-"""What the window needs from a run, live or replayed: something to read, and three ways to act on it."""
+"""What the window needs from a run, live or replayed: something to read, and three ways to act on
+it.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,8 @@ class PlaybackSource(Protocol):
 class RunSource(Protocol):
     """A live run or a replay as the window sees it: it reads, and asks to stop.
 
-    Constructing a source touches no device and no file; `start` does. The reads may be called from any one thread.
+    Constructing a source touches no device and no file; `start` does. The reads may be called from
+    any one thread.
     """
 
     @property
@@ -92,7 +95,10 @@ class RunSource(Protocol):
         """Begin; returns at once."""
 
     def stop_motion(self) -> None:
-        """Stop the actuator at once, then end the run. From any thread, at any time; a replay just ends."""
+        """Stop the actuator at once, then end the run.
+
+        From any thread, at any time; a replay just ends.
+        """
 
     def request_stop(self, reason: str) -> None:
         """Ask for an orderly end of the run; returns at once."""
@@ -101,7 +107,10 @@ class RunSource(Protocol):
         """The state of the run at a glance."""
 
     def latest_image(self) -> Image | None:
-        """The newest image, shape (rows, cols); None before the first. The same object until there is a newer one."""
+        """The newest image, shape (rows, cols); None before the first.
+
+        The same object until there is a newer one.
+        """
 
     def snapshots_since(self, n: int) -> list[Snapshot]:
         """All snapshots but the first `n`, in order."""

@@ -37,7 +37,8 @@ def run_window(
     on_ready : callable, optional
         Called with the window when it is on the screen.
     screenshot : Path, optional
-        Where to save a picture of the window when the run has ended; the window then closes by itself.
+        Where to save a picture of the window when the run has ended; the window then closes by
+        itself.
     """
     application = QApplication.instance() or QApplication(["slipscope"])
     assert isinstance(application, QApplication)
@@ -55,7 +56,8 @@ def run_window(
     if picture is not None:
         picture.stop()
     outcome = window.outcome() or (window.source.outcome() if window.source else None)
-    window.deleteLater()  # a pyqtgraph window that is still there when the interpreter ends may crash it
+    # a pyqtgraph window that is still there when the interpreter ends may crash it
+    window.deleteLater()
     application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     application.processEvents()
     return outcome
@@ -85,7 +87,9 @@ def _picture_at_end(window: MainWindow, path: Path) -> QTimer:
 
 @contextmanager
 def _interrupt_closes(window: MainWindow) -> Iterator[None]:
-    """Ctrl-C stops the motion and closes the window; Python sees the signal at the window's next refresh."""
+    """Ctrl-C stops the motion and closes the window; Python sees the signal at the window's next
+    refresh.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

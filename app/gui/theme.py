@@ -1,4 +1,6 @@
-"""The look of the window: dark, since benches stand in dimmed rooms and the image is what must be seen."""
+"""The look of the window: dark, since benches stand in dimmed rooms and the image is what must be
+seen.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,13 @@ STICK = "#7fd68a"  # c
 APPARENT = "#f1f3f5"  # a
 MODEL = "#c6a8f0"  # closed forms
 
-TONES = {Tone.NEUTRAL: MUTED, Tone.GOOD: "#52b788", Tone.BUSY: "#4f9fe8", Tone.WARN: "#e0a63a", Tone.BAD: "#f0655c"}
+TONES = {
+    Tone.NEUTRAL: MUTED,
+    Tone.GOOD: "#52b788",
+    Tone.BUSY: "#4f9fe8",
+    Tone.WARN: "#e0a63a",
+    Tone.BAD: "#f0655c",
+}
 
 STYLE = f"""
 QMainWindow, QWidget#body {{ background: {WINDOW}; }}
@@ -68,7 +76,9 @@ def displacement_map() -> Any:
 
 
 def plot_widget(bottom: str, left: str) -> Any:
-    """An empty plot with labelled axes, no SI prefixes (the units are in the labels) and software rendering."""
+    """An empty plot with labelled axes, no SI prefixes (the units are in the labels) and software
+    rendering.
+    """
     widget = pg.PlotWidget(background=PANEL, useOpenGL=False)
     plot = widget.getPlotItem()
     for side, text in (("bottom", bottom), ("left", left)):
@@ -77,7 +87,9 @@ def plot_widget(bottom: str, left: str) -> Any:
         axis.setLabel(text, **{"color": TEXT, "font-size": "9.5pt"})
         axis.setPen(GRID)
         axis.setTextPen(MUTED)
-        axis.setStyle(maxTickLevel=0)  # each grid line is blended over the plot: with the minor ones a repaint takes four times longer
+        # each grid line is blended over the plot: with the minor ones a repaint takes four times
+        # longer
+        axis.setStyle(maxTickLevel=0)
     plot.showGrid(x=True, y=True, alpha=0.18)
     plot.setMenuEnabled(False)
     return widget

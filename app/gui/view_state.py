@@ -1,7 +1,8 @@
-"""What the window shows, as plain values: everything is decided here, without Qt; the views only draw.
+"""What the window shows, as plain values: everything is decided here, without Qt; the views only
+draw.
 
-`read` takes the newest from a source, `resolve` turns it into a frozen `ViewState`. Lengths on the image are pixels (x, y), with
-(0, 0) the centre of the top-left pixel.
+`read` takes the newest from a source, `resolve` turns it into a frozen `ViewState`. Lengths on the
+image are pixels (x, y), with (0, 0) the centre of the top-left pixel.
 """
 
 from __future__ import annotations
@@ -15,7 +16,16 @@ from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.config import exposure_samples
-from app.gui.cells import disk_cell, health_cells, operator_sentence, queue_cell, readouts, result_cells, setting_cells, state_tone
+from app.gui.cells import (
+    disk_cell,
+    health_cells,
+    operator_sentence,
+    queue_cell,
+    readouts,
+    result_cells,
+    setting_cells,
+    state_tone,
+)
 from app.gui.numbers import Cell, Tone, measured, number
 from app.gui.source import Image, PlaybackSource, RunSource
 from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
@@ -54,7 +64,9 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """The run so far, one point per analysed frame; points that could not be measured are left out of each curve."""
+    """The run so far, one point per analysed frame; points that could not be measured are left out
+    of each curve.
+    """
 
     seen: int
     travel_um: F64
@@ -71,7 +83,9 @@ class Curves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageView:
-    """The image as displayed: pixels, where they lie, grey levels of black and white, and what was left out."""
+    """The image as displayed: pixels, where they lie, grey levels of black and white, and what was
+    left out.
+    """
 
     pixels: Image
     rect_px: Rect
@@ -95,7 +109,9 @@ class FieldView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StressView:
-    """Shear traction about the contact's centre, its band of one standard uncertainty, and Cattaneo and Mindlin's beside it."""
+    """Shear traction about the contact's centre, its band of one standard uncertainty, and Cattaneo
+    and Mindlin's beside it.
+    """
 
     radius_mm: F64
     stress_kpa: F64
@@ -157,7 +173,11 @@ def scene_of(source: RunSource) -> Scene:
     config = source.config
     step_x = float(x[1] - x[0]) if len(x) > 1 else float(config.dic.step)
     step_y = float(y[1] - y[0]) if len(y) > 1 else float(config.dic.step)
-    rect = (float(x[0]) - step_x / 2, float(y[0]) - step_y / 2, step_x * len(x), step_y * len(y)) if len(x) and len(y) else (0.0,) * 4
+    rect = (
+        (float(x[0]) - step_x / 2, float(y[0]) - step_y / 2, step_x * len(x), step_y * len(y))
+        if len(x) and len(y)
+        else (0.0,) * 4
+    )
     return Scene(source.title, source.pixel_m * 1e6, rect, source.sample_rate_hz, config)
 
 
@@ -187,13 +207,17 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], scene: Scene) -> C
         return curves
     loaded = [s for s in snapshots if s.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
     pulled = [s for s in loaded if math.isfinite(s.travel_m) and math.isfinite(s.shear_force_n)]
-    stuck = [s for s in loaded if math.isfinite(s.stick_radius_m) and math.isfinite(s.shear_force_n)]
+    stuck = [
+        s for s in loaded if math.isfinite(s.stick_radius_m) and math.isfinite(s.shear_force_n)
+    ]
     peaked = [s for s in loaded if s.peak_radius_sd_m < MOST_UNCERTAIN * s.peak_radius_m]
     fields = [s for s in snapshots if s.ux_px.size]
     newest = snapshots[-1]
     start = curves.drive_start_s
     if math.isfinite(newest.time_s):
-        start = (newest.sample + exposure_samples(scene.config) / 2) / scene.sample_rate_hz - newest.time_s
+        start = (
+            newest.sample + exposure_samples(scene.config) / 2
+        ) / scene.sample_rate_hz - newest.time_s
     return Curves(
         curves.seen + len(snapshots),
         np.append(curves.travel_um, [s.travel_m * 1e6 for s in pulled]),
@@ -221,17 +245,31 @@ def image_view(full: Image) -> ImageView:
 
 
 def symmetric_limit(values: F32) -> float:
-    """The round number (1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten) at or above 99 % of |values|, ignoring NaN; at least 1."""
+    """The round number (1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten) at or above 99 % of
+    |values|, ignoring NaN; at least 1.
+    """
     finite = np.abs(values[np.isfinite(values)])
     top = float(np.percentile(finite, 99)) if finite.size else 0.0
     decade = 10.0 ** math.floor(math.log10(max(top, 1.0)))
-    return next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if max(top, 1.0) <= step * decade)
+    return next(
+        step * decade
+        for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+        if max(top, 1.0) <= step * decade
+    )
 
 
 def field_view(snapshot: Snapshot, scene: Scene) -> FieldView:
     """u_x of `snapshot` in micrometres, the motion of the lens taken off."""
     ux_um = snapshot.ux_px * np.float32(scene.pixel_um) - np.float32(snapshot.lens_m * 1e6)
-    return FieldView(ux_um, scene.field_rect_px, symmetric_limit(ux_um), "uₓ", "µm", f"uₓ of {_when(snapshot)}", snapshot.frame)
+    return FieldView(
+        ux_um,
+        scene.field_rect_px,
+        symmetric_limit(ux_um),
+        "uₓ",
+        "µm",
+        f"uₓ of {_when(snapshot)}",
+        snapshot.frame,
+    )
 
 
 def stress_field_view(snapshot: Snapshot, scene: Scene) -> FieldView | None:
@@ -239,18 +277,35 @@ def stress_field_view(snapshot: Snapshot, scene: Scene) -> FieldView | None:
     if not snapshot.stress_field_pa.size:
         return None
     kpa = snapshot.stress_field_pa * np.float32(1e-3)
-    return FieldView(kpa, scene.field_rect_px, symmetric_limit(kpa), "σₓ", "kPa", f"σₓ of {_when(snapshot)}", snapshot.frame)
+    return FieldView(
+        kpa,
+        scene.field_rect_px,
+        symmetric_limit(kpa),
+        "σₓ",
+        "kPa",
+        f"σₓ of {_when(snapshot)}",
+        snapshot.frame,
+    )
 
 
 def stress_view(snapshot: Snapshot, config: Config) -> StressView | None:
     """The profile of the shear traction of `snapshot`; None where it was not inverted."""
     if not snapshot.stress_radius_m.size:
         return None
-    model, P, c, sample = np.full(snapshot.stress_radius_m.shape, np.nan), snapshot.normal_force_n, snapshot.stick_radius_m, config.sample
+    model, P, c, sample = (
+        np.full(snapshot.stress_radius_m.shape, np.nan),
+        snapshot.normal_force_n,
+        snapshot.stick_radius_m,
+        config.sample,
+    )
     if P > 0 and math.isfinite(c):
-        a = hertz.contact_radius(P, sample.young_modulus * 1e6, sample.poisson, sample.lens_radius * 1e-3)
+        a = hertz.contact_radius(
+            P, sample.young_modulus * 1e6, sample.poisson, sample.lens_radius * 1e-3
+        )
         mu = snapshot.full_slip_pa / hertz.peak_pressure(P, a)
-        model = cattaneo_mindlin.traction(snapshot.stress_radius_m, mu * P * (1 - min(1.0, c / a) ** 3), mu, P, a)
+        model = cattaneo_mindlin.traction(
+            snapshot.stress_radius_m, mu * P * (1 - min(1.0, c / a) ** 3), mu, P, a
+        )
     force = measured("∫σ dA", snapshot.stress_force_n, snapshot.stress_force_sd_n, 3, "N")
     return StressView(
         snapshot.stress_radius_m * 1e3,
@@ -259,12 +314,15 @@ def stress_view(snapshot: Snapshot, config: Config) -> StressView | None:
         model * 1e-3,
         snapshot.stick_radius_m * 1e3,
         snapshot.peak_radius_m * 1e3,
-        f"∫σ dA = {force.value}{force.detail and ' ' + force.detail} N, Q = {number(snapshot.shear_force_n, 3)} N",
+        f"∫σ dA = {force.value}{force.detail and ' ' + force.detail} N, Q ="
+        f" {number(snapshot.shear_force_n, 3)} N",
     )
 
 
 def _when(snapshot: Snapshot) -> str:
-    return f"frame {snapshot.frame}" + (f", t = {snapshot.time_s:.2f} s" if math.isfinite(snapshot.time_s) else "")
+    return f"frame {snapshot.frame}" + (
+        f", t = {snapshot.time_s:.2f} s" if math.isfinite(snapshot.time_s) else ""
+    )
 
 
 def force_view(forces: tuple[NDArray[Any], F64, F64], curves: Curves, scene: Scene) -> ForceView:
@@ -272,20 +330,28 @@ def force_view(forces: tuple[NDArray[Any], F64, F64], curves: Curves, scene: Sce
     samples, normal, shear = forces
     time_s = np.asarray(samples, float) / scene.sample_rate_hz
     if math.isfinite(curves.drive_start_s):
-        return ForceView(time_s - curves.drive_start_s, normal, shear, "time t from the start of the drive (s)")
+        return ForceView(
+            time_s - curves.drive_start_s, normal, shear, "time t from the start of the drive (s)"
+        )
     return ForceView(time_s, normal, shear, "time from the first sample (s)")
 
 
 def resolve(scene: Scene, reading: Reading, previous: ViewState | None) -> ViewState:
-    """Everything the window shows after `reading`, which came after `previous`; parts that did not change are the same objects."""
+    """Everything the window shows after `reading`, which came after `previous`; parts that did not
+    change are the same objects.
+    """
     health, outcome, config = reading.health, reading.outcome, scene.config
     curves = extended(previous.curves if previous else no_curves(), reading.snapshots, scene)
     forces = force_view(reading.forces, curves, scene)
-    normal_n, shear_n = (float(force[-1]) if len(force) else math.nan for force in reading.forces[1:])
+    normal_n, shear_n = (
+        float(force[-1]) if len(force) else math.nan for force in reading.forces[1:]
+    )
     shown, browsed = curves, reading.browsed
     if browsed is not None:  # an older frame takes the place of the newest; the curves stay
         normal_n, shear_n = browsed.normal_force_n, browsed.shear_force_n
-        shown = replace(curves, newest=browsed, newest_field=browsed if browsed.ux_px.size else None)
+        shown = replace(
+            curves, newest=browsed, newest_field=browsed if browsed.ux_px.size else None
+        )
     summary = outcome.summary if outcome else None
     state = outcome.state if outcome else health.state
     return ViewState(
@@ -330,9 +396,14 @@ def _newest_image(image: Image | None, previous: ViewState | None) -> ImageView 
     return image_view(image)
 
 
-def _newest_fields(curves: Curves, scene: Scene, previous: ViewState | None, *, is_browsing: bool) -> dict[str, Any]:
+def _newest_fields(
+    curves: Curves, scene: Scene, previous: ViewState | None, *, is_browsing: bool
+) -> dict[str, Any]:
     snapshot, shown = curves.newest_field, previous.field if previous else None
-    if previous is not None and ((snapshot is None and not is_browsing) or (shown and snapshot and shown.frame == snapshot.frame)):
+    if previous is not None and (
+        (snapshot is None and not is_browsing)
+        or (shown and snapshot and shown.frame == snapshot.frame)
+    ):
         return {"field": shown, "stress_field": previous.stress_field, "stress": previous.stress}
     if snapshot is None:
         return {"field": None, "stress_field": None, "stress": None}

@@ -1,4 +1,6 @@
-"""The operator's window: it looks at a run ten times a second, and stops the motion whatever else happens."""
+"""The operator's window: it looks at a run ten times a second, and stops the motion whatever else
+happens.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ from app.results import Outcome
 
 TICK_MS = 15  # one part of the window is drawn per tick: a key waits for that part at most
 REFRESH_MS = 100  # the parts begin anew
-RESTS = 2.0  # times as long as a redraw took its thread, the next one waits: the analysis needs the core too
+# times as long as a redraw took its thread, the next one waits: the analysis needs the core too
+RESTS = 2.0
 SILENT_S = 1.0  # a source that has not answered for so long is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 
@@ -37,12 +40,15 @@ class MainWindow(QMainWindow):
     source : RunSource, optional
         The run, or the replay, that Start begins.
     make_source : callable, optional
-        Makes the next run; called at once where there is no `source`, and again by Start when a run has ended.
+        Makes the next run; called at once where there is no `source`, and again by Start when a run
+        has ended.
     """
 
     closed = Signal()
 
-    def __init__(self, source: RunSource | None = None, make_source: Callable[[], RunSource] | None = None) -> None:
+    def __init__(
+        self, source: RunSource | None = None, make_source: Callable[[], RunSource] | None = None
+    ) -> None:
         super().__init__()
         self.setWindowTitle("SlipScope")
         self.setStyleSheet(theme.STYLE)
@@ -55,7 +61,8 @@ class MainWindow(QMainWindow):
         self._closing_for_ms: int | None = None
         self._must_close = False
         self._reported = False
-        self._drawn = (0.0, 0.0)  # when the last redraw began, on the clock and in the time of this thread
+        # when the last redraw began, on the clock and in the time of this thread
+        self._drawn = (0.0, 0.0)
         self._parts: list[Callable[[], None]] = []  # of the redraw under way, still to be drawn
         self._failures: list[str] = []  # sentences from other threads
         self._build()
@@ -88,10 +95,15 @@ class MainWindow(QMainWindow):
 
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
-        self._in_background("The run could not be asked to end", lambda source: source.request_stop("the operator ended the run"))
+        self._in_background(
+            "The run could not be asked to end",
+            lambda source: source.request_stop("the operator ended the run"),
+        )
 
     def stop_motion(self) -> None:
-        """Stop the actuator now; in a thread of its own, so that neither the window nor a slow device can hold it up."""
+        """Stop the actuator now; in a thread of its own, so that neither the window nor a slow
+        device can hold it up.
+        """
         if self._source is None:
             self.notice.say("STOP MOTION: no bench is connected, so nothing moves by our command.")
             return
@@ -101,7 +113,9 @@ class MainWindow(QMainWindow):
         self._in_background(failed, lambda source: source.stop_motion())
 
     def close_after_run(self) -> None:
-        """Stop the motion, wait for the run to put its data in order, then close; a second call closes at once."""
+        """Stop the motion, wait for the run to put its data in order, then close; a second call
+        closes at once.
+        """
         if self._closing_for_ms is not None or not self._is_running():
             self._close_now()
             return
@@ -122,7 +136,9 @@ class MainWindow(QMainWindow):
     # ------------------------------------------------------------------ looking
 
     def _tick(self) -> None:
-        """Draw the next part, or begin anew, unless the last redraw, its painting included, was too dear to follow it up at once."""
+        """Draw the next part, or begin anew, unless the last redraw, its painting included, was too
+        dear to follow it up at once.
+        """
         used, now = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
         if self._parts:
             self._draw(self._parts.pop(0))
@@ -142,7 +158,10 @@ class MainWindow(QMainWindow):
         try:
             part()
         except Exception as error:
-            self._report(f"The window could not draw the run ({type(error).__name__}: {error}); the run itself goes on.")
+            self._report(
+                f"The window could not draw the run ({type(error).__name__}: {error}); the run"
+                " itself goes on."
+            )
 
     def _look(self) -> None:
         self._say_failures()
@@ -152,7 +171,10 @@ class MainWindow(QMainWindow):
         if answer is not None:
             self._show(answer)
         elif self._reader.silent_s() > SILENT_S:
-            self._report(f"The run has not answered for {self._reader.silent_s():.0f} s; STOP MOTION still works.")
+            self._report(
+                f"The run has not answered for {self._reader.silent_s():.0f} s; STOP MOTION still"
+                " works."
+            )
         if self.outcome() is None:  # after that nothing changes
             self._reader.ask()
 
@@ -177,8 +199,16 @@ class MainWindow(QMainWindow):
         self._show_buttons()
         self.playback.refresh()
         view = answer.view
-        views = (self.interface.show_view, *self.curves.parts, self.result.show_view, self.health.show_view)
-        self._parts = [*(partial(show, view) for show in views), partial(self.readouts.show_cells, view.readouts)]
+        views = (
+            self.interface.show_view,
+            *self.curves.parts,
+            self.result.show_view,
+            self.health.show_view,
+        )
+        self._parts = [
+            *(partial(show, view) for show in views),
+            partial(self.readouts.show_cells, view.readouts),
+        ]
         if ended_now and not self.notice.is_alarm:
             self.notice.clear()  # how it ended stands beside the badge
 
@@ -231,17 +261,24 @@ class MainWindow(QMainWindow):
 
     def _show_buttons(self) -> None:
         ended = self._view is not None and self._view.ended
-        self.top.start.setEnabled(not self._is_running() and (not self._started or (ended and self._make_source is not None)))
+        self.top.start.setEnabled(
+            not self._is_running()
+            and (not self._started or (ended and self._make_source is not None))
+        )
         self.top.stop.setEnabled(self._is_running())
 
     # ------------------------------------------------------------------ closing
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Close at once when nothing runs; else ask in the window itself, where STOP MOTION stays within reach."""
+        """Close at once when nothing runs; else ask in the window itself, where STOP MOTION stays
+        within reach.
+        """
         if self._is_running() and not self._must_close:
             event.ignore()
             if self._closing_for_ms is None:
-                self.notice.ask("A run is going on.", "Stop the motion and close", self.close_after_run)
+                self.notice.ask(
+                    "A run is going on.", "Stop the motion and close", self.close_after_run
+                )
             return
         self._timer.stop()
         if self._reader is not None:
@@ -270,7 +307,10 @@ class MainWindow(QMainWindow):
         split = QSplitter(Qt.Orientation.Horizontal)
         split.setHandleWidth(8)
         split.setChildrenCollapsible(False)
-        for parts in (((self.interface, 1), (self.result, 0)), ((self.readouts, 0), (self.curves, 1))):
+        for parts in (
+            ((self.interface, 1), (self.result, 0)),
+            ((self.readouts, 0), (self.curves, 1)),
+        ):
             side = QWidget()
             layout = QVBoxLayout(side)
             layout.setContentsMargins(0, 0, 0, 0)
@@ -293,11 +333,16 @@ class MainWindow(QMainWindow):
         self.resize(1600, 960)
         self.top.start.clicked.connect(self.begin)
         self.top.stop.clicked.connect(self.end_run)
-        self.top.stop_motion.pressed.connect(self.stop_motion)  # on the way down: a held button has stopped the motion already
+        # on the way down: a held button has stopped the motion already
+        self.top.stop_motion.pressed.connect(self.stop_motion)
         self._shortcut(Qt.Key.Key_Escape, self.stop_motion)
         self._shortcut(Qt.Key.Key_F5, self.begin)
         self._shortcut("Ctrl+Q", self.close)
-        for key, act in ((Qt.Key.Key_Space, "toggle"), (Qt.Key.Key_Right, "go_forward"), (Qt.Key.Key_Left, "go_back")):
+        for key, act in (
+            (Qt.Key.Key_Space, "toggle"),
+            (Qt.Key.Key_Right, "go_forward"),
+            (Qt.Key.Key_Left, "go_back"),
+        ):
             self._shortcut(key, getattr(self.playback, act)).setAutoRepeat(act != "toggle")
         self.playback.acted.connect(self._hurry)
 

@@ -1,4 +1,6 @@
-"""The numbers of a run for people (text with units and uncertainties) and for machines (plain values in SI units)."""
+"""The numbers of a run for people (text with units and uncertainties) and for machines (plain
+values in SI units).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ NOT_MEASURED = "not measured"
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of a summary: what it is, its symbol in the paper, and its value with unit and uncertainty."""
+    """One line of a summary: what it is, its symbol in the paper, and its value with unit and
+    uncertainty.
+    """
 
     label: str
     symbol: str
@@ -58,19 +62,37 @@ def summary_rows(summary: Summary) -> list[Row]:
     s = summary
     return [
         Row("normal force", "P", measured_text(s.normal_force_n, math.nan, "N")),
-        Row("apparent contact radius", "a", measured_text(s.apparent_radius_m * 1e3, s.apparent_radius_sd_m * 1e3, "mm")),
+        Row(
+            "apparent contact radius",
+            "a",
+            measured_text(s.apparent_radius_m * 1e3, s.apparent_radius_sd_m * 1e3, "mm"),
+        ),
         Row("Hertz contact radius", "a_H", measured_text(s.hertz_radius_m * 1e3, math.nan, "mm")),
         Row("onset of sliding", "t_s", measured_text(s.onset_time_s, s.onset_time_sd_s, "s")),
-        Row("shear force at the onset", "Q_s", measured_text(s.static_force_n, s.mu_s_sd * s.normal_force_n, "N")),
+        Row(
+            "shear force at the onset",
+            "Q_s",
+            measured_text(s.static_force_n, s.mu_s_sd * s.normal_force_n, "N"),
+        ),
         Row("static friction", "mu_s", measured_text(s.mu_s, s.mu_s_sd)),
         Row("dynamic friction", "mu_d", range_text(s.mu_d, *s.mu_d_range)),
         Row("friction of the local law", "mu", measured_text(s.law_mu, s.law_mu_sd)),
-        Row("length of the local law", "L", measured_text(s.law_length_m * 1e6, s.law_length_sd_m * 1e6, "um")),
-        Row("Young's modulus, from the stress", "E", measured_text(s.young_modulus_pa * 1e-6, s.young_modulus_sd_pa * 1e-6, "MPa")),
+        Row(
+            "length of the local law",
+            "L",
+            measured_text(s.law_length_m * 1e6, s.law_length_sd_m * 1e6, "um"),
+        ),
+        Row(
+            "Young's modulus, from the stress",
+            "E",
+            measured_text(s.young_modulus_pa * 1e-6, s.young_modulus_sd_pa * 1e-6, "MPa"),
+        ),
         Row(
             "besides, all mu together",
             "u(mu)",
-            f"± {100 * s.calibration_sd:.1f} % by the calibration" if s.calibration_sd > 0 else "not given",
+            f"± {100 * s.calibration_sd:.1f} % by the calibration"
+            if s.calibration_sd > 0
+            else "not given",
         ),
         Row("sliding velocity", "v", measured_text(s.sliding_velocity_m_s * 1e6, math.nan, "um/s")),
     ]
@@ -79,7 +101,9 @@ def summary_rows(summary: Summary) -> list[Row]:
 def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
     """What two analyses of one experiment come down to, where they differ in what is shown."""
     pairs = zip(summary_rows(recorded), summary_rows(now), strict=True)
-    rows = [Row(a.label, a.symbol, f"{a.value} -> {b.value}") for a, b in pairs if a.value != b.value]
+    rows = [
+        Row(a.label, a.symbol, f"{a.value} -> {b.value}") for a, b in pairs if a.value != b.value
+    ]
     return rows or [Row("the same in all digits shown", "", "")]
 
 
@@ -88,7 +112,11 @@ def counts_rows(counts: Counts) -> list[Row]:
     c = counts
     return [
         Row("triggers", "", f"{c.triggers}"),
-        Row("frames", "", f"{c.frames_received} received, {c.frames_recorded} recorded, {c.frames_lost} lost"),
+        Row(
+            "frames",
+            "",
+            f"{c.frames_received} received, {c.frames_recorded} recorded, {c.frames_lost} lost",
+        ),
         Row("frames analysed", "", f"{c.frames_analysed}, {c.frames_skipped} skipped"),
         Row("force samples", "", f"{c.samples} recorded, {c.samples_lost} lost"),
     ]
@@ -115,9 +143,13 @@ def outcome_rows(outcome: Outcome) -> list[Row]:
 
 
 def plain(value: Any) -> Any:
-    """Any result as JSON can hold it: NaN becomes null, arrays and tuples become lists, paths and enumerations text."""
+    """Any result as JSON can hold it: NaN becomes null, arrays and tuples become lists, paths and
+    enumerations text.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {
+            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -10,12 +10,17 @@ from app.session.reader import SessionReader
 
 
 def analyses_of(session: Path) -> list[Path]:
-    """Files in the folder of `session` that are further analyses of it, by name; what can not be read is passed over."""
+    """Files in the folder of `session` that are further analyses of it, by name; what can not be
+    read is passed over.
+    """
     with SessionReader(session) as reader:
         started = reader.started
     found = []
     for path in sorted(session.parent.glob("*.h5")):
         with suppress(UserError, OSError), SessionReader(path) as other:
-            if other.source is not None and (other.source.session, other.source.started) == (session.name, started):
+            if other.source is not None and (other.source.session, other.source.started) == (
+                session.name,
+                started,
+            ):
                 found.append(path)
     return found

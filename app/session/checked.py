@@ -1,6 +1,8 @@
-"""An HDF5 file from anywhere, opened to be read: each dataset is looked at before a byte of it is taken.
+"""An HDF5 file from anywhere, opened to be read: each dataset is looked at before a byte of it is
+taken.
 
-Links that lead elsewhere, data in other files, compression that needs a plug-in and sizes that the file can not hold are refused.
+Links that lead elsewhere, data in other files, compression that needs a plug-in and sizes that the
+file can not hold are refused.
 """
 
 from __future__ import annotations
@@ -23,10 +25,24 @@ from app.session.texts import read_texts
 SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond the size of the file
 LARGEST_CHUNK_BYTES = 1 << 28  # a chunk is decompressed as a whole
 NUMBER = "number"  # any plain integer or float
-_BUILT_IN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
+_BUILT_IN = {
+    h5py.h5z.FILTER_DEFLATE,
+    h5py.h5z.FILTER_SHUFFLE,
+    h5py.h5z.FILTER_FLETCHER32,
+    h5py.h5z.FILTER_LZF,
+}
 _ALTERED = "the bytes are not those that were written"
 _COPY = "use a copy of it if there is one"
-_DAMAGE = (OSError, KeyError, ValueError, RuntimeError, TypeError, OverflowError, MemoryError, NotImplementedError)
+_DAMAGE = (
+    OSError,
+    KeyError,
+    ValueError,
+    RuntimeError,
+    TypeError,
+    OverflowError,
+    MemoryError,
+    NotImplementedError,
+)
 
 
 class CheckedFile:
@@ -40,7 +56,8 @@ class CheckedFile:
     Raises
     ------
     UserError
-        From here and from every method: no such file, not HDF5, cut short, damaged, or made to do harm.
+        From here and from every method: no such file, not HDF5, cut short, damaged, or made to do
+        harm.
     """
 
     def __init__(self, path: Path, what: str) -> None:
@@ -60,19 +77,25 @@ class CheckedFile:
             if name not in self._file.attrs:
                 return None
             attribute = self._file.attrs.get_id(name)
-            return int(self._file.attrs[name]) if attribute.shape == () and attribute.dtype.kind in "iu" else None
+            return (
+                int(self._file.attrs[name])
+                if attribute.shape == () and attribute.dtype.kind in "iu"
+                else None
+            )
 
     def has(self, path: str) -> bool:
         """Whether a group or dataset is in the file."""
         return self._place(path) is not None
 
     def dataset(self, path: str, shape: Sequence[str | int], dtype: str) -> h5py.Dataset:
-        """The dataset, once it is sure that it lies in this file, is of that kind and claims no more than the file can hold.
+        """The dataset, once it is sure that it lies in this file, is of that kind and claims no
+        more than the file can hold.
 
         Parameters
         ----------
         shape : sequence of int or str
-            Its sides; one that is named may have any length. One or none: it is read as a whole; more: by rows.
+            Its sides; one that is named may have any length. One or none: it is read as a whole;
+            more: by rows.
         dtype : str
             Of numpy, or `TEXT`, `IMAGE`, `NUMBER`.
         """
@@ -86,12 +109,24 @@ class CheckedFile:
                 raise ValueError("it is not a dataset of this file")
             if place.shape is None or place.ndim != len(shape) or not _is_of(place, dtype):
                 raise ValueError(f"it is {place.ndim}-dimensional {place.dtype}")
-            if any(isinstance(side, int) and side != found for side, found in zip(shape, place.shape, strict=True)):
+            if any(
+                isinstance(side, int) and side != found
+                for side, found in zip(shape, place.shape, strict=True)
+            ):
                 raise ValueError(f"its shape is {place.shape}")
             filters = place.id.get_create_plist()
-            if unknown := {filters.get_filter(n)[0] for n in range(filters.get_nfilters())} - _BUILT_IN:
-                raise ValueError(f"it is compressed by filter {min(unknown)}, which needs a plug-in; repack it without")
-            if place.chunks and math.prod(place.chunks) * place.dtype.itemsize > LARGEST_CHUNK_BYTES:
+            if (
+                unknown := {filters.get_filter(n)[0] for n in range(filters.get_nfilters())}
+                - _BUILT_IN
+            ):
+                raise ValueError(
+                    f"it is compressed by filter {min(unknown)}, which needs a plug-in; repack it"
+                    " without"
+                )
+            if (
+                place.chunks
+                and math.prod(place.chunks) * place.dtype.itemsize > LARGEST_CHUNK_BYTES
+            ):
                 raise ValueError(f"it claims chunks of {place.chunks}")
             self.check_claim(place, place.shape if place.ndim < 2 else place.shape[1:])
         self._datasets[path] = place
@@ -115,14 +150,22 @@ class CheckedFile:
             raise
         except _DAMAGE as error:
             found = " ".join(str(error).split()) or type(error).__name__
-            raise self.damaged(path, _ALTERED if "filter returned failure" in found else found) from error
+            raise self.damaged(
+                path, _ALTERED if "filter returned failure" in found else found
+            ) from error
 
     def damaged(self, path: str, found: str) -> UserError:
         """The error that says so."""
-        return UserError(f"{self.path}: the {self._what} is damaged at {path}: {found}; {_remedy(self.path, _COPY)}")
+        return UserError(
+            f"{self.path}: the {self._what} is damaged at {path}: {found};"
+            f" {_remedy(self.path, _COPY)}"
+        )
 
     def _place(self, path: str) -> Any:
-        """What lies at a path; None for nothing. Only hard links are followed: they can not leave the file."""
+        """What lies at a path; None for nothing.
+
+        Only hard links are followed: they can not leave the file.
+        """
         with self.reading(path):
             place, at = self._places[""], ""
             for part in path.strip("/").split("/"):
@@ -135,7 +178,9 @@ class CheckedFile:
     def check_claim(self, dataset: h5py.Dataset, shape: tuple[int, ...]) -> None:
         """Refuse a dataset of which a part of that shape would be more than the file can hold."""
         if math.prod(shape) * max(1, dataset.dtype.itemsize) > self._bytes + SLACK_BYTES:
-            raise ValueError(f"it claims the shape {dataset.shape} in a file of {self._bytes} bytes")
+            raise ValueError(
+                f"it claims the shape {dataset.shape} in a file of {self._bytes} bytes"
+            )
 
 
 def _inside(group: Any, name: str) -> Any:
@@ -150,7 +195,11 @@ def _is_of(dataset: h5py.Dataset, wanted: str) -> bool:
     found = dataset.dtype
     if wanted == TEXT:
         kind = dataset.id.get_type()
-        return isinstance(kind, h5py.h5t.TypeStringID) and bool(kind.is_variable_str()) and dataset.ndim <= 1
+        return (
+            isinstance(kind, h5py.h5t.TypeStringID)
+            and bool(kind.is_variable_str())
+            and dataset.ndim <= 1
+        )
     if wanted == IMAGE:
         return found in (np.dtype("u1"), np.dtype("<u2"))
     if wanted == NUMBER:
@@ -172,13 +221,20 @@ def _open(path: Path, what: str) -> h5py.File:
             raise UserError(f"{path}: can not be read, it is not an HDF5 file; {another}") from None
         if "truncated file" in cause:
             again = _remedy(path, "copy it again from where it came")
-            raise UserError(f"{path}: the file is cut short, as by a kill or a copy that was broken off; {again}") from None
+            raise UserError(
+                f"{path}: the file is cut short, as by a kill or a copy that was broken off;"
+                f" {again}"
+            ) from None
         if "lock" in cause:
             raise UserError(f"{path}: another program is writing to it; wait for its end") from None
         cause = os.strerror(error.errno) if error.errno else cause
-        raise UserError(f"{path}: the {what} can not be read: {cause}; {_remedy(path, _COPY)}") from None
+        raise UserError(
+            f"{path}: the {what} can not be read: {cause}; {_remedy(path, _COPY)}"
+        ) from None
     except _DAMAGE as error:
-        raise UserError(f"{path}: the {what} is damaged at its beginning: {error}; {_remedy(path, _COPY)}") from None
+        raise UserError(
+            f"{path}: the {what} is damaged at its beginning: {error}; {_remedy(path, _COPY)}"
+        ) from None
     if file.userblock_size or file.id.get_create_plist().get_sizes() != (8, 8):
         file.close()
         raise UserError(f"{path}: HDF5, but not as SlipScope writes it; {another}")
@@ -186,5 +242,11 @@ def _open(path: Path, what: str) -> h5py.File:
 
 
 def _remedy(path: Path, otherwise: str) -> str:
-    """What to do with a file that can not be read: its journal, where it has one, brings a session back."""
-    return f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds" if has_journal(path) else otherwise
+    """What to do with a file that can not be read: its journal, where it has one, brings a session
+    back.
+    """
+    return (
+        f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds"
+        if has_journal(path)
+        else otherwise
+    )

@@ -1,4 +1,6 @@
-"""Groups, columns and stacks of images in an HDF5 file, made as the layout says, growing by rows that are all there or not at all."""
+"""Groups, columns and stacks of images in an HDF5 file, made as the layout says, growing by rows
+that are all there or not at all.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,16 @@ from app.session.layout import GROWING, Group, Item
 class Table:
     """The growing columns of one group, which lengthen together.
 
-    Rows wait in memory until `flush`; one that fails leaves them waiting and the columns as they were.
-    A column of shape (rows, width) is as wide as its longest row; shorter ones end in NaN.
+    Rows wait in memory until `flush`; one that fails leaves them waiting and the columns as they
+    were. A column of shape (rows, width) is as wide as its longest row; shorter ones end in NaN.
     """
 
     def __init__(self, file: h5py.File, group: str) -> None:
-        columns = [item for item in layout.items_of(group) if item.shape and item.shape[0] in GROWING and item.rows > 1]
+        columns = [
+            item
+            for item in layout.items_of(group)
+            if item.shape and item.shape[0] in GROWING and item.rows > 1
+        ]
         self._columns = {item.name: file[item.path] for item in columns}
         self._waiting: dict[str, list[Sequence[Any]]] = {name: [] for name in self._columns}
         self._written = 0
@@ -39,7 +45,9 @@ class Table:
     def extend(self, **block: Any) -> None:
         """Add rows, a sequence of one length for each column."""
         if block.keys() != self._columns.keys():
-            raise TypeError(f"session: columns {list(self._columns)} are needed, {list(block)} were given")
+            raise TypeError(
+                f"session: columns {list(self._columns)} are needed, {list(block)} were given"
+            )
         for name, values in block.items():
             self._waiting[name].append(values)
         self._length += len(values)
@@ -86,13 +94,16 @@ def stored(dataset: h5py.Dataset, array: NDArray[Any]) -> bytes | NDArray[Any]:
     array = np.ascontiguousarray(array)
     if dataset.compression is None:
         return array
-    # most of an image is noise, in which little repeats: to look for it takes longer than all the rest
+    # most of an image is noise, in which little repeats: to look for it takes longer than all the
+    # rest
     deflate = zlib.compressobj(GZIP_LEVEL, strategy=zlib.Z_HUFFMAN_ONLY)
     return deflate.compress(array.data) + deflate.flush()
 
 
 def append_image(images: h5py.Dataset, image: NDArray[Any]) -> tuple[int, NDArray[np.uint8]]:
-    """Row at which an image was added, written at once as one chunk, and the bytes of that; on failure it was not added."""
+    """Row at which an image was added, written at once as one chunk, and the bytes of that; on
+    failure it was not added.
+    """
     _check_fits(images, image)
     row, chunk = int(images.shape[0]), np.frombuffer(stored(images, image), np.uint8)
     try:
@@ -122,7 +133,10 @@ def append_fields(columns: list[h5py.Dataset], fields: list[NDArray[Any]]) -> in
 
 def _check_fits(dataset: h5py.Dataset, array: NDArray[Any]) -> None:
     if array.shape != dataset.shape[1:] or array.dtype != dataset.dtype:
-        raise ValueError(f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but {array.shape} {array.dtype} was given")
+        raise ValueError(
+            f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but {array.shape}"
+            f" {array.dtype} was given"
+        )
 
 
 def make_group(
@@ -133,7 +147,9 @@ def make_group(
     image: np.dtype[Any] | None = None,
     compression: str = "none",
 ) -> None:
-    """Make a group with all its datasets, growing ones empty, the others holding their values; `compression` is that of the images."""
+    """Make a group with all its datasets, growing ones empty, the others holding their values;
+    `compression` is that of the images.
+    """
     made = file.create_group(group.path)
     made.attrs["NX_class"] = group.nx_class
     if group.signal:
@@ -144,7 +160,11 @@ def make_group(
     for item in layout.items_of(group.path):
         filters: dict[str, Any] = {}
         if item.dtype == layout.IMAGE:  # whose checksum is in triggers
-            filters = {"compression": "gzip", "compression_opts": GZIP_LEVEL} if compression == "gzip" else {}
+            filters = (
+                {"compression": "gzip", "compression_opts": GZIP_LEVEL}
+                if compression == "gzip"
+                else {}
+            )
         elif item.dtype != layout.TEXT:
             filters = {"fletcher32": True}
         dataset = _make_dataset(file, item, sizes, values, image, filters)
@@ -163,18 +183,33 @@ def _make_dataset(
     image: np.dtype[Any] | None,
     filters: Mapping[str, Any],
 ) -> h5py.Dataset:
-    dtype: Any = h5py.string_dtype() if item.dtype == layout.TEXT else image if item.dtype == layout.IMAGE else np.dtype(item.dtype)
+    dtype: Any = (
+        h5py.string_dtype()
+        if item.dtype == layout.TEXT
+        else image
+        if item.dtype == layout.IMAGE
+        else np.dtype(item.dtype)
+    )
     growing = [side in GROWING for side in item.shape]
-    shape = tuple(0 if grows else side if isinstance(side, int) else sizes[side] for side, grows in zip(item.shape, growing, strict=True))
+    shape = tuple(
+        0 if grows else side if isinstance(side, int) else sizes[side]
+        for side, grows in zip(item.shape, growing, strict=True)
+    )
     if not any(growing):
         value = values[item.path]
         if item.dtype == layout.TEXT:
-            value = storable(value) if isinstance(value, str) else np.array([storable(text) for text in value], dtype=object)
+            value = (
+                storable(value)
+                if isinstance(value, str)
+                else np.array([storable(text) for text in value], dtype=object)
+            )
         return file.create_dataset(item.path, shape, dtype, data=value)
     maxshape = tuple(None if grows else side for side, grows in zip(shape, growing, strict=True))
     chunks = (item.rows, *(side or 32 for side in shape[1:]))
     fill = np.nan if np.issubdtype(dtype, np.floating) else None
-    return file.create_dataset(item.path, shape, dtype, maxshape=maxshape, chunks=chunks, fillvalue=fill, **filters)
+    return file.create_dataset(
+        item.path, shape, dtype, maxshape=maxshape, chunks=chunks, fillvalue=fill, **filters
+    )
 
 
 def storable(text: str) -> str:

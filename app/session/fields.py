@@ -1,4 +1,6 @@
-"""Displacement fields of plain images in one HDF5 file, NeXus style: ``/entry/fields`` is an NXdata of (frame, y, x)."""
+"""Displacement fields of plain images in one HDF5 file, NeXus style: ``/entry/fields`` is an NXdata
+of (frame, y, x).
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ from app.session.layout import FORMAT_ATTRIBUTE
 
 
 class FieldsWriter:
-    """Writes the fields of a series of images, one after the other; frame 1 is the first image after the reference.
+    """Writes the fields of a series of images, one after the other; frame 1 is the first image
+    after the reference.
 
     Parameters
     ----------
@@ -55,17 +58,46 @@ class FieldsWriter:
         source = self._group(entry, "settings", "NXcollection")
         self._dataset(source, "images", np.array(list(images), dtype=h5py.string_dtype()))
         for name, value in settings.items():
-            self._dataset(source, name, value, **({} if isinstance(value, str) else {"units": units[name]}))
+            self._dataset(
+                source, name, value, **({} if isinstance(value, str) else {"units": units[name]})
+            )
         others = [name for name in _COLUMNS if name != "ux"]
-        data = self._group(entry, "fields", "NXdata", signal="ux", axes=["frame", "y", "x"], auxiliary_signals=others)
-        self._dataset(data, "frame", np.arange(1, len(images) + 1), units="1", long_name="image after the reference")
-        self._dataset(data, "y", y_px, units="px", long_name="y of the box centre; 0 is the centre of the top row of pixels")
-        self._dataset(data, "x", x_px, units="px", long_name="x of the box centre; 0 is the centre of the left column of pixels")
+        data = self._group(
+            entry,
+            "fields",
+            "NXdata",
+            signal="ux",
+            axes=["frame", "y", "x"],
+            auxiliary_signals=others,
+        )
+        self._dataset(
+            data,
+            "frame",
+            np.arange(1, len(images) + 1),
+            units="1",
+            long_name="image after the reference",
+        )
+        self._dataset(
+            data,
+            "y",
+            y_px,
+            units="px",
+            long_name="y of the box centre; 0 is the centre of the top row of pixels",
+        )
+        self._dataset(
+            data,
+            "x",
+            x_px,
+            units="px",
+            long_name="x of the box centre; 0 is the centre of the left column of pixels",
+        )
         shape = (len(images), len(y_px), len(x_px))
         meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
         self._columns = {}
         for name, (attribute, dtype, unit, text) in _COLUMNS.items():
-            self._columns[attribute] = data.create_dataset(name, shape, dtype, chunks=(1, *shape[1:]))
+            self._columns[attribute] = data.create_dataset(
+                name, shape, dtype, chunks=(1, *shape[1:])
+            )
             long_name = f"{text}: {meanings}" if name == "status" else text
             self._columns[attribute].attrs.update({"units": unit, "long_name": long_name})
 
@@ -82,7 +114,12 @@ class FieldsWriter:
     def __enter__(self) -> FieldsWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     @staticmethod
@@ -109,7 +146,9 @@ _COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
 
 @dataclass(frozen=True, slots=True)
 class FieldsFile:
-    """What `read_fields_file` found; pixels, NaN where not measured; `ux_px` and `sd_px` have the shape (frames, ny, nx)."""
+    """What `read_fields_file` found; pixels, NaN where not measured; `ux_px` and `sd_px` have the
+    shape (frames, ny, nx).
+    """
 
     x_px: NDArray[np.float64]
     y_px: NDArray[np.float64]
@@ -126,13 +165,24 @@ def read_fields_file(path: Path) -> FieldsFile:
     UserError
         The file can not be read, or holds no such fields.
     """
-    shapes = {"x": ("nx",), "y": ("ny",), "ux": ("frames", "ny", "nx"), "ux_errors": ("frames", "ny", "nx"), "frame": ("frames",)}
+    shapes = {
+        "x": ("nx",),
+        "y": ("ny",),
+        "ux": ("frames", "ny", "nx"),
+        "ux_errors": ("frames", "ny", "nx"),
+        "frame": ("frames",),
+    }
     with closing(CheckedFile(path, "file of displacement fields")) as file:
-        datasets = [file.dataset(f"/entry/fields/{name}", shape, NUMBER) for name, shape in shapes.items()]
+        datasets = [
+            file.dataset(f"/entry/fields/{name}", shape, NUMBER) for name, shape in shapes.items()
+        ]
         found = [np.asarray(file.read(dataset), np.float64) for dataset in datasets]
     x, y, ux, sd, frame = found
     if ux.shape != (len(frame), len(y), len(x)) or sd.shape != ux.shape:
-        raise UserError(f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x {len(y)} points; correlate again")
+        raise UserError(
+            f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x"
+            f" {len(y)} points; correlate again"
+        )
     return FieldsFile(x, y, ux, sd, tuple(int(n) for n in frame))
 
 

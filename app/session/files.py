@@ -1,4 +1,6 @@
-"""The two files of a session while it is recorded: made together, and let go of where HDF5 can not go on."""
+"""The two files of a session while it is recorded: made together, and let go of where HDF5 can not
+go on.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,12 @@ import h5py
 from app.errors import UserError
 from app.session.journal import Journal, journal_of
 
-RESERVE_BYTES = 32 << 20  # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if it can not
+# no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if
+# it can not
+RESERVE_BYTES = 32 << 20
 METADATA_BYTES = 1 << 19  # and no chunks: HDF5's caches would grow for the first hours of a run
-_LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark that would lock the file after a kill
+# checksummed headers, and no open-for-writing mark that would lock the file after a kill
+_LIBVER = ("v108", "v108")
 
 
 def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
@@ -30,12 +35,19 @@ def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
     if not overwrite:
         for existing in (path, journal_of(path)):
             if existing.exists():
-                raise UserError(f"{existing}: a session of that name exists; choose another name or ask to overwrite it")
+                raise UserError(
+                    f"{existing}: a session of that name exists; choose another name or ask to"
+                    " overwrite it"
+                )
     try:
-        file = h5py.File(path, "w" if overwrite else "x", libver=_LIBVER, rdcc_nbytes=0)  # first: refused while another program records
+        # first: refused while another program records
+        file = h5py.File(path, "w" if overwrite else "x", libver=_LIBVER, rdcc_nbytes=0)
         try:
             cache = file.id.get_mdc_config()
-            cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = True, *3 * [METADATA_BYTES]
+            cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = (
+                True,
+                *3 * [METADATA_BYTES],
+            )
             file.id.set_mdc_config(cache)
             return Journal(journal_of(path), overwrite=overwrite), file
         except BaseException:
@@ -44,18 +56,26 @@ def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
             raise
     except OSError as error:
         cause = os.strerror(error.errno) if error.errno else str(error)
-        raise UserError(f"{path}: the session can not be made there: {cause}; choose another folder or name") from None
+        raise UserError(
+            f"{path}: the session can not be made there: {cause}; choose another folder or name"
+        ) from None
 
 
 def check_room(path: Path, nbytes: int) -> None:
-    """Refuse to write so much to the disk of a session where too little would be left to close it whole; OSError."""
+    """Refuse to write so much to the disk of a session where too little would be left to close it
+    whole; OSError.
+    """
     free = shutil.disk_usage(path.absolute().parent).free
     if free < RESERVE_BYTES + nbytes:
-        raise OSError(errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room")
+        raise OSError(
+            errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room"
+        )
 
 
 def abandon(file: h5py.File, on_disk: FileIO, journal: Journal) -> None:
-    """Close a session as it is; what HDF5 still holds goes to nowhere: without room for it, its close would end the whole program."""
+    """Close a session as it is; what HDF5 still holds goes to nowhere: without room for it, its
+    close would end the whole program.
+    """
     with suppress(Exception), open(os.devnull, "r+b") as nowhere:
         os.dup2(nowhere.fileno(), file.id.get_vfd_handle())
     for thing in (file, on_disk, journal):

@@ -1,8 +1,10 @@
-"""The journal beside a session while it is recorded: what the writer was told, in order, each record with its own checksum.
+"""The journal beside a session while it is recorded: what the writer was told, in order, each
+record with its own checksum.
 
-It outlives what HDF5 does not, a power cut in the middle of a write: it only grows, and a record that is torn is the last one.
-Images are named by their place in the session file and their CRC-32; the force samples are held themselves. Results are not:
-the same analysis of the same images gives them again. A session that was closed and verified has no journal any more.
+It outlives what HDF5 does not, a power cut in the middle of a write: it only grows, and a record
+that is torn is the last one. Images are named by their place in the session file and their CRC-32;
+the force samples are held themselves. Results are not: the same analysis of the same images gives
+them again. A session that was closed and verified has no journal any more.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ _MAGIC = b"SlipScope journal 1\n"
 _HEAD = struct.Struct("<cII")  # kind, bytes of the payload, CRC-32 of the payload
 _FIRST = struct.Struct("<q")
 _LONGEST_WORDS = 1 << 24  # bytes; the settings and the grid of a session have a hundredth of it
-_WORDS, _SAMPLES = b"W", b"S"  # a JSON list: what, values...; or a number, volts and newtons in binary
+# a JSON list: what, values...; or a number, volts and newtons in binary
+_WORDS, _SAMPLES = b"W", b"S"
 
 
 def journal_of(session: Path) -> Path:
@@ -41,8 +44,9 @@ def has_journal(session: Path) -> bool:
 class Journal:
     """The journal of a session, open for more records.
 
-    Every record goes to the operating system at once, so that a program that is killed loses none; `sync` brings them to the disk.
-    A record that can not be written raises OSError and leaves the journal as it was.
+    Every record goes to the operating system at once, so that a program that is killed loses none;
+    `sync` brings them to the disk. A record that can not be written raises OSError and leaves the
+    journal as it was.
     """
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
@@ -56,8 +60,12 @@ class Journal:
         self._add(_WORDS, json.dumps([what, *values]).encode())
 
     def samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
-        """Add the samples from number `first` on: readings in volts and forces in newtons, both (n, 2)."""
-        self._add(_SAMPLES, _FIRST.pack(first) + np.concatenate([volts, forces]).astype("<f8").tobytes())
+        """Add the samples from number `first` on: readings in volts and forces in newtons, both (n,
+        2).
+        """
+        self._add(
+            _SAMPLES, _FIRST.pack(first) + np.concatenate([volts, forces]).astype("<f8").tobytes()
+        )
 
     def sync(self) -> None:
         """Bring everything so far to the disk."""
@@ -84,7 +92,8 @@ class Journal:
 def records(path: Path) -> Iterator[tuple[Any, ...]]:
     """What a journal holds, in order, up to the first record that is torn: (what, value, ...) each.
 
-    Samples come as ("samples", first, volts, forces). The last one is ("end", bytes that were left out because they are torn).
+    Samples come as ("samples", first, volts, forces). The last one is ("end", bytes that were left
+    out because they are torn).
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -106,7 +115,11 @@ def _decoded(kind: bytes, payload: bytes) -> tuple[Any, ...] | None:
     try:
         if kind == _WORDS and len(payload) <= _LONGEST_WORDS:
             words = json.loads(payload)
-            return tuple(words) if isinstance(words, list) and words and isinstance(words[0], str) else None
+            return (
+                tuple(words)
+                if isinstance(words, list) and words and isinstance(words[0], str)
+                else None
+            )
         if kind == _SAMPLES:
             volts, forces = np.frombuffer(payload, "<f8", offset=_FIRST.size).reshape(2, -1, 2)
             return "samples", _FIRST.unpack_from(payload)[0], volts, forces

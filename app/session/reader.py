@@ -1,4 +1,5 @@
-"""Reads a session back, also one that was cut short, and refuses whatever is not one with a sentence that says why.
+"""Reads a session back, also one that was cut short, and refuses whatever is not one with a
+sentence that says why.
 
 A file is material from outside: what it says is checked (`app.session.checked`) before it is used.
 """
@@ -29,7 +30,8 @@ _NO_FIELD = np.empty((0, 0), np.float32)
 
 
 class SessionReader:
-    """A session on disk; use it in a ``with`` statement. Nothing but small tables is kept in memory.
+    """A session on disk; use it in a ``with`` statement. Nothing but small tables is kept in
+    memory.
 
     Attributes
     ----------
@@ -39,7 +41,8 @@ class SessionReader:
     Raises
     ------
     UserError
-        From here and from every method: no such file, not a session, cut short, damaged, or written by a newer SlipScope.
+        From here and from every method: no such file, not a session, cut short, damaged, or written
+        by a newer SlipScope.
     """
 
     def __init__(self, path: Path) -> None:
@@ -65,7 +68,9 @@ class SessionReader:
 
     @cached_property
     def source(self) -> Source | None:
-        """The session that holds the images of a further analysis; None where they are in this file."""
+        """The session that holds the images of a further analysis; None where they are in this
+        file.
+        """
         if not self._file.has("/entry/source"):
             return None
         return Source(self._text("/entry/source/session"), self._text("/entry/source/start_time"))
@@ -73,8 +78,17 @@ class SessionReader:
     @cached_property
     def lacking(self) -> frozenset[str]:
         """Attributes of a snapshot that this session is too old to hold; they read as NaN."""
-        groups = {"results": layout.RESULTS, "rings": layout.RINGS, "stress": layout.STRESS, "fields": layout.FIELDS}
-        names = ((f"/entry/{group}/{name}", a) for group, columns in groups.items() for name, a in columns.items())
+        groups = {
+            "results": layout.RESULTS,
+            "rings": layout.RINGS,
+            "stress": layout.STRESS,
+            "fields": layout.FIELDS,
+        }
+        names = (
+            (f"/entry/{group}/{name}", a)
+            for group, columns in groups.items()
+            for name, a in columns.items()
+        )
         return frozenset(a for path, a in names if _ITEMS[path].since > self.format)
 
     @cached_property
@@ -122,7 +136,11 @@ class SessionReader:
     @cached_property
     def compression(self) -> str:
         """How the images in this file are compressed: "none" or "gzip"."""
-        return "gzip" if self._dataset("/entry/instrument/camera/data").compression == "gzip" else "none"
+        return (
+            "gzip"
+            if self._dataset("/entry/instrument/camera/data").compression == "gzip"
+            else "none"
+        )
 
     @cached_property
     def grid_x_px(self) -> NDArray[np.float64]:
@@ -171,16 +189,24 @@ class SessionReader:
     def events(self) -> list[Event]:
         """What happened, in order."""
         table = self._table("/entry/events")
-        return [Event(int(s), kind, text) for s, kind, text in zip(table["sample"], table["kind"], table["text"], strict=True)]
+        return [
+            Event(int(s), kind, text)
+            for s, kind, text in zip(table["sample"], table["kind"], table["text"], strict=True)
+        ]
 
     def forces(self) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
-        """First sample, readings in volts and forces in newtons, both (n, 2): normal, shear. Rows of missing samples are NaN."""
+        """First sample, readings in volts and forces in newtons, both (n, 2): normal, shear.
+
+        Rows of missing samples are NaN.
+        """
         table = self._table("/entry/forces")
         volts = np.column_stack([table["normal_sensor"], table["shear_sensor"]])
         return 0, volts, np.column_stack([table["normal_force"], table["shear_force"]])
 
     def stretches(self) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-        """First sample, volts and newtons of the forces between the gaps; an empty one at the end if they end with a gap."""
+        """First sample, volts and newtons of the forces between the gaps; an empty one at the end
+        if they end with a gap.
+        """
         start, volts, forces = self.forces()
         for first, count in [*self.gaps(), (len(volts), 0)]:
             yield start, volts[start:first], forces[start:first]
@@ -197,9 +223,17 @@ class SessionReader:
         return table["sample"], table["position"]
 
     def triggers(self) -> NDArray[np.void]:
-        """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was lost)."""
+        """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was
+        lost).
+        """
         table = self._triggers
-        kinds: list[tuple[str, Any]] = [("index", "i8"), ("sample", "i8"), ("received", "?"), ("analysed", "?"), ("reason", object)]
+        kinds: list[tuple[str, Any]] = [
+            ("index", "i8"),
+            ("sample", "i8"),
+            ("received", "?"),
+            ("analysed", "?"),
+            ("reason", object),
+        ]
         rows = np.empty(len(table["index"]), dtype=kinds)
         rows["received"] = table["image"] != NO_ROW
         for name in ("index", "sample", "analysed", "reason"):
@@ -208,7 +242,11 @@ class SessionReader:
 
     def lost_frames(self) -> list[tuple[int, int, str]]:
         """Index, sample and reason of each trigger without an image."""
-        return [(int(row["index"]), int(row["sample"]), row["reason"]) for row in self.triggers() if not row["received"]]
+        return [
+            (int(row["index"]), int(row["sample"]), row["reason"])
+            for row in self.triggers()
+            if not row["received"]
+        ]
 
     def frames(self) -> Iterator[tuple[int, int, NDArray[Any]]]:
         """Index, sample and image of each frame received, in the order of the triggers."""
@@ -218,11 +256,17 @@ class SessionReader:
     def frame(self, index: int) -> tuple[int, int, NDArray[Any]]:
         """Index, sample and image of the frame of trigger `index`."""
         if index not in self._frame_rows:
-            raise UserError(f"{self.path}: there is no image of trigger {index} in this session; `slipscope info` lists what there is")
+            raise UserError(
+                f"{self.path}: there is no image of trigger {index} in this session; `slipscope"
+                " info` lists what there is"
+            )
         row = self._frame_rows[index]
         image = self._images._row("/entry/instrument/camera/data", self.image_row(index))
         if self._images is not self and crc32(image.data) != self._triggers["checksum"][row]:
-            raise UserError(f"{self._images.path}: the image of trigger {index} is not the one that was analysed; use a whole copy of it")
+            raise UserError(
+                f"{self._images.path}: the image of trigger {index} is not the one that was"
+                " analysed; use a whole copy of it"
+            )
         return index, int(self._triggers["sample"][row]), image
 
     @property
@@ -239,9 +283,18 @@ class SessionReader:
         return [int(index) for index in self._results["frame"]]
 
     def results(self) -> NDArray[np.void]:
-        """The numbers found on each analysed frame, in order, by the names of `Snapshot`; NaN where this session is too old."""
-        kinds: list[tuple[str, Any]] = [(attribute, _ITEMS[f"/entry/results/{name}"].dtype) for name, attribute in layout.RESULTS.items()]
-        rows = np.full(len(self._results["frame"]), 0, dtype=[(name, "U16" if name == "phase" else kind) for name, kind in kinds])
+        """The numbers found on each analysed frame, in order, by the names of `Snapshot`; NaN where
+        this session is too old.
+        """
+        kinds: list[tuple[str, Any]] = [
+            (attribute, _ITEMS[f"/entry/results/{name}"].dtype)
+            for name, attribute in layout.RESULTS.items()
+        ]
+        rows = np.full(
+            len(self._results["frame"]),
+            0,
+            dtype=[(name, "U16" if name == "phase" else kind) for name, kind in kinds],
+        )
         for name, attribute in layout.RESULTS.items():
             rows[attribute] = self._results.get(name, np.nan)
         rows["phase"] = [self._phase(number) for number in self._results["phase"]]
@@ -255,9 +308,15 @@ class SessionReader:
         """What was found on the `i`-th analysed frame."""
         n = len(self._results["frame"])
         if not 0 <= i < n:
-            raise UserError(f"{self.path}: result {i} was asked, this session has {n}, counted from 0")
+            raise UserError(
+                f"{self.path}: result {i} was asked, this session has {n}, counted from 0"
+            )
         row = {name: column[i].item() for name, column in self._results.items()}
-        found = {attribute: row[name] for name, attribute in layout.RESULTS.items() if attribute not in self.lacking}
+        found = {
+            attribute: row[name]
+            for name, attribute in layout.RESULTS.items()
+            if attribute not in self.lacking
+        }
         found["phase"] = self._phase(row["phase"])
         rings = self._profiles("rings", layout.RINGS, i, row["ring_count"])
         stress = self._profiles("stress", layout.STRESS, i, row.get("stress_count", 0))
@@ -267,22 +326,42 @@ class SessionReader:
         """The apparent contact; None where it was not measured."""
         if not self._file.has("/entry/contact"):
             return None
-        values = {attribute: self._value(f"/entry/{name}") for name, attribute in layout.CONTACT.items()}
+        values = {
+            attribute: self._value(f"/entry/{name}") for name, attribute in layout.CONTACT.items()
+        }
         return ContactResult(**values)
 
     def summary(self) -> Summary | None:
         """What the experiment comes down to; None in a run that was not finished or failed."""
         if not self._file.has("/entry/summary"):
             return None
-        held = {name: attribute for name, attribute in layout.SUMMARY.items() if _ITEMS[f"/entry/summary/{name}"].since <= self.format}
-        return Summary(**{attribute: self._value(f"/entry/summary/{name}") for name, attribute in held.items()})
+        held = {
+            name: attribute
+            for name, attribute in layout.SUMMARY.items()
+            if _ITEMS[f"/entry/summary/{name}"].since <= self.format
+        }
+        return Summary(
+            **{attribute: self._value(f"/entry/summary/{name}") for name, attribute in held.items()}
+        )
 
     def counts(self) -> Counts:
         """The account of the run; of a session cut short, of what is in the file."""
         if self._file.has("/entry/counts"):
-            return Counts(**{field.name: int(self._read(f"/entry/counts/{field.name}")) for field in dataclasses.fields(Counts)})
-        triggers, frames, analysed = len(self._triggers["index"]), len(self._frame_rows), len(set(self.analysed_frames()))
-        samples, lost = len(self._table("/entry/forces")["normal_force"]), sum(count for _, count in self.gaps())
+            return Counts(
+                **{
+                    field.name: int(self._read(f"/entry/counts/{field.name}"))
+                    for field in dataclasses.fields(Counts)
+                }
+            )
+        triggers, frames, analysed = (
+            len(self._triggers["index"]),
+            len(self._frame_rows),
+            len(set(self.analysed_frames())),
+        )
+        samples, lost = (
+            len(self._table("/entry/forces")["normal_force"]),
+            sum(count for _, count in self.gaps()),
+        )
         return Counts(
             triggers=triggers,
             frames_received=frames,
@@ -296,18 +375,26 @@ class SessionReader:
 
     @cached_property
     def _images(self) -> SessionReader:
-        """The session that holds the images: this one, or the one beside it that was analysed once more."""
+        """The session that holds the images: this one, or the one beside it that was analysed once
+        more.
+        """
         if self.source is None:
             return self
         with self._file.reading("/entry/source/session"):
             path = self.path.with_name(self.source.session)
         if not path.is_file():
-            raise UserError(f"{self.path}: its images are in {path.name}, which does not lie beside it; put both into one folder")
+            raise UserError(
+                f"{self.path}: its images are in {path.name}, which does not lie beside it; put"
+                " both into one folder"
+            )
         held = SessionReader(path)
         found = (held.source, held.started, held.frame_shape, held.frame_dtype)
         if found != (None, self.source.started, self.frame_shape, self.frame_dtype):
             held.close()
-            raise UserError(f"{self.path}: {path.name} is not the session that was analysed; put that one beside it")
+            raise UserError(
+                f"{self.path}: {path.name} is not the session that was analysed; put that one"
+                " beside it"
+            )
         return held
 
     @cached_property
@@ -330,26 +417,46 @@ class SessionReader:
         return layout.PHASES[number]
 
     def _profiles(self, group: str, columns: dict[str, str], i: int, count: int) -> dict[str, Any]:
-        held = {name: attribute for name, attribute in columns.items() if attribute not in self.lacking}
-        rows = {attribute: self._row(f"/entry/{group}/{name}", i) for name, attribute in held.items()}
+        held = {
+            name: attribute for name, attribute in columns.items() if attribute not in self.lacking
+        }
+        rows = {
+            attribute: self._row(f"/entry/{group}/{name}", i) for name, attribute in held.items()
+        }
         if not all(0 <= count <= len(row) for row in rows.values()):
-            raise self._damaged(f"/entry/results/{group.removesuffix('s')}_count", f"{count} values are claimed")
+            raise self._damaged(
+                f"/entry/results/{group.removesuffix('s')}_count", f"{count} values are claimed"
+            )
         return {attribute: row[:count] for attribute, row in rows.items()}
 
     def _field(self, row: int) -> dict[str, Any]:
         if row == NO_ROW:
-            return dict.fromkeys(layout.FIELDS.values(), _NO_FIELD) | {"status": _NO_FIELD.astype(np.uint8)}
-        held = {name: attribute for name, attribute in layout.FIELDS.items() if attribute not in self.lacking}
-        found = {attribute: self._row(f"/entry/fields/{name}", row) for name, attribute in held.items()}
-        return found | dict.fromkeys(self.lacking & set(layout.FIELDS.values()), np.full_like(found["ux_px"], np.nan))
+            return dict.fromkeys(layout.FIELDS.values(), _NO_FIELD) | {
+                "status": _NO_FIELD.astype(np.uint8)
+            }
+        held = {
+            name: attribute
+            for name, attribute in layout.FIELDS.items()
+            if attribute not in self.lacking
+        }
+        found = {
+            attribute: self._row(f"/entry/fields/{name}", row) for name, attribute in held.items()
+        }
+        return found | dict.fromkeys(
+            self.lacking & set(layout.FIELDS.values()), np.full_like(found["ux_px"], np.nan)
+        )
 
     def _check_format(self) -> None:
         version = self._file.number(FORMAT_ATTRIBUTE)
         if version is None or version < 1:
-            raise UserError(f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that `slipscope run` wrote")
+            raise UserError(
+                f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that"
+                " `slipscope run` wrote"
+            )
         if version > FORMAT_VERSION:
             raise UserError(
-                f"{self.path}: written by a newer SlipScope (format {version}, this one reads {FORMAT_VERSION}); bring SlipScope up to date"
+                f"{self.path}: written by a newer SlipScope (format {version}, this one reads"
+                f" {FORMAT_VERSION}); bring SlipScope up to date"
             )
         self.format = version
         for item in layout.ITEMS:
@@ -374,7 +481,9 @@ class SessionReader:
         return str(self._read(path))
 
     def _value(self, path: str) -> Any:
-        """A number, a pair of numbers as a tuple, an array, or a tuple of texts, as the result types hold them."""
+        """A number, a pair of numbers as a tuple, an array, or a tuple of texts, as the result
+        types hold them.
+        """
         value, item = self._read(path), _ITEMS[path]
         if item.dtype == TEXT or item.shape == (2,):
             return tuple(value.tolist())
@@ -389,8 +498,14 @@ class SessionReader:
             return values
 
     def _table(self, group: str) -> dict[str, NDArray[Any]]:
-        """The columns of a group, cut to the shortest: a program that was killed may have lengthened only some."""
-        held = [item for item in layout.items_of(group) if len(item.shape) == 1 and item.since <= self.format]
+        """The columns of a group, cut to the shortest: a program that was killed may have
+        lengthened only some.
+        """
+        held = [
+            item
+            for item in layout.items_of(group)
+            if len(item.shape) == 1 and item.since <= self.format
+        ]
         columns = {item.name: self._read(item.path) for item in held}
         rows = min(len(column) for column in columns.values())
         return {name: column[:rows] for name, column in columns.items()}

@@ -1,4 +1,6 @@
-"""A session as the stored devices of a bench need it: samples, images and positions by their numbers."""
+"""A session as the stored devices of a bench need it: samples, images and positions by their
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from app.session.reader import SessionReader
 
 
 class SessionRecording:
-    """The readings of a session, see `drivers.stored.Recording`; its file stays open until the program ends or `close`."""
+    """The readings of a session, see `drivers.stored.Recording`; its file stays open until the
+    program ends or `close`.
+    """
 
     def __init__(self, path: Path) -> None:
         self._session = session = SessionReader(path)

@@ -1,4 +1,6 @@
-"""Makes a whole session of one that was cut short or damaged, from its journal where there is one, else from what can be read of it."""
+"""Makes a whole session of one that was cut short or damaged, from its journal where there is one,
+else from what can be read of it.
+"""
 
 from __future__ import annotations
 
@@ -26,17 +28,21 @@ from app.session.writer import SessionWriter
 FLUSH_FRAMES = 256  # of small tables that wait in memory
 _UNREADABLE = "its image can not be read, the bytes are not those that were recorded"
 _UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
-_MOST_MISSING = 1 << 22  # samples of a journal's gaps: a line of a stranger's could ask for terabytes of them
-_NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)  # of a stranger's journal
+# samples of a journal's gaps: a line of a stranger's could ask for terabytes of them
+_MOST_MISSING = 1 << 22
+# of a stranger's journal
+_NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
 
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """What came of a repair. `output` is None where the session is whole and nothing had to be written.
+    """What came of a repair. `output` is None where the session is whole and nothing had to be
+    written.
 
-    `source` is "journal" or "file"; `torn` and `unread` count the frames and samples that were recorded and could not be brought
-    back, `cut_bytes` what was left out at the torn end of the journal, `results` the analysed frames; `receipt` is that of the repaired
-    session, or of the whole.
+    `source` is "journal" or "file"; `torn` and `unread` count the frames and samples that were
+    recorded and could not be brought back, `cut_bytes` what was left out at the torn end of the
+    journal, `results` the analysed frames; `receipt` is that of the repaired session, or of the
+    whole.
     """
 
     session: Path
@@ -51,15 +57,31 @@ class Repaired:
     def __str__(self) -> str:
         """One sentence."""
         if self.output is None:
-            return f"{self.session}: the session is whole, nothing is to be repaired: {self.receipt}"
+            return (
+                f"{self.session}: the session is whole, nothing is to be repaired: {self.receipt}"
+            )
         torn = f"{self.torn} images and {self.unread} samples could not be read"
         cut = "; what came after the torn end of the journal is lost" if self.cut_bytes else ""
-        results = f"results of {self.results} frames" if self.results else "no results, the images must be analysed again"
-        return f"{self.output}: brought back from the {self.source}: {self.receipt}; {torn}{cut}; {results}"
+        results = (
+            f"results of {self.results} frames"
+            if self.results
+            else "no results, the images must be analysed again"
+        )
+        return (
+            f"{self.output}: brought back from the {self.source}: {self.receipt}; {torn}{cut};"
+            f" {results}"
+        )
 
 
-def repair(session: Path, output: Path, *, overwrite: bool = False, progress: Callable[[float], None] = lambda share: None) -> Repaired:
-    """A whole session at `output` of everything durable in `session`, which is only read; `progress` is told the share done.
+def repair(
+    session: Path,
+    output: Path,
+    *,
+    overwrite: bool = False,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Repaired:
+    """A whole session at `output` of everything durable in `session`, which is only read;
+    `progress` is told the share done.
 
     Raises
     ------
@@ -79,16 +101,28 @@ def repair(session: Path, output: Path, *, overwrite: bool = False, progress: Ca
             receipt = verify(session, journal if source == "journal" else None)
             return Repaired(session, None, source, 0, 0, 0, len(reader.analysed_frames()), receipt)
     try:
-        told = _told_by_journal(session, journal, progress) if source == "journal" else _told_by_file(session, progress)
+        told = (
+            _told_by_journal(session, journal, progress)
+            if source == "journal"
+            else _told_by_file(session, progress)
+        )
         return _write(session, output, source, told, overwrite)
     except _NONSENSE as error:
-        raise UserError(f"{session}: what its {source} holds makes no session: {error}; use a copy of it if there is one") from error
+        raise UserError(
+            f"{session}: what its {source} holds makes no session: {error}; use a copy of it if"
+            " there is one"
+        ) from error
 
 
-def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, ...]], overwrite: bool) -> Repaired:
+def _write(
+    session: Path, output: Path, source: str, told: Iterator[tuple[Any, ...]], overwrite: bool
+) -> Repaired:
     """Tell a new writer everything that the old one was told."""
     _, header = next(told)
-    header |= {"frame_dtype": np.dtype(header["frame_dtype"]), "frame_shape": tuple(header["frame_shape"])}
+    header |= {
+        "frame_dtype": np.dtype(header["frame_dtype"]),
+        "frame_shape": tuple(header["frame_shape"]),
+    }
     header |= {name: np.asarray(header[name], np.float64) for name in ("grid_x_px", "grid_y_px")}
     header |= {name: int(header[name]) for name in ("exposure_samples", "divisor", "first_trigger")}
     header |= {name: float(header[name]) for name in ("sample_rate_hz", "pixel_m")}
@@ -121,7 +155,8 @@ def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, .
     return Repaired(session, output, source, torn, unread, cut, results, writer.receipt)
 
 
-_TOLD: dict[str, tuple[str, tuple[type, ...]]] = {  # record -> method of the writer and what it takes
+# record -> method of the writer and what it takes
+_TOLD: dict[str, tuple[str, tuple[type, ...]]] = {
     "samples": ("append_samples", (int, np.ndarray, np.ndarray)),
     "gap": ("append_gap", (int, int, str)),
     "frame": ("append_frame", (int, int, np.ndarray, int)),
@@ -136,8 +171,12 @@ def _is_of(value: Any, kind: type) -> bool:
     return isinstance(value, kind) and not (isinstance(value, int) and abs(value) >= 1 << 62)
 
 
-def _told_by_journal(session: Path, journal: Path, progress: Callable[[float], None]) -> Iterator[tuple[Any, ...]]:
-    """What the writer was told, with the images by their place in the session, whether HDF5 can open that or not."""
+def _told_by_journal(
+    session: Path, journal: Path, progress: Callable[[float], None]
+) -> Iterator[tuple[Any, ...]]:
+    """What the writer was told, with the images by their place in the session, whether HDF5 can
+    open that or not.
+    """
     size = room = session.stat().st_size
     end = missing = 0
     with session.open("rb") as file:
@@ -145,7 +184,9 @@ def _told_by_journal(session: Path, journal: Path, progress: Callable[[float], N
             if what == "session":
                 header: dict[str, Any] = values[0]
                 shape, dtype = header["frame_shape"], np.dtype(header["frame_dtype"])
-                longest = math.prod(shape) * dtype.itemsize if header["compression"] == "gzip" else None
+                longest = (
+                    math.prod(shape) * dtype.itemsize if header["compression"] == "gzip" else None
+                )
                 yield what, dict(header)
             elif what == "frame":
                 index, sample, place, nbytes, checksum = values
@@ -168,7 +209,9 @@ def _told_by_journal(session: Path, journal: Path, progress: Callable[[float], N
                 yield what, *values
 
 
-def _image_at(file: BinaryIO, place: int, nbytes: int, size: int, checksum: int, longest: int | None) -> bytes | None:
+def _image_at(
+    file: BinaryIO, place: int, nbytes: int, size: int, checksum: int, longest: int | None
+) -> bytes | None:
     """The image at a place of a file; None where it is not there or not the one that was recorded.
 
     `longest` is the size of one that was compressed, None of one that was not.
@@ -186,22 +229,41 @@ def _image_at(file: BinaryIO, place: int, nbytes: int, size: int, checksum: int,
 def _told_by_file(session: Path, progress: Callable[[float], None]) -> Iterator[tuple[Any, ...]]:
     """What a session without a journal can tell of itself."""
     with SessionReader(session) as reader, closing(CheckedFile(session, "session")) as file:
-        names = ("config_toml", "sample_rate_hz", "frame_shape", "frame_dtype", "exposure_samples", "divisor", "first_trigger", "pixel_m")
-        header = {name: getattr(reader, name) for name in (*names, "grid_x_px", "grid_y_px", "versions", "started", "compression")}
+        names = (
+            "config_toml",
+            "sample_rate_hz",
+            "frame_shape",
+            "frame_dtype",
+            "exposure_samples",
+            "divisor",
+            "first_trigger",
+            "pixel_m",
+        )
+        header = {
+            name: getattr(reader, name)
+            for name in (*names, "grid_x_px", "grid_y_px", "versions", "started", "compression")
+        }
         yield "session", header | {"source": asdict(reader.source) if reader.source else None}
         yield from _forces_told(reader, file)
         held = checksums(reader, file)
-        triggers, _ = reader.triggers(), reader.images_path  # of an analysis they are in another file
+        # of an analysis they are in another file
+        triggers, _ = reader.triggers(), reader.images_path
         for n, (index, sample, received, _, reason) in enumerate(triggers.tolist()):
             image = image_of(reader, index) if received else None
             found = None if image is None else crc32(image.data)
             if found is not None and held.get(index) in (None, found):
                 own = ("frame", index, sample, image, found)
-                yield ("source_frame", index, sample, reader.image_row(index), found) if reader.source else own
+                yield (
+                    ("source_frame", index, sample, reader.image_row(index), found)
+                    if reader.source
+                    else own
+                )
             else:
                 yield "lost_frame", index, sample, _UNREADABLE if received else reason
             progress((n + 1) / len(triggers))
-        for sample, position in zip(*(column.tolist() for column in reader.positions()), strict=True):
+        for sample, position in zip(
+            *(column.tolist() for column in reader.positions()), strict=True
+        ):
             yield "position", sample, position
         for event in reader.events():
             yield "event", event.sample, event.kind, event.text
@@ -212,7 +274,11 @@ def _forces_told(reader: SessionReader, file: CheckedFile) -> Iterator[tuple[Any
     missing = np.zeros(samples_in(file), bool)
     for first, count in reader.gaps():
         missing[max(0, first) : first + count] = True
-    parts = {*range(0, len(missing), FORCES_CHUNK), *(np.flatnonzero(np.diff(missing)) + 1).tolist(), len(missing)}
+    parts = {
+        *range(0, len(missing), FORCES_CHUNK),
+        *(np.flatnonzero(np.diff(missing)) + 1).tolist(),
+        len(missing),
+    }
     for first, end in pairwise(sorted(parts)):
         if missing[first]:
             continue
@@ -227,9 +293,12 @@ def _forces_told(reader: SessionReader, file: CheckedFile) -> Iterator[tuple[Any
 
 
 def _copy_results(session: Path, writer: SessionWriter, frames: set[int], torn: int) -> int:
-    """How many analysed frames had their results copied; none where HDF5 can not read them any more. Tells how the run ended, too."""
+    """How many analysed frames had their results copied; none where HDF5 can not read them any
+    more. Tells how the run ended, too.
+    """
     copied, state, outcome = 0, UNFINISHED, None
-    with suppress(UserError, ValueError), SessionReader(session) as reader:  # ValueError: results that do not fit the images
+    # ValueError: results that do not fit the images
+    with suppress(UserError, ValueError), SessionReader(session) as reader:
         for snapshot in reader.snapshots():
             if snapshot.frame in frames:
                 writer.append_snapshot(snapshot)
@@ -239,9 +308,18 @@ def _copy_results(session: Path, writer: SessionWriter, frames: set[int], torn: 
             writer.write_contact(contact)
         state, reason = reader.state, reader.reason
         if state != UNFINISHED:
-            outcome = Outcome(state, f"{reason}; repaired, {torn} images were lost", reader.counts(), reader.summary(), reader.resources)
+            outcome = Outcome(
+                state,
+                f"{reason}; repaired, {torn} images were lost",
+                reader.counts(),
+                reader.summary(),
+                reader.resources,
+            )
     if outcome is not None:
         writer.finish(outcome)
     else:
-        writer.explain(f"the run was cut short; repaired from {session.name}, {len(frames)} frames kept, {torn} images lost")
+        writer.explain(
+            f"the run was cut short; repaired from {session.name}, {len(frames)} frames kept,"
+            f" {torn} images lost"
+        )
     return copied

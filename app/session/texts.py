@@ -1,8 +1,9 @@
 """Texts of an HDF5 file from anywhere, read from its bytes.
 
-HDF5 keeps texts of any length in global heap collections, the one part of its metadata without a checksum, and trusts what they say:
-a collection whose length or objects are damaged makes its library take gigabytes or never come back. Here every length is held
-against what is there before it is used. See the HDF5 file format specification, III.E, "Global heap".
+HDF5 keeps texts of any length in global heap collections, the one part of its metadata without a
+checksum, and trusts what they say: a collection whose length or objects are damaged makes its
+library take gigabytes or never come back. Here every length is held against what is there before it
+is used. See the HDF5 file format specification, III.E, "Global heap".
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x0d\x0e-\x1f\x7f-\x9f]")  # could steer 
 
 
 def read_texts(dataset: h5py.Dataset, file: BinaryIO, size: int) -> NDArray[Any]:
-    """The texts of a dataset of variable-length UTF-8, an array of its shape; control characters are spelled out.
+    """The texts of a dataset of variable-length UTF-8, an array of its shape; control characters
+    are spelled out.
 
     Parameters
     ----------
@@ -65,7 +67,9 @@ def _references(dataset: h5py.Dataset, file: BinaryIO, size: int) -> bytes:
     pieces, chunk = [], dataset.chunks[0] * _REFERENCE.itemsize
     for row in range(0, dataset.shape[0], dataset.chunks[0]):
         place = dataset.id.get_chunk_info_by_coord((row,))
-        pieces.append(bytes(chunk) if place.byte_offset is None else _bytes_at(file, place.byte_offset, chunk))
+        pieces.append(
+            bytes(chunk) if place.byte_offset is None else _bytes_at(file, place.byte_offset, chunk)
+        )
     return b"".join(pieces)
 
 

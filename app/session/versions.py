@@ -8,7 +8,9 @@ from importlib import metadata
 
 
 def versions() -> dict[str, str]:
-    """Name -> version of this program and its libraries, and the computer it runs on, for the session's record."""
+    """Name -> version of this program and its libraries, and the computer it runs on, for the
+    session's record.
+    """
     packages = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
     computer = {
         "computer": platform.node(),

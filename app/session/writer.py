@@ -1,9 +1,10 @@
 """Writes a session while it happens: images at once, everything small in batches at each flush.
 
-Write, then count: an image goes to the file before the row that says it is there, and a write that fails is taken back, so that
-a full disk leaves a session without phantom rows. After `flush` the file is complete in itself and on the disk. Beside it grows a
-journal (`journal`): with it `repair` brings back what a killed program or a power cut left of the rest. `close` reads the session
-back, holds it against the journal, and removes that only where both agree.
+Write, then count: an image goes to the file before the row that says it is there, and a write that
+fails is taken back, so that a full disk leaves a session without phantom rows. After `flush` the
+file is complete in itself and on the disk. Beside it grows a journal (`journal`): with it `repair`
+brings back what a killed program or a power cut left of the rest. `close` reads the session back,
+holds it against the journal, and removes that only where both agree.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ from app.session.layout import GROUPS, LATER, NO_ROW
 from app.session.receipt import Receipt, verify
 
 LOOK_BYTES = 4096  # of each end of an image
-LONGEST_GAP_S = 3600.0  # the missing samples are written as NaN; more than this is a wrong sample number, not a gap
+# the missing samples are written as NaN; more than this is a wrong sample number, not a gap
+LONGEST_GAP_S = 3600.0
 
 
 class SessionWriter:
@@ -47,11 +49,14 @@ class SessionWriter:
         After `close`: what was read back.
     """
 
-    def __init__(self, path: Path, file: h5py.File, journal: Journal, sample_rate_hz: float) -> None:
+    def __init__(
+        self, path: Path, file: h5py.File, journal: Journal, sample_rate_hz: float
+    ) -> None:
         self._path = path
         self._file = file
         self._journal = journal
-        self._on_disk = FileIO(path, "r+")  # the same file once more, to have it brought to the disk
+        # the same file once more, to have it brought to the disk
+        self._on_disk = FileIO(path, "r+")
         self.receipt: Receipt | None = None
         self._images = file["/entry/instrument/camera/data"]
         self._fields = [file[f"/entry/fields/{name}"] for name in layout.FIELDS]
@@ -65,7 +70,8 @@ class SessionWriter:
         self._stress = Table(file, "/entry/stress")
         self._field_frames = Table(file, "/entry/fields")
         self._longest_gap = int(LONGEST_GAP_S * sample_rate_hz)
-        self._received, self._received_rows = array("q"), array("q")  # triggers of the frames received, in their order, and their rows
+        # triggers of the frames received, in their order, and their rows
+        self._received, self._received_rows = array("q"), array("q")
         self._analysed: list[int] = []  # rows of triggers, marked at the next flush
 
     @classmethod
@@ -104,14 +110,16 @@ class SessionWriter:
         started : str
             Time of day, ISO 8601; now if it is not given.
         source : Source, optional
-            The session beside it that holds the images; then they are named by `append_source_frame`, not recorded.
+            The session beside it that holds the images; then they are named by
+            `append_source_frame`, not recorded.
         compression : str
             Of the images: "none" or "gzip".
 
         Raises
         ------
         UserError
-            A session of that name exists and `overwrite` was not asked, or the file can not be made there.
+            A session of that name exists and `overwrite` was not asked, or the file can not be made
+            there.
         """
         path = Path(path)
         started = started or _now()
@@ -160,14 +168,27 @@ class SessionWriter:
         journal, file = new_files(path, overwrite)
         try:
             file.attrs.update(
-                {"NX_class": "NXroot", "default": "entry", "creator": "SlipScope", layout.FORMAT_ATTRIBUTE: layout.FORMAT_VERSION}
+                {
+                    "NX_class": "NXroot",
+                    "default": "entry",
+                    "creator": "SlipScope",
+                    layout.FORMAT_ATTRIBUTE: layout.FORMAT_VERSION,
+                }
             )
             for group in GROUPS:
                 if group.path not in LATER:
                     make_group(file, group, sizes, values, frame_dtype, compression)
             if source is not None:
-                named = {"/entry/source/session": source.session, "/entry/source/start_time": source.started}
-                make_group(file, next(group for group in GROUPS if group.path == "/entry/source"), {}, named)
+                named = {
+                    "/entry/source/session": source.session,
+                    "/entry/source/start_time": source.started,
+                }
+                make_group(
+                    file,
+                    next(group for group in GROUPS if group.path == "/entry/source"),
+                    {},
+                    named,
+                )
             file["/entry"].attrs["default"] = "results"
             journal.note("session", header)
             writer = cls(path, file, journal, sample_rate_hz)
@@ -180,8 +201,11 @@ class SessionWriter:
             journal.path.unlink(missing_ok=True)
             raise
 
-    def append_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
-        """Record consecutive samples from number `first` on: readings in volts and forces in newtons, both (n, 2), normal and shear.
+    def append_samples(
+        self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]
+    ) -> None:
+        """Record consecutive samples from number `first` on: readings in volts and forces in
+        newtons, both (n, 2), normal and shear.
 
         Samples missing before them are recorded as a gap and as NaN.
 
@@ -192,25 +216,39 @@ class SessionWriter:
         """
         self._check_place(first)
         if volts.shape != forces.shape or volts.shape[1:] != (2,):
-            raise ValueError(f"session: volts {volts.shape} and forces {forces.shape} must both be (n, 2)")
+            raise ValueError(
+                f"session: volts {volts.shape} and forces {forces.shape} must both be (n, 2)"
+            )
         self._journal.samples(first, volts, forces)
         self._add_samples(first, volts, forces)
 
     def _check_place(self, sample: int) -> None:
         expected = len(self._samples)
         if not 0 <= sample - expected <= self._longest_gap:
-            raise ValueError(f"session: samples from {sample} on were given where {expected} comes next; they can not be placed")
+            raise ValueError(
+                f"session: samples from {sample} on were given where {expected} comes next; they"
+                " can not be placed"
+            )
 
-    def _add_samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
+    def _add_samples(
+        self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]
+    ) -> None:
         expected = len(self._samples)
         if missing := first - expected:
             self._gaps.append(first=expected, count=missing)
             nothing = np.full((missing, 2), np.nan)
             volts, forces = np.concatenate([nothing, volts]), np.concatenate([nothing, forces])
-        self._samples.extend(normal_force=forces[:, 0], shear_force=forces[:, 1], normal_sensor=volts[:, 0], shear_sensor=volts[:, 1])
+        self._samples.extend(
+            normal_force=forces[:, 0],
+            shear_force=forces[:, 1],
+            normal_sensor=volts[:, 0],
+            shear_sensor=volts[:, 1],
+        )
 
     def append_gap(self, first: int, count: int, reason: str) -> None:
-        """Record that `count` samples from `first` on are missing: rows of NaN, and an event that says why."""
+        """Record that `count` samples from `first` on are missing: rows of NaN, and an event that
+        says why.
+        """
         self._check_place(first)
         self._check_place(first + count)
         self._journal.note("gap", first, count, reason)
@@ -219,15 +257,19 @@ class SessionWriter:
         self._gaps.append(first=first, count=count)
         self._events.append(sample=first, kind="gap", text=f"{count} samples lost: {reason}")
 
-    def append_frame(self, index: int, sample: int, image: NDArray[Any], checksum: int | None = None) -> None:
-        """Record the image of trigger `index`, exposed from `sample` on; it is written at once. `checksum` is its CRC-32, if it is known.
+    def append_frame(
+        self, index: int, sample: int, image: NDArray[Any], checksum: int | None = None
+    ) -> None:
+        """Record the image of trigger `index`, exposed from `sample` on; it is written at once.
+        `checksum` is its CRC-32, if it is known.
 
         Raises
         ------
         ValueError
             The image has another shape or dtype than the session.
         OSError
-            It could not be written, or the disk is all but full; the session is as it was before and can be finished.
+            It could not be written, or the disk is all but full; the session is as it was before
+            and can be finished.
         """
         check_room(self._path, image.nbytes)
         image = np.ascontiguousarray(image)
@@ -235,15 +277,22 @@ class SessionWriter:
         end = self._file.id.get_filesize()
         row, chunk = append_image(self._images, image)
         try:
-            self._journal.note("frame", index, sample, self._place_of(row, chunk, end), chunk.nbytes, checksum)
+            self._journal.note(
+                "frame", index, sample, self._place_of(row, chunk, end), chunk.nbytes, checksum
+            )
         except BaseException:
             self._images.resize(row, axis=0)
             raise
         self._add_frame(index, sample, row, checksum)
 
     def _place_of(self, row: int, chunk: NDArray[np.uint8], end: int) -> int:
-        """Where in the file an image lies: where the file ended before, as a look shows; HDF5 goes through all images to tell."""
-        if all(self._lies_at(end + at, chunk[at : at + LOOK_BYTES]) for at in (0, max(0, chunk.nbytes - LOOK_BYTES))):
+        """Where in the file an image lies: where the file ended before, as a look shows; HDF5 goes
+        through all images to tell.
+        """
+        if all(
+            self._lies_at(end + at, chunk[at : at + LOOK_BYTES])
+            for at in (0, max(0, chunk.nbytes - LOOK_BYTES))
+        ):
             return end
         return int(self._images.id.get_chunk_info_by_coord((row, 0, 0)).byte_offset)
 
@@ -252,7 +301,9 @@ class SessionWriter:
         return self._on_disk.read(part.nbytes) == part.tobytes()
 
     def append_source_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
-        """Record that the image of trigger `index` lies in that row of the source, with that CRC-32; OSError on an all but full disk."""
+        """Record that the image of trigger `index` lies in that row of the source, with that
+        CRC-32; OSError on an all but full disk.
+        """
         check_room(self._path, 0)
         self._journal.note("source_frame", index, sample, row, checksum)
         self._add_frame(index, sample, row, checksum)
@@ -260,12 +311,16 @@ class SessionWriter:
     def _add_frame(self, index: int, sample: int, row: int, checksum: int) -> None:
         self._received.append(index)
         self._received_rows.append(len(self._triggers))
-        self._triggers.append(index=index, sample=sample, image=row, reason="", analysed=0, checksum=checksum)
+        self._triggers.append(
+            index=index, sample=sample, image=row, reason="", analysed=0, checksum=checksum
+        )
 
     def append_lost_frame(self, index: int, sample: int, reason: str) -> None:
         """Record that trigger `index` gave no image, and why."""
         self._journal.note("lost_frame", index, sample, reason)
-        self._triggers.append(index=index, sample=sample, image=NO_ROW, reason=reason, analysed=0, checksum=0)
+        self._triggers.append(
+            index=index, sample=sample, image=NO_ROW, reason=reason, analysed=0, checksum=0
+        )
 
     def append_position(self, sample: int, position_m: float) -> None:
         """Record where the stage was at `sample`."""
@@ -278,7 +333,8 @@ class SessionWriter:
         self._events.append(sample=event.sample, kind=event.kind, text=event.text)
 
     def append_snapshot(self, snapshot: Snapshot) -> None:
-        """Record what was found on a frame, which must be recorded already. Its field, if it has one, is written at once.
+        """Record what was found on a frame, which must be recorded already. Its field, if it has
+        one, is written at once.
 
         Raises
         ------
@@ -289,32 +345,59 @@ class SessionWriter:
         """
         place = bisect_left(self._received, snapshot.frame)
         if self._received[place : place + 1] != array("q", [snapshot.frame]):
-            raise ValueError(f"session: results of frame {snapshot.frame} were given, but that frame is not recorded")
+            raise ValueError(
+                f"session: results of frame {snapshot.frame} were given, but that frame is not"
+                " recorded"
+            )
         field = NO_ROW
         if snapshot.ux_px.size:
-            field = append_fields(self._fields, [getattr(snapshot, name) for name in layout.FIELDS.values()])
+            field = append_fields(
+                self._fields, [getattr(snapshot, name) for name in layout.FIELDS.values()]
+            )
             self._field_frames.append(frame=snapshot.frame)
         self._analysed.append(self._received_rows[place])
-        self._rings.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.RINGS.items()})
-        self._stress.append(**{name: getattr(snapshot, attribute) for name, attribute in layout.STRESS.items()})
+        self._rings.append(
+            **{name: getattr(snapshot, attribute) for name, attribute in layout.RINGS.items()}
+        )
+        self._stress.append(
+            **{name: getattr(snapshot, attribute) for name, attribute in layout.STRESS.items()}
+        )
         row = {name: getattr(snapshot, attribute) for name, attribute in layout.RESULTS.items()}
         row["phase"] = layout.PHASES.index(snapshot.phase)
-        counts = {"ring_count": len(snapshot.ring_radius_m), "stress_count": len(snapshot.stress_radius_m)}
+        counts = {
+            "ring_count": len(snapshot.ring_radius_m),
+            "stress_count": len(snapshot.stress_radius_m),
+        }
         self._results.append(**row, **counts, field=field)
 
     def write_contact(self, contact: ContactResult) -> None:
         """Record the apparent contact, once."""
-        values = {f"/entry/{name}": getattr(contact, attribute) for name, attribute in layout.CONTACT.items()}
+        values = {
+            f"/entry/{name}": getattr(contact, attribute)
+            for name, attribute in layout.CONTACT.items()
+        }
         self._make("/entry/profile", values, profile=len(contact.profile_grey))
         self._make("/entry/contact", values)
 
     def finish(self, outcome: Outcome) -> None:
         """Record how the run ended, once."""
         if not self._file:
-            raise OSError(f"{self._path}: it could not be written to its end; `slipscope repair` brings back everything")
-        self._make("/entry/counts", {f"/entry/counts/{name}": value for name, value in dataclasses.asdict(outcome.counts).items()})
+            raise OSError(
+                f"{self._path}: it could not be written to its end; `slipscope repair` brings back"
+                " everything"
+            )
+        self._make(
+            "/entry/counts",
+            {
+                f"/entry/counts/{name}": value
+                for name, value in dataclasses.asdict(outcome.counts).items()
+            },
+        )
         if outcome.summary is not None:
-            values = {f"/entry/summary/{name}": getattr(outcome.summary, attribute) for name, attribute in layout.SUMMARY.items()}
+            values = {
+                f"/entry/summary/{name}": getattr(outcome.summary, attribute)
+                for name, attribute in layout.SUMMARY.items()
+            }
             self._make("/entry/summary", values, notes=len(outcome.summary.notes))
         self._write_text("/entry/run/resources", json.dumps(outcome.resources, default=str))
         self._write_text("/entry/run/reason", outcome.reason)
@@ -328,15 +411,17 @@ class SessionWriter:
         self._write_text("/entry/run/reason", reason)
 
     def flush(self) -> None:
-        """Bring everything recorded so far to the disk; the file is readable from there on, whatever happens to the program.
+        """Bring everything recorded so far to the disk; the file is readable from there on,
+        whatever happens to the program.
 
-        The images come before the journal that names them, so that what the journal on the disk promises is there.
+        The images come before the journal that names them, so that what the journal on the disk
+        promises is there.
 
         Raises
         ------
         OSError
-            It could not be written. The session is closed then, as it is, for HDF5 may spoil what is there if it goes on; the journal
-            and the images hold everything.
+            It could not be written. The session is closed then, as it is, for HDF5 may spoil what
+            is there if it goes on; the journal and the images hold everything.
         """
         try:
             for table in (self._gaps, self._samples, self._triggers, self._positions, self._events):
@@ -351,12 +436,16 @@ class SessionWriter:
             cause = re.search("error message = '([^']*)'", str(error))  # of many lines by HDF5
             abandon(self._file, self._on_disk, self._journal)
             found = cause[1] if cause else " ".join(str(error).split())
-            raise OSError(f"{self._path}: it can not be written: {found}; `slipscope repair` brings back everything") from error
+            raise OSError(
+                f"{self._path}: it can not be written: {found}; `slipscope repair` brings back"
+                " everything"
+            ) from error
         os.fsync(self._on_disk.fileno())
         self._journal.sync()
 
     def close(self) -> None:
-        """Flush, let go of the file, read it back, remove the journal. May be called twice; a session that was not finished says so.
+        """Flush, let go of the file, read it back, remove the journal. May be called twice; a
+        session that was not finished says so.
 
         Raises
         ------

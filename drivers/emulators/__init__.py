@@ -1,1 +1,3 @@
-"""Emulated devices: what the real drivers talk to on a bench without hardware, looking at the simulated world."""
+"""Emulated devices: what the real drivers talk to on a bench without hardware, looking at the
+simulated world.
+"""

@@ -1,7 +1,8 @@
-"""An emulated PCI-6251: tasks, a sample clock, buffers that overflow, a pulse train and a counter, in front of the simulated world.
+"""An emulated PCI-6251: tasks, a sample clock, buffers that overflow, a pulse train and a counter,
+in front of the simulated world.
 
-It does what the tasks say that a client has set up, and nothing else: a trigger train of a wrong period, a counter on a wrong terminal or a
-task started too late show in what it sends.
+It does what the tasks say that a client has set up, and nothing else: a trigger train of a wrong
+period, a counter on a wrong terminal or a task started too late show in what it sends.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ TIMEBASE_HZ = 20_000_000
 FASTEST_HZ = 500_000  # two channels share 1 MS/s
 TICK_S = 0.01  # of the wall clock, in which a paced board takes its samples
 FOREVER_S = threading.TIMEOUT_MAX
-FIRST_SAMPLE, MOST_RECENT = 10424, 10428  # what a read can be relative to, beside the current position
+# what a read can be relative to, beside the current position
+FIRST_SAMPLE, MOST_RECENT = 10424, 10428
 
 
 class NiError(Exception):
@@ -37,7 +39,9 @@ class NiError(Exception):
 
 @dataclass(eq=False)
 class Task:
-    """What a client has set up: channels of one kind, their clock, their buffer and where in it to read."""
+    """What a client has set up: channels of one kind, their clock, their buffer and where in it to
+    read.
+    """
 
     name: str
     kind: str = ""  # "ai", "ci", "co" or "do"
@@ -90,9 +94,19 @@ class Board:
         renew: Callable[[], World] | None = None,
     ) -> None:
         self.device = device
-        self.channels = {*(f"ai{i}" for i in range(16)), "ctr0", "ctr1", *(f"port0/line{i}" for i in range(8))}
+        self.channels = {
+            *(f"ai{i}" for i in range(16)),
+            "ctr0",
+            "ctr1",
+            *(f"port0/line{i}" for i in range(8)),
+        }
         self.is_gone = False
-        self._world, self._sensors, self._exposures, self._when_gone = world, sensors, exposure_terminal, when_gone
+        self._world, self._sensors, self._exposures, self._when_gone = (
+            world,
+            sensors,
+            exposure_terminal,
+            when_gone,
+        )
         self._renew = renew
         self._changed = threading.Condition(threading.RLock())
         self._generating = threading.Lock()
@@ -102,7 +116,9 @@ class Board:
         self._total = 0
         self._thread: threading.Thread | None = None
         faults = world.faults.all
-        self._holes = [(round(f.at), round(f.at + f.amount)) for f in faults if f.kind == "daq-overflow"]
+        self._holes = [
+            (round(f.at), round(f.at + f.amount)) for f in faults if f.kind == "daq-overflow"
+        ]
         self._end = min((round(f.at) for f in faults if f.kind == "daq-gone"), default=None)
 
     # ------------------------------------------------------------------ tasks
@@ -113,26 +129,44 @@ class Board:
         if device.lower() != self.device.lower():
             raise NiError(-200220, f"Device identifier is invalid.\nDevice Specified: {device}")
         if channel not in self.channels:
-            raise NiError(-200170, f"Physical channel specified does not exist on this device.\nPhysical Channel Name: {name}")
+            raise NiError(
+                -200170,
+                "Physical channel specified does not exist on this device.\nPhysical Channel"
+                f" Name: {name}",
+            )
         return channel
 
     def check(self) -> None:
         """An error, once the board is gone."""
         if self.is_gone:
-            raise NiError(-201003, f"Device cannot be accessed. The device is no longer present in the system.\nDevice: {self.device}")
+            raise NiError(
+                -201003,
+                "Device cannot be accessed. The device is no longer present in the"
+                f" system.\nDevice: {self.device}",
+            )
 
     def add(self, task: Task, kind: str, name: str) -> None:
         """A channel for a task; all of a task's are of one kind."""
         channel = self.channel(name)
-        if task.kind not in ("", kind) or not channel.startswith({"ai": "ai", "do": "port"}.get(kind, "ctr")):
-            raise NiError(-200170, f"Physical channel specified is not for this kind of task.\nPhysical Channel Name: {name}")
+        if task.kind not in ("", kind) or not channel.startswith(
+            {"ai": "ai", "do": "port"}.get(kind, "ctr")
+        ):
+            raise NiError(
+                -200170,
+                "Physical channel specified is not for this kind of task.\nPhysical Channel Name:"
+                f" {name}",
+            )
         task.kind = kind
         task.channels.append(channel)
 
     def set_clock(self, task: Task, rate_hz: float, clock: str, samples: int) -> None:
         """Sample clock and buffer of a task."""
         if not 0 < rate_hz <= FASTEST_HZ:
-            raise NiError(-200077, f"Requested value is not a supported value for this property: {rate_hz:g} of at most {FASTEST_HZ} Hz.")
+            raise NiError(
+                -200077,
+                f"Requested value is not a supported value for this property: {rate_hz:g} of at"
+                f" most {FASTEST_HZ} Hz.",
+            )
         task.rate_hz, task.clock = TIMEBASE_HZ / round(TIMEBASE_HZ / rate_hz), clock
         task.buffer = samples
 
@@ -142,7 +176,11 @@ class Board:
             for resource in {"ai" if task.kind == "ai" else channel for channel in task.channels}:
                 if self._owners.setdefault(resource, task) is not task:
                     code = -200587 if task.kind == "do" else -50103
-                    raise NiError(code, f"The specified resource is reserved. The operation could not be completed.\nResource: {resource}")
+                    raise NiError(
+                        code,
+                        "The specified resource is reserved. The operation could not be"
+                        f" completed.\nResource: {resource}",
+                    )
 
     def start(self, task: Task) -> None:
         """Start a task; outputs and counters wait for the samples, whose start is the start of all."""
@@ -151,7 +189,11 @@ class Board:
             if task.kind == "ai":
                 rate = self._world.settings.sample_rate_hz
                 if task.rate_hz != rate:
-                    raise NiError(-200077, f"Requested value is not supported: {task.rate_hz:g} Hz, the simulated bench has {rate:g} Hz.")
+                    raise NiError(
+                        -200077,
+                        f"Requested value is not supported: {task.rate_hz:g} Hz, the simulated"
+                        f" bench has {rate:g} Hz.",
+                    )
                 train = self._train()
                 self._ring = np.zeros((max(task.buffer, 1), 2))
                 try:
@@ -161,7 +203,9 @@ class Board:
             task.is_running, task.position, task.lost, task.began = True, 0, 0, self._total
             self._tasks.append(task)
             if task.kind == "ai" and self._world.pace is not None:
-                self._thread = threading.Thread(target=self._run, name="emulated board", daemon=True)
+                self._thread = threading.Thread(
+                    target=self._run, name="emulated board", daemon=True
+                )
                 self._thread.start()
 
     def _train(self) -> TriggerTrain | None:
@@ -171,9 +215,17 @@ class Board:
                 per_sample = TIMEBASE_HZ / self._world.settings.sample_rate_hz
                 first, divisor = (ticks / per_sample for ticks in task.ticks)
                 if not (first.is_integer() and divisor.is_integer()):
-                    raise NiError(-200077, f"Requested value is not supported: pulses of {task.ticks[1]} ticks do not fall on samples.")
+                    raise NiError(
+                        -200077,
+                        f"Requested value is not supported: pulses of {task.ticks[1]} ticks do not"
+                        " fall on samples.",
+                    )
                 return TriggerTrain(int(first), int(divisor))
-            if task.kind == "do" and task.clock == f"/{self.device}/ai/SampleClock" and task.pattern is not None:
+            if (
+                task.kind == "do"
+                and task.clock == f"/{self.device}/ai/SampleClock"
+                and task.pattern is not None
+            ):
                 rises = np.flatnonzero(task.pattern & ~np.roll(task.pattern, 1))
                 if len(rises) == 1:
                     return TriggerTrain(int(rises[0]), len(task.pattern))
@@ -197,7 +249,9 @@ class Board:
         """Stop a task and let go of what it reserved."""
         self.stop(task)
         with self._changed:
-            self._owners = {resource: owner for resource, owner in self._owners.items() if owner is not task}
+            self._owners = {
+                resource: owner for resource, owner in self._owners.items() if owner is not task
+            }
 
     def unplug(self) -> None:
         """From now on the board is not there."""
@@ -243,43 +297,72 @@ class Board:
         """Until that sample has been taken or can not come any more, or for that long."""
         if self._world.pace is not None:
             with self._changed:
-                self._changed.wait_for(lambda: self._total >= sample or self.is_gone or not task.is_running, timeout_s)
+                self._changed.wait_for(
+                    lambda: self._total >= sample or self.is_gone or not task.is_running, timeout_s
+                )
             return
         give_up = time.monotonic() + timeout_s
         with self._generating:
-            while self._total < sample and self._generate(sample - self._total, give_up - time.monotonic()):
+            while self._total < sample and self._generate(
+                sample - self._total, give_up - time.monotonic()
+            ):
                 pass
 
     def total(self, task: Task) -> int:
-        """Samples that a task has taken since its start; once after an overflow by a fault, what it would be after one by neglect."""
+        """Samples that a task has taken since its start; once after an overflow by a fault, what it
+        would be after one by neglect.
+        """
         was_full, task.is_full = task.is_full, False
         return task.lost + task.buffer if was_full else self._total - task.began
 
     def read(self, task: Task, n: int, timeout_s: float) -> NDArray[Any]:
         """The next `n` samples of a task, or those that came in time, (channels, samples)."""
-        first = task.offset + {FIRST_SAMPLE: 0, MOST_RECENT: self._total - task.began}.get(task.relative_to, task.position)
+        first = task.offset + {FIRST_SAMPLE: 0, MOST_RECENT: self._total - task.began}.get(
+            task.relative_to, task.position
+        )
         start = task.began + first
         hole = next((hole for hole in self._holes if start < hole[1] and hole[0] < start + n), None)
-        self._wait(hole[1] if hole else start + n, timeout_s if 0 <= timeout_s < FOREVER_S else FOREVER_S, task)
+        self._wait(
+            hole[1] if hole else start + n,
+            timeout_s if 0 <= timeout_s < FOREVER_S else FOREVER_S,
+            task,
+        )
         with self._changed:
             self.check()
             if not task.is_running:
-                raise NiError(-88710, "The specified operation did not complete successfully, because the task was aborted.")
+                raise NiError(
+                    -88710,
+                    "The specified operation did not complete successfully, because the task was"
+                    " aborted.",
+                )
             if hole and self._total >= hole[1]:
                 task.position, task.lost, task.is_full = first, hole[1] - task.began, True
             if first < max(task.lost, self._total - task.began - task.buffer):
                 task.position = first
                 code = -200279 if task.overwrites else -200222
-                raise NiError(code, "The application is not able to keep up with the hardware acquisition.")
+                raise NiError(
+                    code, "The application is not able to keep up with the hardware acquisition."
+                )
             came = 0 if hole else max(0, min(n, self._total - start))
             task.position = first + came
             if task.kind == "ci":
                 return self._counts(task, start, came)
             rows = self._ring[np.arange(start, start + came) % len(self._ring)]
-            wired = [rows[:, self._sensors.index(c)] if c in self._sensors else np.zeros(came) for c in task.channels]
-            return np.array([np.clip(volts, -limit, limit) for volts, limit in zip(wired, task.limits_v, strict=True)])
+            wired = [
+                rows[:, self._sensors.index(c)] if c in self._sensors else np.zeros(came)
+                for c in task.channels
+            ]
+            return np.array(
+                [
+                    np.clip(volts, -limit, limit)
+                    for volts, limit in zip(wired, task.limits_v, strict=True)
+                ]
+            )
 
     def _counts(self, task: Task, start: int, n: int) -> NDArray[Any]:
-        is_wired = task.terminal == f"/{self.device}/{self._exposures}" and task.clock == f"/{self.device}/ai/SampleClock"
+        is_wired = (
+            task.terminal == f"/{self.device}/{self._exposures}"
+            and task.clock == f"/{self.device}/ai/SampleClock"
+        )
         counts = self._world.exposure_counts(start, n) if is_wired and n else np.zeros(n, np.int64)
         return np.asarray(counts[None] % 2**32, np.uint32)

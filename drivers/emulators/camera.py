@@ -1,4 +1,6 @@
-"""The real pylon driver on pylon's emulated camera, which sees the simulated world and is fired by the pulses of its board."""
+"""The real pylon driver on pylon's emulated camera, which sees the simulated world and is fired by
+the pulses of its board.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ _READY_MS = 100
 
 @contextmanager
 def _emulation_listed() -> Iterator[None]:
-    """Pylon looks at this variable whenever it lists cameras; it is put back, so that nobody else finds the emulated one."""
+    """Pylon looks at this variable whenever it lists cameras; it is put back, so that nobody else
+    finds the emulated one.
+    """
     before = os.environ.get("PYLON_CAMEMU")
     os.environ["PYLON_CAMEMU"] = "1"
     try:
@@ -45,16 +49,22 @@ def _emulation_listed() -> Iterator[None]:
 
 
 class EmulatedPylonCamera:
-    """A `PylonCamera` whose sensor sees the world: one picture per pulse, at the middle of its exposure; see `drivers.protocols.Camera`.
+    """A `PylonCamera` whose sensor sees the world: one picture per pulse, at the middle of its
+    exposure; see `drivers.protocols.Camera`.
 
-    pylon's emulated camera plays picture files on software triggers. A thread follows the world: once an exposure has passed, it draws
-    the picture, puts it in front of the camera and fires it: 23.8 frames/s at 1600 x 1200 with 24 ms of CPU each, 45 frames/s at most.
+    pylon's emulated camera plays picture files on software triggers. A thread follows the world:
+    once an exposure has passed, it draws the picture, puts it in front of the camera and fires it:
+    23.8 frames/s at 1600 x 1200 with 24 ms of CPU each, 45 frames/s at most.
     """
 
     def __init__(self, settings: CameraSettings, scene: Scene) -> None:
         self._camera = PylonCamera(replace(settings, device=SERIAL_NUMBER), scene)
         self.name = self._camera.name = "emulated pylon camera"
-        self.shape, self.dtype, self.exposure_samples = self._camera.shape, self._camera.dtype, self._camera.exposure_samples
+        self.shape, self.dtype, self.exposure_samples = (
+            self._camera.shape,
+            self._camera.dtype,
+            self._camera.exposure_samples,
+        )
         self._settings = settings
         self._world = scene.world
         self._renderer: Renderer | None = None
@@ -76,7 +86,8 @@ class EmulatedPylonCamera:
         if wanted.pixel_format != "Mono8" or self.shape != self._world.settings.image_shape:
             rows, columns = self._world.settings.image_shape
             raise OutOfLimits(
-                f"{self.name}: {self.shape[1]} x {self.shape[0]} {wanted.pixel_format} was asked, the world it sees is"
+                f"{self.name}: {self.shape[1]} x {self.shape[0]} {wanted.pixel_format} was asked,"
+                " the world it sees is"
                 f" {columns} x {rows} Mono8; set both alike"
             )
         with _emulation_listed():
@@ -85,12 +96,19 @@ class EmulatedPylonCamera:
             from drivers.sim.images import Renderer
 
             self._renderer = Renderer(self._world.settings)
-        self._folder = tempfile.TemporaryDirectory(prefix="slipscope-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None)
+        self._folder = tempfile.TemporaryDirectory(
+            prefix="slipscope-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None
+        )
         for number in range(_FILES):
             self._put(np.zeros(self.shape, np.uint8), number)
         device = self._camera.device
-        device.ImageFilename.Value, device.ImageFileMode.Value, device.TestImageSelector.Value = self._folder.name, "On", "Off"
-        device.ExposureTimeAbs.Value = device.ExposureTimeAbs.Min  # the world has exposed already; pylon would burn a core for as long
+        device.ImageFilename.Value, device.ImageFileMode.Value, device.TestImageSelector.Value = (
+            self._folder.name,
+            "On",
+            "Off",
+        )
+        # the world has exposed already; pylon would burn a core for as long
+        device.ExposureTimeAbs.Value = device.ExposureTimeAbs.Min
 
     def describe(self) -> str:
         """What the real driver says of the emulated camera."""
@@ -107,7 +125,9 @@ class EmulatedPylonCamera:
     def read(self, timeout_s: float) -> Frame | LostFrame:
         """The fate of the next trigger; see `drivers.camera_pylon.PylonCamera.read`."""
         if self._failure is not None:
-            raise DeviceFault(f"{self.name}: the emulation failed, {self._failure}; look at its settings") from self._failure
+            raise DeviceFault(
+                f"{self.name}: the emulation failed, {self._failure}; look at its settings"
+            ) from self._failure
         answer = self._camera.read(timeout_s)
         self._world.frame_was_read()
         return answer
@@ -149,11 +169,16 @@ class EmulatedPylonCamera:
             begin = world.exposure_of(pulse)
             return (world.pulses.sample(pulse) if begin is None else begin) + self.exposure_samples
 
-        world.wait_for(lambda: not self._follows or world.phase == "stopped" or world.now >= end(), threading.TIMEOUT_MAX)
+        world.wait_for(
+            lambda: not self._follows or world.phase == "stopped" or world.now >= end(),
+            threading.TIMEOUT_MAX,
+        )
         return self._follows and world.now >= end()
 
     def _expose(self, pulse: int) -> bool:
-        """Take the picture of a pulse whose exposure has passed, with its faults; whether the camera is still there."""
+        """Take the picture of a pulse whose exposure has passed, with its faults; whether the
+        camera is still there.
+        """
         faults, device = self._world.faults, self._camera.device
         if faults.since("camera-gone", pulse):
             self._await_delivery()
@@ -166,9 +191,13 @@ class EmulatedPylonCamera:
         image = self._renderer.image(self._world.state(begin + self.exposure_samples // 2), pulse)
         if faults.hits("corrupt-frame", pulse):
             lower = image[self.shape[0] // 2 :]
-            lower[:] = np.random.default_rng([self._world.settings.seed, 105, pulse]).integers(0, 256, lower.shape, np.uint8)
+            lower[:] = np.random.default_rng([self._world.settings.seed, 105, pulse]).integers(
+                0, 256, lower.shape, np.uint8
+            )
         self._put(image, self._shots % _FILES)
-        while not device.WaitForFrameTriggerReady(_READY_MS, library("pypylon.pylon").TimeoutHandling_Return):
+        while not device.WaitForFrameTriggerReady(
+            _READY_MS, library("pypylon.pylon").TimeoutHandling_Return
+        ):
             if not self._follows:
                 return False
         if faults.hits("lost-frame", pulse):
@@ -181,7 +210,9 @@ class EmulatedPylonCamera:
 
     def _await_delivery(self) -> None:
         """Until all that was fired has arrived: ready for a trigger the camera is before that."""
-        delivered = self._camera.device.GetStreamGrabberNodeMap().GetNode("Statistic_Total_Buffer_Count")
+        delivered = self._camera.device.GetStreamGrabberNodeMap().GetNode(
+            "Statistic_Total_Buffer_Count"
+        )
         while self._follows and delivered.GetValue() < self._shots:
             self._world.wait_for(lambda: not self._follows, 0.002)
 
@@ -189,4 +220,6 @@ class EmulatedPylonCamera:
         assert self._folder is not None
         path = Path(self._folder.name) / f"{number}.tiff"
         if not cv2.imwrite(str(path), image, [cv2.IMWRITE_TIFF_COMPRESSION, 1]):
-            raise DeviceError(f"{self.name}: a picture could not be written to {path}; make room there")
+            raise DeviceError(
+                f"{self.name}: a picture could not be written to {path}; make room there"
+            )

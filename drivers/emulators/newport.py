@@ -1,7 +1,9 @@
-"""An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver speaking to it.
+"""An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver
+speaking to it.
 
-States, errors and commands are those of the manuals that `drivers.actuator_newport` names. Where they leave it open, the emulation takes
-what is harder for a driver: an error stays in the memory until TE reads it, ST is an error where nothing moves, PA is refused in motion.
+States, errors and commands are those of the manuals that `drivers.actuator_newport` names. Where
+they leave it open, the emulation takes what is harder for a driver: an error stays in the memory
+until TE reads it, ST is an error where nothing moves, PA is refused in motion.
 
     python -m drivers.emulators.newport [smc100 | conex-cc] [PORT]
 
@@ -26,8 +28,15 @@ from drivers.sim.world import World
 HOMING_TIMEOUT = 0x40
 VERSIONS = {"smc100": "SMC_CC - Controller-driver version  3. 1. 2", "conex-cc": "CONEX-CC 2.0.1"}
 
-_LETTERS = {**dict.fromkeys(range(0x0A, 0x12), "H"), 0x14: "I", 0x1E: "L", 0x28: "M", **dict.fromkeys(range(0x32, 0x39), "K")}
-_LETTERS |= dict.fromkeys(range(0x3C, 0x40), "J")  # state -> the refusal of commands that it does not allow
+_LETTERS = {
+    **dict.fromkeys(range(0x0A, 0x12), "H"),
+    0x14: "I",
+    0x1E: "L",
+    0x28: "M",
+    **dict.fromkeys(range(0x32, 0x39), "K"),
+}
+# state -> the refusal of commands that it does not allow
+_LETTERS |= dict.fromkeys(range(0x3C, 0x40), "J")
 _ALLOWED = {
     "AC": "IJK", "FE": "IJK", "MM": "JK", "OH": "I", "OR": "H", "OT": "I", "PA": "K", "PR": "K", "PW": "HI",
     "SL": "IJK", "SR": "IJK", "ST": "LM", "SU": "I", "VA": "IJKM", "ZX": "I",
@@ -38,11 +47,23 @@ _RANGES = {"SL": (-1e12, 0.0), "SR": (0.0, 1e12), "MM": (0, 1), "PW": (0, 1)}
 class Controller:
     """The state machine: what each command is answered with, and what it does to the stage."""
 
-    def __init__(self, stage: Stage, model: str = "smc100", address: int = 1, *, is_referenced: bool = True) -> None:
+    def __init__(
+        self, stage: Stage, model: str = "smc100", address: int = 1, *, is_referenced: bool = True
+    ) -> None:
         self.stage = stage
         self.state, self.errors = (0x32 if is_referenced else 0x0A), 0
         self.can_home = True
-        self.parameters = {"AC": 20.0, "FE": 0.01, "OH": 0.5, "OT": 60.0, "SL": 0.0, "SR": 25.0, "SU": ENCODER_MM, "VA": 1.0, "ZX": 3.0}
+        self.parameters = {
+            "AC": 20.0,
+            "FE": 0.01,
+            "OH": 0.5,
+            "OT": 60.0,
+            "SL": 0.0,
+            "SR": 25.0,
+            "SU": ENCODER_MM,
+            "VA": 1.0,
+            "ZX": 3.0,
+        }
         self._fastest = self.parameters["VA"]
         self._address, self._version = address, VERSIONS[model]
         self._origin = 0.0 if is_referenced else stage.position()
@@ -103,7 +124,12 @@ class Controller:
             number = float(value)
         except ValueError:
             return "C"
-        low, high = _RANGES.get(name, (-1e12, 1e12) if name in ("PA", "PR") else (1e-6, self._fastest if name == "VA" else 1e12))
+        low, high = _RANGES.get(
+            name,
+            (-1e12, 1e12)
+            if name in ("PA", "PR")
+            else (1e-6, self._fastest if name == "VA" else 1e12),
+        )
         if not low <= number <= high:
             return "C"
         if name in ("PA", "PR"):
@@ -187,7 +213,9 @@ class _Emulated(NewportStage):
             return
         if self._device is None:
             world = self._scene.world
-            self._device = _Faulty(Controller(WorldStage(world), self._model, self._settings.address), world)
+            self._device = _Faulty(
+                Controller(WorldStage(world), self._model, self._settings.address), world
+            )
         self._far_end = SerialLine(self._device)
         self._settings = dataclasses.replace(self._settings, port=self._far_end.start())
         try:
@@ -221,8 +249,15 @@ class EmulatedConexCc(_Emulated, ConexCc):
 
 
 def serve(model: str = "smc100", port: str = "") -> None:
-    """Serve a controller with a free stage, until interrupted; on a port of the network where one is given, "0" for any."""
-    line = SerialLine(Controller(FreeStage(), model), "tcp" if port else "", byte_s=10 / 57600, port=int(port or 0))
+    """Serve a controller with a free stage, until interrupted; on a port of the network where one
+    is given, "0" for any.
+    """
+    line = SerialLine(
+        Controller(FreeStage(), model),
+        "tcp" if port else "",
+        byte_s=10 / 57600,
+        port=int(port or 0),
+    )
     print(f"{model} on {line.start()}; Ctrl-C ends it", flush=True)
     try:
         threading.Event().wait()

@@ -1,4 +1,6 @@
-"""The real driver of NI boards on an emulated one, in this process, through NI's own package and its network protocol."""
+"""The real driver of NI boards on an emulated one, in this process, through NI's own package and
+its network protocol.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,12 @@ class EmulatedNiForces(NiForces):
         from drivers.emulators.ni_server import NiServer
 
         s = self._settings
-        self.server = NiServer(self._scene.world, device=s.device, sensors=s.channels, exposure_terminal=s.exposure_terminal)
+        self.server = NiServer(
+            self._scene.world,
+            device=s.device,
+            sensors=s.channels,
+            exposure_terminal=s.exposure_terminal,
+        )
         self._settings = replace(s, server=self.server.address, certificate="")
         super()._connect()
 

@@ -1,4 +1,6 @@
-"""An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, of this or another program or computer."""
+"""An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, of
+this or another program or computer.
+"""
 
 from __future__ import annotations
 
@@ -38,17 +40,29 @@ class NiServer:
     """
 
     def __init__(
-        self, world: World, *, host: str = "127.0.0.1", port: int = 0, tls: tuple[bytes, bytes] | None = None, **board: Any
+        self,
+        world: World,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        tls: tuple[bytes, bytes] | None = None,
+        **board: Any,
     ) -> None:
         self.board = Board(world, when_gone=self.kill, **board)
         self._calls = _Calls(self.board)
         self._pool = ThreadPoolExecutor(16, "emulated NI server")
         self._server = grpc.server(self._pool, options=[("grpc.so_reuseport", 0)])
         handlers = {method.name: self._handler(method) for method in SERVICE.methods}
-        self._server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE.full_name, handlers),))
+        self._server.add_generic_rpc_handlers(
+            (grpc.method_handlers_generic_handler(SERVICE.full_name, handlers),)
+        )
         where = f"{host}:{port}"
         credentials = grpc.ssl_server_credentials([tls]) if tls else None
-        bound = self._server.add_secure_port(where, credentials) if credentials else self._server.add_insecure_port(where)
+        bound = (
+            self._server.add_secure_port(where, credentials)
+            if credentials
+            else self._server.add_insecure_port(where)
+        )
         self.address = f"{host}:{bound}"
         self._server.start()
 
@@ -72,14 +86,20 @@ class NiServer:
             try:
                 self.board.check()
                 if do is None:
-                    raise NiError(-200452, f"The emulated board does not know the call {method.name}.")
+                    raise NiError(
+                        -200452, f"The emulated board does not know the call {method.name}."
+                    )
                 return reply(**(do(request) or {}))
             except NiError as error:
-                context.set_trailing_metadata((("ni-error", str(error.code)), ("ni-samps-per-chan-read", "0")))
+                context.set_trailing_metadata(
+                    (("ni-error", str(error.code)), ("ni-samps-per-chan-read", "0"))
+                )
                 context.abort(grpc.StatusCode.UNKNOWN, str(error))
 
         request = getattr(nidaqmx_pb2, method.input_type.name)
-        return grpc.unary_unary_rpc_method_handler(answer, request.FromString, reply.SerializeToString)
+        return grpc.unary_unary_rpc_method_handler(
+            answer, request.FromString, reply.SerializeToString
+        )
 
 
 class _Calls:
@@ -123,13 +143,23 @@ class _Calls:
         self._made += 1
         name = r.session_name or f"_unnamedTask<{self._made}>"
         if name in self._tasks:
-            raise NiError(-200089, f"Task name conflicts with an existing task name.\nTask Name: {name}")
+            raise NiError(
+                -200089, f"Task name conflicts with an existing task name.\nTask Name: {name}"
+            )
         self._tasks[name] = Task(name)
         return {"task": {"name": name}, "new_session_initialized": True}
 
     def GetTaskAttributeString(self, r: Any) -> dict[str, Any]:
         task = self._task(r)
-        return {"value": _known({0x1276: task.name, 0x1273: ", ".join(f"{self._board.device}/{c}" for c in task.channels)}, r)}
+        return {
+            "value": _known(
+                {
+                    0x1276: task.name,
+                    0x1273: ", ".join(f"{self._board.device}/{c}" for c in task.channels),
+                },
+                r,
+            )
+        }
 
     def StartTask(self, r: Any) -> None:
         self._board.start(self._task(r))
@@ -149,7 +179,11 @@ class _Calls:
 
     def CreateAIVoltageChan(self, r: Any) -> None:
         if not r.max_val == -r.min_val <= 10:
-            raise NiError(-200077, f"Requested value is not a supported value for this property: {r.min_val:g} V to {r.max_val:g} V.")
+            raise NiError(
+                -200077,
+                f"Requested value is not a supported value for this property: {r.min_val:g} V to"
+                f" {r.max_val:g} V.",
+            )
         self._board.add(self._task(r), "ai", r.physical_channel)
         self._task(r).limits_v.append(r.max_val)
 
@@ -178,7 +212,12 @@ class _Calls:
         self._task(r).start_trigger = r.trigger_source
 
     def GetChanAttributeInt32(self, r: Any) -> dict[str, Any]:
-        return {"value_raw": _known({0x187F: {"ai": 10100, "ci": 10131, "co": 10132, "do": 10153}[self._task(r).kind]}, r)}
+        return {
+            "value_raw": _known(
+                {0x187F: {"ai": 10100, "ci": 10131, "co": 10132, "do": 10153}[self._task(r).kind]},
+                r,
+            )
+        }
 
     def GetWriteAttributeUInt32(self, r: Any) -> dict[str, Any]:
         return {"value": _known({0x217F: 1}, r)}  # lines in a channel
@@ -216,14 +255,23 @@ class _Calls:
     def _read(self, r: Any) -> dict[str, Any]:
         values = self._board.read(self._task(r), r.num_samps_per_chan, r.timeout)
         array = np.zeros(r.array_size_in_samps, values.dtype)
-        array[: values.size] = values.ravel()  # a short read fills the beginning, channel after channel
+        # a short read fills the beginning, channel after channel
+        array[: values.size] = values.ravel()
         came = values.shape[1]
-        return {"status": 0 if came == r.num_samps_per_chan else -200284, "read_array": array.tolist(), "samps_per_chan_read": came}
+        return {
+            "status": 0 if came == r.num_samps_per_chan else -200284,
+            "read_array": array.tolist(),
+            "samps_per_chan_read": came,
+        }
 
 
 def _known(values: dict[int, Any], request: Any) -> Any:
     if request.attribute_raw not in values:
-        raise NiError(-200452, f"The emulated board does not have attribute {request.attribute_raw:#x} of {type(request).__name__}.")
+        raise NiError(
+            -200452,
+            f"The emulated board does not have attribute {request.attribute_raw:#x} of"
+            f" {type(request).__name__}.",
+        )
     return values[request.attribute_raw]
 
 
@@ -236,7 +284,9 @@ def serve(
     when_ready: Callable[[str], Any] = print,
     **board: Any,
 ) -> None:
-    """Be the server, with a new world for each run, until interrupted or ended by a fault; `when_ready` is told the address."""
+    """Be the server, with a new world for each run, until interrupted or ended by a fault;
+    `when_ready` is told the address.
+    """
     server = NiServer(make_world(), host=host, port=port, tls=tls, renew=make_world, **board)
     try:
         when_ready(server.address)

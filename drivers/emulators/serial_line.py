@@ -1,4 +1,6 @@
-"""A serial port with an emulated device behind it: a pseudo-terminal, or a port on the network, that can be slow, noisy, mute or cut."""
+"""A serial port with an emulated device behind it: a pseudo-terminal, or a port on the network,
+that can be slow, noisy, mute or cut.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,15 @@ class SerialLine:
         What becomes of each answer on its way.
     """
 
-    def __init__(self, device: Device, over: str = "", *, byte_s: float = 0.0, think_s: float = 0.0, port: int = 0) -> None:
+    def __init__(
+        self,
+        device: Device,
+        over: str = "",
+        *,
+        byte_s: float = 0.0,
+        think_s: float = 0.0,
+        port: int = 0,
+    ) -> None:
         self.url = ""
         self.arrivals: list[tuple[float, bytes]] = []
         self.is_mute = False
@@ -64,19 +74,25 @@ class SerialLine:
         self._thread: threading.Thread | None = None
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._numbers = itertools.count()
-        self._free_at = [0.0, 0.0]  # when the wire to the device, and from it, has carried all that was put on it
+        # when the wire to the device, and from it, has carried all that was put on it
+        self._free_at = [0.0, 0.0]
 
     def start(self) -> str:
         """Begin to listen; the url."""
         self._wire = _Pty() if self._over == "pty" else _Tcp(self._port)
         self.url = self._wire.url
         self._alarm, self._bell = socket.socketpair()
-        self._thread = threading.Thread(target=self._serve, args=(self._wire,), name="serial line", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, args=(self._wire,), name="serial line", daemon=True
+        )
         self._thread.start()
         return self.url
 
     def cut(self) -> None:
-        """Pull the plug: from now on the other side has a port that is gone. Also the end of a line that is no longer needed."""
+        """Pull the plug: from now on the other side has a port that is gone.
+
+        Also the end of a line that is no longer needed.
+        """
         if self._thread is None:
             return
         self._bell.close()
@@ -93,7 +109,12 @@ class SerialLine:
                     return
                 *commands, pending = (pending + wire.receive(ready)).split(b"\n")
                 for command in commands:
-                    self._after(0, len(command) + 1, 0.0, lambda command=command: self._arrive(wire, command.strip()))  # type: ignore[misc]
+                    self._after(
+                        0,
+                        len(command) + 1,
+                        0.0,
+                        lambda command=command: self._arrive(wire, command.strip()),
+                    )  # type: ignore[misc]
                 while self._due and self._due[0][0] <= time.monotonic():
                     heapq.heappop(self._due)[2]()
         except ConnectionError:
@@ -104,7 +125,9 @@ class SerialLine:
             self._alarm.close()
 
     def _after(self, way: int, n_bytes: int, delay_s: float, action: Callable[[], None]) -> None:
-        self._free_at[way] = max(self._free_at[way], time.monotonic() + delay_s) + n_bytes * self.byte_s
+        self._free_at[way] = (
+            max(self._free_at[way], time.monotonic() + delay_s) + n_bytes * self.byte_s
+        )
         heapq.heappush(self._due, (self._free_at[way], next(self._numbers), action))
 
     def _arrive(self, wire: _Pty | _Tcp, command: bytes) -> None:

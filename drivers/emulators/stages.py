@@ -1,4 +1,6 @@
-"""Stages for an emulated controller to drive: one of its own, with end switches and a place to stick, and that of the simulated world."""
+"""Stages for an emulated controller to drive: one of its own, with end switches and a place to
+stick, and that of the simulated world.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ class Stage(Protocol):
 
 
 class FreeStage:
-    """A stage of its own: trapezoid profile on a clock, end switches, and a place where it sticks if it is given one.
+    """A stage of its own: trapezoid profile on a clock, end switches, and a place where it sticks
+    if it is given one.
 
     Parameters
     ----------
@@ -78,12 +81,18 @@ class FreeStage:
         place, velocity = self._aim(t)
         slowing = -acceleration if velocity > 0 else acceleration
         end = t + abs(velocity) / acceleration
-        self._legs = [(t, place, velocity, slowing), (end, place + velocity * (end - t) / 2, 0.0, 0.0)]
+        self._legs = [
+            (t, place, velocity, slowing),
+            (end, place + velocity * (end - t) / 2, 0.0, 0.0),
+        ]
 
     def position(self) -> float:
         """Where it really is: nowhere beyond its ends, nor beyond where it sticks."""
         low, high = self.ends
-        return min(max(self._aim(self.time())[0], low), high if self.sticks_at is None else min(high, self.sticks_at))
+        return min(
+            max(self._aim(self.time())[0], low),
+            high if self.sticks_at is None else min(high, self.sticks_at),
+        )
 
     def is_moving(self) -> bool:
         """Whether its profile goes on."""
@@ -97,13 +106,17 @@ class FreeStage:
         return FOLLOWING_ERROR if abs(aim - self.position()) > following_limit else 0
 
     def _aim(self, t: float) -> tuple[float, float]:
-        t0, place, velocity, acceleration = next((leg for leg in reversed(self._legs) if leg[0] <= t), self._legs[0])
+        t0, place, velocity, acceleration = next(
+            (leg for leg in reversed(self._legs) if leg[0] <= t), self._legs[0]
+        )
         dt = t - t0
         return place + velocity * dt + acceleration * dt**2 / 2, velocity + acceleration * dt
 
 
 class WorldStage:
-    """The stage of the simulated world, in the middle of its travel at sample 0; its faults are those of the world."""
+    """The stage of the simulated world, in the middle of its travel at sample 0; its faults are
+    those of the world.
+    """
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -138,7 +151,11 @@ class WorldStage:
         if obstacle.kind == "end-of-run":
             return POSITIVE_END
         self._held_since = self.time() if self._held_since is None else self._held_since
-        return FOLLOWING_ERROR if (self.time() - self._held_since) * self._velocity > following_limit else 0
+        return (
+            FOLLOWING_ERROR
+            if (self.time() - self._held_since) * self._velocity > following_limit
+            else 0
+        )
 
     def time(self) -> float:
         """Seconds of the samples."""

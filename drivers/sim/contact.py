@@ -1,6 +1,8 @@
-"""The sheared contact of the simulated world: how its force and its surface follow the drive, under one of three laws of friction.
+"""The sheared contact of the simulated world: how its force and its surface follow the drive, under
+one of three laws of friction.
 
-The normal force is constant and the drive goes one way, so that the state follows from the distance driven alone.
+The normal force is constant and the drive goes one way, so that the state follows from the distance
+driven alone.
 """
 
 from __future__ import annotations
@@ -30,11 +32,15 @@ class Sheared(Protocol):
 
     @property
     def stick_radius(self) -> float:
-        """Radius inside which nothing slips; under a law without such a radius, where the shear traction is largest. Metres."""
+        """Radius inside which nothing slips; under a law without such a radius, where the shear
+        traction is largest. Metres.
+        """
         ...
 
     def radial(self, r: ArrayLike) -> tuple[F64, F64]:
-        """Surface displacement (g0, g2) in metres at distances r: ``g0 + g2 cos 2 theta`` along the drive, ``g2 sin 2 theta`` across."""
+        """Surface displacement (g0, g2) in metres at distances r: ``g0 + g2 cos 2 theta`` along the
+        drive, ``g2 sin 2 theta`` across.
+        """
         ...
 
     def traction(self, r: ArrayLike) -> F64:
@@ -43,14 +49,16 @@ class Sheared(Protocol):
 
 
 class Contact(Protocol):
-    """A contact under its normal force, in series with the tangential cantilever and the lens holder.
+    """A contact under its normal force, in series with the tangential cantilever and the lens
+    holder.
 
     Attributes
     ----------
     limit : float
         Greatest shear force mu P, newtons.
     onset : float
-        Distance driven at which the contact slides as a whole: where the line of steady sliding begins, metres.
+        Distance driven at which the contact slides as a whole: where the line of steady sliding
+        begins, metres.
     """
 
     limit: float
@@ -71,7 +79,9 @@ class CattaneoMindlin:
     def __init__(self, settings: WorldSettings) -> None:
         s = self._settings = settings
         self.limit = s.mu * s.normal_force_n
-        self.radius = hertz.contact_radius(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m)
+        self.radius = hertz.contact_radius(
+            s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m
+        )
         self._compliance = series_compliance(s)
         self._model = s.mu, s.normal_force_n, self.radius, s.young_modulus_pa, s.poisson
         self.onset = cattaneo_mindlin.full_shift(*self._model) + self._compliance * self.limit
@@ -105,17 +115,23 @@ class ElastoPlastic:
         self.limit = s.mu * s.normal_force_n
         law = TabulatedLaw(s.mu, *np.array(s.table).reshape(-1, 2).T) if s.law == "table" else None
         L = law.L if law else s.slip_length_m
-        sphere = Sphere(s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m, s.mu, L, s.thickness_m)
+        sphere = Sphere(
+            s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m, s.mu, L, s.thickness_m
+        )
         self._loading = AxisymmetricLoading(sphere, law=law)
         self._has_memory = law is None
         self._compliance = series_compliance(s)
         last = self._loading.at_force(self.limit * (1 - 1e-9))
         self._states = self._loading.table(STATES, last.D)
-        D, Q, stiffness = (np.array([getattr(state, name) for state in self._states]) for name in ("D", "Q", "stiffness"))
+        D, Q, stiffness = (
+            np.array([getattr(state, name) for state in self._states])
+            for name in ("D", "Q", "stiffness")
+        )
         driven = D + self._compliance * Q
         self._curve = CubicHermiteSpline(driven, Q, stiffness / (1 + self._compliance * stiffness))
         self._end = float(driven[-1])
-        # steady sliding: the centre moves like the block, behind it by what the full traction deforms; extrapolated back to no motion
+        # steady sliding: the centre moves like the block, behind it by what the full traction
+        # deforms; extrapolated back to no motion
         self.onset = float(last.displacement(0.0)[0]) + self._compliance * self.limit
 
     def shear_force(self, driven: F64) -> F64:
@@ -162,8 +178,14 @@ def sheared_contact(settings: WorldSettings) -> Contact:
     s = settings
     if s.law == "cattaneo-mindlin":
         if math.isfinite(s.thickness_m):
-            raise ValueError("simulated world: a block of finite thickness was asked with law 'cattaneo-mindlin'; use 'elasto-plastic'")
+            raise ValueError(
+                "simulated world: a block of finite thickness was asked with law"
+                " 'cattaneo-mindlin'; use 'elasto-plastic'"
+            )
         return CattaneoMindlin(s)
     if s.law in ("elasto-plastic", "table"):
         return ElastoPlastic(s)
-    raise ValueError(f"simulated world: law '{s.law}' was asked; there are 'cattaneo-mindlin', 'elasto-plastic' and 'table'")
+    raise ValueError(
+        f"simulated world: law '{s.law}' was asked; there are 'cattaneo-mindlin', 'elasto-plastic'"
+        " and 'table'"
+    )

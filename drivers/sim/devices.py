@@ -22,7 +22,10 @@ _FIRST_COUNT = round(TRAVEL_M / 2 / ENCODER_M)
 
 
 class SimForces:
-    """The simulated DAQ board: noisy, coupled, quantised voltages. Reading it is what makes time pass in the world."""
+    """The simulated DAQ board: noisy, coupled, quantised voltages.
+
+    Reading it is what makes time pass in the world.
+    """
 
     name = "simulated forces"
 
@@ -51,19 +54,42 @@ class SimForces:
         _check(self._is_open, self.name, "for samples")
         world, faults = self._world, self._world.faults
         if faults.since("daq-gone", world.now + self.block_samples):
-            raise DeviceFault(f"{self.name}: the board does not answer any more at sample {world.now}; check its cable and start again")
-        overflow = next((f for f in faults.all if f.kind == "daq-overflow" and world.now <= f.at < world.now + self.block_samples), None)
-        n = self.block_samples if overflow is None else round(overflow.at) - world.now or round(overflow.amount)
+            raise DeviceFault(
+                f"{self.name}: the board does not answer any more at sample {world.now}; check its"
+                " cable and start again"
+            )
+        overflow = next(
+            (
+                f
+                for f in faults.all
+                if f.kind == "daq-overflow" and world.now <= f.at < world.now + self.block_samples
+            ),
+            None,
+        )
+        n = (
+            self.block_samples
+            if overflow is None
+            else round(overflow.at) - world.now or round(overflow.amount)
+        )
         if not world.wait_for_turn(n, timeout_s):
             if self._world.phase != "running":
-                raise DeviceFault(f"{self.name}: samples were asked, but the board is {self._world.phase}; read between start and stop")
+                raise DeviceFault(
+                    f"{self.name}: samples were asked, but the board is {self._world.phase}; read"
+                    " between start and stop"
+                )
             raise DeviceTimeout(
-                f"{self.name}: {n} samples were asked within {timeout_s:g} s, the pace or unread frames hold them back;"
+                f"{self.name}: {n} samples were asked within {timeout_s:g} s, the pace or unread"
+                " frames hold them back;"
                 " read the camera, or wait longer"
             )
         block = world.advance(n)
         if overflow is not None and block.first == overflow.at:
-            return LostSamples(block.first, n, f"{self.name}: samples were overwritten before they were read; the computer is too busy")
+            return LostSamples(
+                block.first,
+                n,
+                f"{self.name}: samples were overwritten before they were read; the computer is too"
+                " busy",
+            )
         return block
 
     def backlog(self) -> int:
@@ -102,7 +128,8 @@ class SimCamera:
     ----------
     world : World
     renderer : ImageSource, optional
-        What draws the images; the rough interface of `drivers.sim.images` by default, made by `open`.
+        What draws the images; the rough interface of `drivers.sim.images` by default, made by
+        `open`.
     """
 
     name = "simulated camera"
@@ -128,35 +155,46 @@ class SimCamera:
     def describe(self) -> str:
         """What is simulated."""
         rows, columns = self.shape
-        return f"{columns} x {rows}, 8 bit, pictures of the simulated interface ({self._world.settings.renderer} renderer)"
+        return (
+            f"{columns} x {rows}, 8 bit, pictures of the simulated interface"
+            f" ({self._world.settings.renderer} renderer)"
+        )
 
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers; they may not come faster than the exposure lasts."""
         _check(self._is_open, self.name, "to wait for triggers")
         if train.divisor < self.exposure_samples:
             raise OutOfLimits(
-                f"{self.name}: a trigger every {train.divisor} samples was asked, the exposure takes {self.exposure_samples};"
+                f"{self.name}: a trigger every {train.divisor} samples was asked, the exposure"
+                f" takes {self.exposure_samples};"
                 " use a larger divisor or a shorter exposure"
             )
         self._train, self._next = train, 0
         self._world.watch(train)
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The fate of the next trigger, once its exposure is over; see `drivers.protocols.Camera.read`."""
+        """The fate of the next trigger, once its exposure is over; see
+        `drivers.protocols.Camera.read`.
+        """
         world, train, index = self._world, self._train, self._next
         _check(train is not None, self.name, "for a frame", remedy="start it first")
         assert train is not None
         exposed = world.exposure_of(index)
         begun = train.sample(index) if exposed is None else exposed
         end = begun + self.exposure_samples
-        world.wait_for(lambda: world.now >= end or world.phase == "stopped" or self._train is None, timeout_s)
+        world.wait_for(
+            lambda: world.now >= end or world.phase == "stopped" or self._train is None, timeout_s
+        )
         if world.now < end or self._train is None:
             why = f"{timeout_s:g} s" if world.phase != "stopped" else "the end of the samples"
             raise DeviceTimeout(
-                f"{self.name}: frame {index} was not exposed by {why} (sample {world.now} of {end}); wait longer, or end here"
+                f"{self.name}: frame {index} was not exposed by {why} (sample {world.now} of"
+                f" {end}); wait longer, or end here"
             )
         if world.faults.since("camera-gone", index):
-            raise DeviceFault(f"{self.name}: it was unplugged at trigger {index}; check its cable and start again")
+            raise DeviceFault(
+                f"{self.name}: it was unplugged at trigger {index}; check its cable and start again"
+            )
         answer = self._answer(index, train.sample(index), exposed)
         self._next = index + 1
         world.frame_was_read()
@@ -166,9 +204,13 @@ class SimCamera:
         """The picture of a trigger whose exposure is over, or what became of it."""
         world = self._world
         if exposed is None:
-            return LostFrame(index, sample, f"{self.name}: missed trigger, the camera did not expose")
+            return LostFrame(
+                index, sample, f"{self.name}: missed trigger, the camera did not expose"
+            )
         if world.faults.hits("lost-frame", index):
-            return LostFrame(index, exposed, f"{self.name}: the image was exposed and lost on its way")
+            return LostFrame(
+                index, exposed, f"{self.name}: the image was exposed and lost on its way"
+            )
         assert self._renderer is not None
         image = self._renderer.image(world.state(exposed + self.exposure_samples // 2), index)
         if world.faults.hits("corrupt-frame", index):
@@ -188,7 +230,9 @@ class SimCamera:
 
 
 class SimActuator:
-    """The simulated stage: bounded moves at a velocity that is a little lower than asked, read by an encoder of 35 nm."""
+    """The simulated stage: bounded moves at a velocity that is a little lower than asked, read by
+    an encoder of 35 nm.
+    """
 
     name = "simulated actuator"
     travel_limits_m = (0.0, TRAVEL_M)
@@ -202,12 +246,18 @@ class SimActuator:
     def open(self) -> None:
         """Claim the stage, which stands in the middle of its travel."""
         if any(fault.kind == "noisy-line" for fault in self._world.faults.all):
-            raise DeviceError(f"{self.name}: it has no line that could be noisy; take an emulated one for the fault 'noisy-line'")
+            raise DeviceError(
+                f"{self.name}: it has no line that could be noisy; take an emulated one for the"
+                " fault 'noisy-line'"
+            )
         self._is_open = True
 
     def describe(self) -> str:
         """What is simulated."""
-        return f"travel {self.travel_limits_m[1] * 1e3:g} mm, encoder {ENCODER_M * 1e9:g} nm, at {self.position_m() * 1e3:.4f} mm"
+        return (
+            f"travel {self.travel_limits_m[1] * 1e3:g} mm, encoder {ENCODER_M * 1e9:g} nm, at"
+            f" {self.position_m() * 1e3:.4f} mm"
+        )
 
     def home(self) -> None:
         """Go to the origin at 0.5 mm/s; refused in contact."""
@@ -225,12 +275,15 @@ class SimActuator:
         self._velocity = velocity_m_s
 
     def move_to(self, position_m: float) -> None:
-        """Start a bounded move; `OutOfLimits` beyond 0 to 25 mm, or where the world does not model it (back, in contact)."""
+        """Start a bounded move; `OutOfLimits` beyond 0 to 25 mm, or where the world does not model
+        it (back, in contact).
+        """
         self._check_line("to move")
         low, high = self.travel_limits_m
         if not low <= position_m <= high:  # refuses NaN too
             raise OutOfLimits(
-                f"{self.name}: a move to {position_m * 1e3:.6g} mm was asked; its travel is {low * 1e3:g} to {high * 1e3:g} mm"
+                f"{self.name}: a move to {position_m * 1e3:.6g} mm was asked; its travel is"
+                f" {low * 1e3:g} to {high * 1e3:g} mm"
             )
         if math.isclose(position_m, self.position_m(), rel_tol=0, abs_tol=ENCODER_M / 2):
             self._world.halt()
@@ -248,7 +301,8 @@ class SimActuator:
         obstacle = self._world.obstacle()
         if obstacle is not None and obstacle.kind == "end-of-run":
             raise DeviceFault(
-                f"{self.name}: the stage met its end switch after {obstacle.at:g} um; drive it back, and start where it has room"
+                f"{self.name}: the stage met its end switch after {obstacle.at:g} um; drive it"
+                " back, and start where it has room"
             )
         return self._world.is_moving()
 
@@ -270,7 +324,10 @@ class SimActuator:
     def _check_line(self, asked: str) -> None:
         _check(self._is_open, self.name, asked)
         if self._is_cut():
-            raise DeviceFault(f"{self.name}: asked {asked}, the line is dead; the stage ends its move by itself: check the cable")
+            raise DeviceFault(
+                f"{self.name}: asked {asked}, the line is dead; the stage ends its move by itself:"
+                " check the cable"
+            )
 
 
 def _check(is_ready: bool, name: str, asked: str, remedy: str = "open it first") -> None:

@@ -1,4 +1,6 @@
-"""What goes wrong in a simulated or emulated bench, and when, written ``KIND AT [AMOUNT]``: "lost-trigger 40", "daq-overflow 5000 300"."""
+"""What goes wrong in a simulated or emulated bench, and when, written ``KIND AT [AMOUNT]``:
+"lost-trigger 40", "daq-overflow 5000 300".
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,10 @@ def parse(text: str) -> Fault:
     except ValueError:
         values = []
     if not 1 <= len(values) <= 2 or not all(math.isfinite(v) and v >= 0 for v in values):
-        raise ValueError(f"'{text}' was asked; write 'KIND AT' or 'KIND AT AMOUNT' with numbers from 0 on: {kind}, {FAULTS[kind]}")
+        raise ValueError(
+            f"'{text}' was asked; write 'KIND AT' or 'KIND AT AMOUNT' with numbers from 0 on:"
+            f" {kind}, {FAULTS[kind]}"
+        )
     return Fault(kind, values[0], values[1] if len(values) == 2 else _AMOUNTS.get(kind, 1.0))
 
 
@@ -54,7 +59,9 @@ class Faults:
     all: tuple[Fault, ...] = ()
 
     def hits(self, kind: str, n: float) -> Fault | None:
-        """The fault of this kind that covers number `n`: from `at` for `amount` numbers, or one number for kinds whose amount is a size."""
+        """The fault of this kind that covers number `n`: from `at` for `amount` numbers, or one
+        number for kinds whose amount is a size.
+        """
         for fault in self.all:
             width = 1 if kind in _AMOUNTS else fault.amount
             if fault.kind == kind and fault.at <= n < fault.at + width:

@@ -1,4 +1,6 @@
-"""What the simulated camera sees: the rough interface, its micro-contacts, uneven light and the noise of an 8-bit sensor."""
+"""What the simulated camera sees: the rough interface, its micro-contacts, uneven light and the
+noise of an 8-bit sensor.
+"""
 
 from __future__ import annotations
 
@@ -21,38 +23,53 @@ _NORMALS = 1 << 21
 
 
 class Renderer:
-    """Pictures of the interface for given states of the world; the same seed, frame number and state give the same bits.
+    """Pictures of the interface for given states of the world; the same seed, frame number and
+    state give the same bits.
 
-    The exact renderer moves, deforms and integrates every blob over the pixels, without interpolation. The fast
-    one resamples one picture of the free block; the micro-contacts, the light and the noise are the same in both. `benchmarks/render.py`
-    measures them: 13 ms and 0.5 s of CPU at 1600 x 1200, apart by less than 0.001 px rms, 0.003 px at most in boxes of
-    20 px. Making a renderer compiles, and draws what all pictures share. Two threads must not share a renderer.
+    The exact renderer moves, deforms and integrates every blob over the pixels, without
+    interpolation. The fast one resamples one picture of the free block; the micro-contacts, the
+    light and the noise are the same in both. `benchmarks/render.py` measures them: 13 ms and 0.5 s
+    of CPU at 1600 x 1200, apart by less than 0.001 px rms, 0.003 px at most in boxes of 20 px.
+    Making a renderer compiles, and draws what all pictures share. Two threads must not share a
+    renderer.
 
     Parameters
     ----------
     settings : WorldSettings
-        Uses `seed`, `image_shape`, `pixel_m`, `read_noise`, `full_well` and `renderer` ("fast" or "exact").
+        Uses `seed`, `image_shape`, `pixel_m`, `read_noise`, `full_well` and `renderer` ("fast" or
+        "exact").
     """
 
     def __init__(self, settings: WorldSettings) -> None:
         if settings.renderer not in {"fast", "exact"}:
-            raise ValueError(f"simulated camera: renderer '{settings.renderer}' asked; there are 'fast' and 'exact'")
+            raise ValueError(
+                f"simulated camera: renderer '{settings.renderer}' asked; there are 'fast' and"
+                " 'exact'"
+            )
         self.settings = settings
         shape = settings.image_shape
         self._grains, self._background = speckle.speckle(shape, settings.seed)
         self._spots = speckle.micro_contacts(shape, settings.seed)
         self._light_x, self._light_y = _light(shape)
-        self._normals = np.random.default_rng([settings.seed, 103]).standard_normal(_NORMALS, dtype=np.float32)
+        self._normals = np.random.default_rng([settings.seed, 103]).standard_normal(
+            _NORMALS, dtype=np.float32
+        )
         self._coefficients: NDArray[np.float32] | None = None
         self._scene = np.empty(shape, np.float32)
         self._expose(self._draw(warp.AT_REST, settings.renderer == "exact"), 0)
 
     def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
-        """Picture `frame_index` of the interface in `state`, shape `image_shape`, 8-bit grey levels; the caller owns it."""
-        return self._expose(self._draw(self._motion(state), self.settings.renderer == "exact"), frame_index)
+        """Picture `frame_index` of the interface in `state`, shape `image_shape`, 8-bit grey
+        levels; the caller owns it.
+        """
+        return self._expose(
+            self._draw(self._motion(state), self.settings.renderer == "exact"), frame_index
+        )
 
     def grey(self, state: State, exact: bool) -> NDArray[Any]:
-        """Grey levels before noise and rounding, float64 if exact, else float32; shape `image_shape`."""
+        """Grey levels before noise and rounding, float64 if exact, else float32; shape
+        `image_shape`.
+        """
         scene = self._draw(self._motion(state), exact)
         light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
         return np.asarray(scene * light)
@@ -61,7 +78,8 @@ class Renderer:
         move = warp.motion(state, self.settings.pixel_m, self.settings.image_shape, speckle.HALO_PX)
         if move.largest_elastic > speckle.HALO_PX / 2:
             raise DeviceFault(
-                f"simulated camera: an elastic displacement of {move.largest_elastic:.0f} px was asked,"
+                f"simulated camera: an elastic displacement of {move.largest_elastic:.0f} px was"
+                " asked,"
                 f" {speckle.HALO_PX // 2} px is the limit; use larger pixels"
             )
         return move
@@ -71,7 +89,9 @@ class Renderer:
         shape = self.settings.image_shape
         if exact:
             scene: NDArray[Any] = np.full(shape, self._background)
-            base = warp.as_if_rigid(self._grains.x, self._grains.y, move, speckle.period(shape), speckle.HALO_PX)
+            base = warp.as_if_rigid(
+                self._grains.x, self._grains.y, move, speckle.period(shape), speckle.HALO_PX
+            )
             _add(scene, self._grains.peak, warp.place(base, self._grains.sigma, move), move)
         else:
             if self._coefficients is None:
@@ -84,28 +104,55 @@ class Renderer:
 
     def _add_micro_contacts(self, scene: NDArray[Any], move: warp.Motion) -> None:
         spots = self._spots.blobs
-        base = warp.as_if_rigid(spots.x, spots.y, move, speckle.period(self.settings.image_shape), speckle.HALO_PX)
+        base = warp.as_if_rigid(
+            spots.x, spots.y, move, speckle.period(self.settings.image_shape), speckle.HALO_PX
+        )
         near = np.hypot(base[0], base[1]) < move.radius + move.largest_elastic
         places = warp.place(base[:, near], spots.sigma[near], move)
-        lit = speckle.brightness(np.hypot(places[0], places[1]), move.radius, self._spots.threshold[near])
+        lit = speckle.brightness(
+            np.hypot(places[0], places[1]), move.radius, self._spots.threshold[near]
+        )
         _add(scene, spots.peak[near] * lit, places, move)
 
     def _expose(self, scene: NDArray[Any], frame_index: int) -> NDArray[np.uint8]:
         settings = self.settings
         rows, columns = settings.image_shape
-        starts = np.random.default_rng([settings.seed, 104, frame_index]).integers(0, _NORMALS - columns, rows)
+        starts = np.random.default_rng([settings.seed, 104, frame_index]).integers(
+            0, _NORMALS - columns, rows
+        )
         shot = 255.0 / settings.full_well if settings.full_well > 0 else 0.0
         out = np.empty(settings.image_shape, np.uint8)
-        _sensor(scene, self._light_x, self._light_y, self._normals, starts, np.float32(settings.read_noise**2), np.float32(shot), out)
+        _sensor(
+            scene,
+            self._light_x,
+            self._light_y,
+            self._normals,
+            starts,
+            np.float32(settings.read_noise**2),
+            np.float32(shot),
+            out,
+        )
         return out
 
 
-def _add(scene: NDArray[Any], peak: NDArray[np.float64], places: NDArray[np.float64], move: warp.Motion) -> None:
-    speckle.add_blobs(scene, places[0] + move.centre[0], places[1] + move.centre[1], places[2], places[3], places[4], peak)
+def _add(
+    scene: NDArray[Any], peak: NDArray[np.float64], places: NDArray[np.float64], move: warp.Motion
+) -> None:
+    speckle.add_blobs(
+        scene,
+        places[0] + move.centre[0],
+        places[1] + move.centre[1],
+        places[2],
+        places[3],
+        places[4],
+        peak,
+    )
 
 
 def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Factors along x and y of the uneven light: it is their product plus 1 - LIGHT, a lamp a little off the axis."""
+    """Factors along x and y of the uneven light: it is their product plus 1 - LIGHT, a lamp a
+    little off the axis.
+    """
     x, y = (np.linspace(-0.5, 0.5, n) for n in (shape[1], shape[0]))
     across = np.cos(0.8 * math.pi * (x - 0.1))
     down = np.cos(0.8 * math.pi * (y + 0.12))
@@ -116,8 +163,9 @@ def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.floa
 def _sensor(scene, light_x, light_y, normals, starts, read, shot, out):  # type: ignore[no-untyped-def]
     """The sensor: light, shot and read noise, rounding and clipping to 8 bits.
 
-    N electrons fluctuate by sqrt(N); with `full_well` electrons at 255 grey levels a grey level I has the variance
-    I * 255 / full_well. The noise of a row starts anywhere in a table of normal numbers.
+    N electrons fluctuate by sqrt(N); with `full_well` electrons at 255 grey levels a grey level I
+    has the variance I * 255 / full_well. The noise of a row starts anywhere in a table of normal
+    numbers.
     """
     rows, columns = scene.shape
     one = np.float32(1 - LIGHT)

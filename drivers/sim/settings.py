@@ -14,11 +14,14 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorldSettings:
-    """What the simulated world is made of. SI units; pairs are (normal, shear) or (x, y), `image_shape` is (rows, columns).
+    """What the simulated world is made of. SI units; pairs are (normal, shear) or (x, y),
+    `image_shape` is (rows, columns).
 
-    `press_duration` is in samples, None for one second. `press_shift_px` is how far the block moves as a whole while it is pressed on,
-    `contact_offset_px` where it touches, from the middle of the image. `full_well` is in electrons, 0 for no shot noise, and `read_noise`
-    in grey levels. `count_exposures`: the board counts the camera's exposures beside the samples. `faults`: what goes wrong.
+    `press_duration` is in samples, None for one second. `press_shift_px` is how far the block moves
+    as a whole while it is pressed on, `contact_offset_px` where it touches, from the middle of the
+    image. `full_well` is in electrons, 0 for no shot noise, and `read_noise` in grey levels.
+    `count_exposures`: the board counts the camera's exposures beside the samples. `faults`: what
+    goes wrong.
     """
 
     seed: int = 1
@@ -74,14 +77,24 @@ class WorldSettings:
     def contact_centre_px(self) -> Pair:
         """Where the block touches the lens, (x, y) in the image, as long as there is no shear."""
         rows, columns = self.image_shape
-        return (columns - 1) / 2 + self.contact_offset_px[0], (rows - 1) / 2 + self.contact_offset_px[1]
+        return (columns - 1) / 2 + self.contact_offset_px[0], (
+            rows - 1
+        ) / 2 + self.contact_offset_px[1]
 
     @property
     def settled_sample(self) -> int:
         """Sample from which on the normal force is constant."""
-        return self.press_sample + (round(self.sample_rate_hz) if self.press_duration is None else self.press_duration)
+        return self.press_sample + (
+            round(self.sample_rate_hz) if self.press_duration is None else self.press_duration
+        )
 
     @property
     def speed_factor(self) -> float:
-        """True over asked velocity of the stage: 0.98 at 0.1 N down to 0.952 at 1.4 N, as in the paper's section 3."""
-        return float(np.interp(self.normal_force_n, [0.1, 1.4], [4.9, 4.76])) / 5 if self.slow_actuator else 1.0
+        """True over asked velocity of the stage: 0.98 at 0.1 N down to 0.952 at 1.4 N, as in the
+        paper's section 3.
+        """
+        return (
+            float(np.interp(self.normal_force_n, [0.1, 1.4], [4.9, 4.76])) / 5
+            if self.slow_actuator
+            else 1.0
+        )

@@ -1,9 +1,11 @@
 """Gaussian blobs: what a rough interface looks like, and their exact images.
 
-A blob keeps its place on the block (material coordinates, pixels). Its image is never interpolated: the blob is moved to its
-exact place, deformed by the local gradient of the motion, and integrated over each pixel in closed form.
+A blob keeps its place on the block (material coordinates, pixels). Its image is never interpolated:
+the blob is moved to its exact place, deformed by the local gradient of the motion, and integrated
+over each pixel in closed form.
 
-The pattern is periodic, a little larger than the picture, so that the block may travel as far as it likes.
+The pattern is periodic, a little larger than the picture, so that the block may travel as far as it
+likes.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 HALO_PX = 64
-"""The pattern's period exceeds the picture by this much on every side: a blob is seen at most once."""
+"""The pattern's period exceeds the picture by this much on every side: a blob is seen at most once.
+"""
 
 SPECKLE_PER_PX2 = 0.15
 SPECKLE_DIAMETER_PX = (3.0, 5.0)
@@ -30,14 +33,18 @@ SPOTS_PER_PX2 = 0.004
 SPOT_SIGMA_PX = (1.2, 1.6)
 SPOT_GREY = (90.0, 130.0)
 SPOT_RAMP = 0.05
-"""A micro-contact reaches its full brightness when the relative pressure exceeds its threshold by this much."""
+"""A micro-contact reaches its full brightness when the relative pressure exceeds its threshold by
+this much.
+"""
 
 _REACH = 5.5  # standard deviations; the brightest grain is below 2e-5 grey levels there
 
 
 @dataclass(frozen=True, slots=True)
 class Blobs:
-    """Gaussian blobs of the block: centres (x, y) and standard deviations in pixels, peaks in grey levels."""
+    """Gaussian blobs of the block: centres (x, y) and standard deviations in pixels, peaks in grey
+    levels.
+    """
 
     x: Array
     y: Array
@@ -47,7 +54,9 @@ class Blobs:
 
 @dataclass(frozen=True, slots=True)
 class MicroContacts:
-    """Bright junctions that the block can make, each lit where the relative Hertz pressure exceeds its threshold in (0, 1)."""
+    """Bright junctions that the block can make, each lit where the relative Hertz pressure exceeds
+    its threshold in (0, 1).
+    """
 
     blobs: Blobs
     threshold: Array
@@ -61,20 +70,29 @@ def period(shape: tuple[int, int]) -> tuple[int, int]:
 Range = tuple[float, float]
 
 
-def _blobs(shape: tuple[int, int], per_px2: float, sigma: Range, peak: Range, rng: np.random.Generator) -> Blobs:
+def _blobs(
+    shape: tuple[int, int], per_px2: float, sigma: Range, peak: Range, rng: np.random.Generator
+) -> Blobs:
     rows, columns = period(shape)
     n = round(per_px2 * rows * columns)
-    return Blobs(x=rng.uniform(0, columns, n), y=rng.uniform(0, rows, n), sigma=rng.uniform(*sigma, n), peak=rng.uniform(*peak, n))
+    return Blobs(
+        x=rng.uniform(0, columns, n),
+        y=rng.uniform(0, rows, n),
+        sigma=rng.uniform(*sigma, n),
+        peak=rng.uniform(*peak, n),
+    )
 
 
 def speckle(shape: tuple[int, int], seed: int) -> tuple[Blobs, float]:
     """Grains of the rough surface and the even grey level under them, the same for the same seed.
 
-    Campbell's theorem sets the two so that the picture has the mean `SPECKLE_MEAN` and the rms `SPECKLE_RMS` (before pixels blur it a
-    little).
+    Campbell's theorem sets the two so that the picture has the mean `SPECKLE_MEAN` and the rms
+    `SPECKLE_RMS` (before pixels blur it a little).
     """
     low, high = SPECKLE_DIAMETER_PX
-    grains = _blobs(shape, SPECKLE_PER_PX2, (low / 4, high / 4), (0.4, 1.0), np.random.default_rng([seed, 101]))
+    grains = _blobs(
+        shape, SPECKLE_PER_PX2, (low / 4, high / 4), (0.4, 1.0), np.random.default_rng([seed, 101])
+    )
     mass = 2 * math.pi * grains.sigma**2 * grains.peak
     mean = SPECKLE_PER_PX2 * mass.mean()
     rms = math.sqrt(SPECKLE_PER_PX2 * np.mean(mass * grains.peak) / 2)
@@ -83,17 +101,21 @@ def speckle(shape: tuple[int, int], seed: int) -> tuple[Blobs, float]:
 
 
 def micro_contacts(shape: tuple[int, int], seed: int) -> MicroContacts:
-    """Every junction the block can make, the same for the same seed; `brightness` tells which are lit."""
+    """Every junction the block can make, the same for the same seed; `brightness` tells which are
+    lit.
+    """
     rng = np.random.default_rng([seed, 102])
     spots = _blobs(shape, SPOTS_PER_PX2, SPOT_SIGMA_PX, SPOT_GREY, rng)
     return MicroContacts(spots, rng.uniform(0.0, 1.0, spots.x.size))
 
 
 def brightness(distance: Array, radius: float, threshold: Array) -> Array:
-    """How far each micro-contact is lit, 0 to 1, at a distance from the contact's centre (in the unit of `radius`).
+    """How far each micro-contact is lit, 0 to 1, at a distance from the contact's centre (in the
+    unit of `radius`).
 
-    Lit where sqrt(1 - (r/a)^2) > threshold: with thresholds uniform in (0, 1) the density of lit junctions follows the Hertz pressure and
-    ends exactly at r = a. It comes on smoothly over `SPOT_RAMP`, so that no junction jumps into the picture.
+    Lit where sqrt(1 - (r/a)^2) > threshold: with thresholds uniform in (0, 1) the density of lit
+    junctions follows the Hertz pressure and ends exactly at r = a. It comes on smoothly over
+    `SPOT_RAMP`, so that no junction jumps into the picture.
 
     References
     ----------
@@ -108,7 +130,9 @@ def brightness(distance: Array, radius: float, threshold: Array) -> Array:
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _profiles(first, count, centre, sigma, out):  # type: ignore[no-untyped-def]
-    """Integrals over `count` pixels of a unit Gaussian's profile (row 0) and of its first three derivatives, up to common signs."""
+    """Integrals over `count` pixels of a unit Gaussian's profile (row 0) and of its first three
+    derivatives, up to common signs.
+    """
     p0, f0, g0, h0 = 0.0, 0.0, 0.0, 0.0
     for i in range(count + 1):
         z = (first + i - 0.5 - centre) / sigma
@@ -128,9 +152,10 @@ def _profiles(first, count, centre, sigma, out):  # type: ignore[no-untyped-def]
 def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
     """Add Gaussian blobs to an image, each integrated over every pixel it touches.
 
-    Along the axes the integral is a product of error functions. The oblique part of the covariance enters by its series (Mehler's
-    formula: d/d(xy) of a Gaussian is its d2/dxdy), to the third power of the correlation rho = xy / sqrt(xx yy): for a blob of
-    100 grey levels the remainder stays below 1e-4 grey levels for |rho| <= 0.05; a gradient of 3 % gives at most that.
+    Along the axes the integral is a product of error functions. The oblique part of the covariance
+    enters by its series (Mehler's formula: d/d(xy) of a Gaussian is its d2/dxdy), to the third
+    power of the correlation rho = xy / sqrt(xx yy): for a blob of 100 grey levels the remainder
+    stays below 1e-4 grey levels for |rho| <= 0.05; a gradient of 3 % gives at most that.
 
     Parameters
     ----------
@@ -148,8 +173,14 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
     down = np.empty((4, 256))
     for k in range(x.size):
         sx, sy = math.sqrt(xx[k]), math.sqrt(yy[k])
-        i0, i1 = max(0, math.ceil(x[k] - _REACH * sx - 0.5)), min(columns - 1, math.floor(x[k] + _REACH * sx + 0.5))
-        j0, j1 = max(0, math.ceil(y[k] - _REACH * sy - 0.5)), min(rows - 1, math.floor(y[k] + _REACH * sy + 0.5))
+        i0, i1 = (
+            max(0, math.ceil(x[k] - _REACH * sx - 0.5)),
+            min(columns - 1, math.floor(x[k] + _REACH * sx + 0.5)),
+        )
+        j0, j1 = (
+            max(0, math.ceil(y[k] - _REACH * sy - 0.5)),
+            min(rows - 1, math.floor(y[k] + _REACH * sy + 0.5)),
+        )
         if i0 > i1 or j0 > j1 or peak[k] == 0.0:
             continue
         _profiles(i0, i1 - i0 + 1, x[k], sx, across)
@@ -162,16 +193,28 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
             b2 = mass * down[2, j - j0] * rho * rho / 2
             b3 = mass * down[3, j - j0] * rho * rho * rho / 6
             for i in range(i1 - i0 + 1):
-                image[j, i0 + i] += b0 * across[0, i] + b1 * across[1, i] + b2 * across[2, i] + b3 * across[3, i]
+                image[j, i0 + i] += (
+                    b0 * across[0, i] + b1 * across[1, i] + b2 * across[2, i] + b3 * across[3, i]
+                )
 
 
 def periodic_image(blobs: Blobs, shape: tuple[int, int]) -> Array:
-    """One whole period of the undeformed pattern, shape `period(shape)`, float64; pixel (0, 0) is centred on material point (0, 0)."""
+    """One whole period of the undeformed pattern, shape `period(shape)`, float64; pixel (0, 0) is
+    centred on material point (0, 0).
+    """
     rows, columns = period(shape)
     edge = 16
     canvas = np.zeros((rows + 2 * edge, columns + 2 * edge))
     variance = blobs.sigma**2
-    add_blobs(canvas, blobs.x + edge, blobs.y + edge, variance, np.zeros_like(variance), variance, blobs.peak)
+    add_blobs(
+        canvas,
+        blobs.x + edge,
+        blobs.y + edge,
+        variance,
+        np.zeros_like(variance),
+        variance,
+        blobs.peak,
+    )
     canvas[edge : 2 * edge] += canvas[-edge:]
     canvas[-2 * edge : -edge] += canvas[:edge]
     canvas[:, edge : 2 * edge] += canvas[:, -edge:]

@@ -1,4 +1,6 @@
-"""What is true in the simulated world at one sample: for its cameras, and for those who check an analysis against it."""
+"""What is true in the simulated world at one sample: for its cameras, and for those who check an
+analysis against it.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,10 @@ F64 = NDArray[np.float64]
 class State:
     """The contact at one sample.
 
-    The lab point x shows the material point ``X = x - rigid + g(x - lens_centre)``, where g is the displacement G*sigma that `radial` gives
-    and X is where the material point was at sample 0. Lab coordinates are those of the image: metres from the centre of the top-left
-    pixel, x to the right, y down.
+    The lab point x shows the material point ``X = x - rigid + g(x - lens_centre)``, where g is the
+    displacement G*sigma that `radial` gives and X is where the material point was at sample 0. Lab
+    coordinates are those of the image: metres from the centre of the top-left pixel, x to the
+    right, y down.
 
     Attributes
     ----------
@@ -28,12 +31,13 @@ class State:
     stage_m : float
         Travel of the stage since sample 0, as it reports it.
     block_m : float
-        Displacement of the block, far from the contact, along the drive, relative to the lab since contact.
+        Displacement of the block, far from the contact, along the drive, relative to the lab since
+        contact.
     lens_m : float
         Displacement of the lens along the drive.
     rigid_m : (x, y)
-        Displacement of the block, far from the contact, in the image since sample 0: while it is pressed on, and driven; with the image's
-        drift.
+        Displacement of the block, far from the contact, in the image since sample 0: while it is
+        pressed on, and driven; with the image's drift.
     lens_centre_m : (x, y)
         Centre of the contact in the image.
     hertz_radius_m, apparent_radius_m : float
@@ -62,22 +66,31 @@ class State:
 
     @property
     def stick_radius_m(self) -> float:
-        """Radius inside which nothing slips, or, under a law without one, where the traction is largest; a_H at rest, 0 without contact."""
+        """Radius inside which nothing slips, or, under a law without one, where the traction is
+        largest; a_H at rest, 0 without contact.
+        """
         return self.contact.stick_radius if self.contact else self.hertz_radius_m
 
     def radial(self, r_m: ArrayLike) -> tuple[F64, F64]:
-        """G*sigma in metres at the distance `r_m` from the contact's centre, as (g0, g2), see `Sheared.radial`."""
+        """G*sigma in metres at the distance `r_m` from the contact's centre, as (g0, g2), see
+        `Sheared.radial`.
+        """
         r = np.asarray(r_m, dtype=np.float64)
         return self.contact.radial(r) if self.contact else (np.zeros_like(r), np.zeros_like(r))
 
     def traction(self, r_m: ArrayLike) -> F64:
-        """Shear traction along the drive in pascals at the distance `r_m` from the contact's centre."""
+        """Shear traction along the drive in pascals at the distance `r_m` from the contact's
+        centre.
+        """
         r = np.asarray(r_m, dtype=np.float64)
         return self.contact.traction(r) if self.contact else np.zeros_like(r)
 
     def surface(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[F64, F64]:
         """G*sigma (gx, gy) in metres at points (x, y) of the image."""
-        x, y = np.asarray(x_m, dtype=np.float64) - self.lens_centre_m[0], np.asarray(y_m, dtype=np.float64) - self.lens_centre_m[1]
+        x, y = (
+            np.asarray(x_m, dtype=np.float64) - self.lens_centre_m[0],
+            np.asarray(y_m, dtype=np.float64) - self.lens_centre_m[1],
+        )
         along, across = self.drive
         double = 2 * np.arctan2(y, x)
         g0, g2 = self.radial(np.hypot(x, y))
@@ -97,7 +110,8 @@ class Truth:
     mu_s : float
         Q/P at the onset.
     onset_sample : int or None
-        First sample at which the whole contact slides, see `Contact.onset`; None where it has not yet.
+        First sample at which the whole contact slides, see `Contact.onset`; None where it has not
+        yet.
     state_at : callable
         The state at another sample.
     """
@@ -108,15 +122,24 @@ class Truth:
     onset_sample: int | None
     state_at: Callable[[int], State]
 
-    def displacement_px(self, x_px: ArrayLike, y_px: ArrayLike, reference_sample: int) -> tuple[F64, F64]:
-        """Displacement (ux, uy) in the image, since `reference_sample`, of what was seen at (x, y) then; pixels, shape of `x_px`.
+    def displacement_px(
+        self, x_px: ArrayLike, y_px: ArrayLike, reference_sample: int
+    ) -> tuple[F64, F64]:
+        """Displacement (ux, uy) in the image, since `reference_sample`, of what was seen at (x, y)
+        then; pixels, shape of `x_px`.
 
-        A frame shows the middle of its exposure: ask for the truth and the reference at ``frame.sample + exposure_samples // 2``.
+        A frame shows the middle of its exposure: ask for the truth and the reference at
+        ``frame.sample + exposure_samples // 2``.
         """
         before, now = self.state_at(reference_sample), self.state
-        x, y = (np.asarray(v, dtype=np.float64) * self.pixel_m for v in np.broadcast_arrays(x_px, y_px))
+        x, y = (
+            np.asarray(v, dtype=np.float64) * self.pixel_m for v in np.broadcast_arrays(x_px, y_px)
+        )
         gx, gy = before.surface(x, y)
-        goal_x, goal_y = (v + g + now.rigid_m[i] - before.rigid_m[i] for i, (v, g) in enumerate(((x, gx), (y, gy))))
+        goal_x, goal_y = (
+            v + g + now.rigid_m[i] - before.rigid_m[i]
+            for i, (v, g) in enumerate(((x, gx), (y, gy)))
+        )
         new_x, new_y = goal_x, goal_y
         for _ in range(20):  # strains are a few per cent: each turn gains more than one digit
             gx, gy = now.surface(new_x, new_y)

@@ -1,7 +1,8 @@
 """Where the points of the block are seen, and a picture of the block resampled there.
 
-In pixels: the lab point x shows the material point X = x - rigid + g(x - centre), where g = (g0 + g2 cos 2theta, g2 sin 2theta) is the
-elastic displacement of the contact, given by its radial functions, along and across the direction of the drive.
+In pixels: the lab point x shows the material point X = x - rigid + g(x - centre), where g = (g0 +
+g2 cos 2theta, g2 sin 2theta) is the elastic displacement of the contact, given by its radial
+functions, along and across the direction of the drive.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ _ITERATIONS = 8  # gradients are below 3 %: each one gains a digit and a half
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The block's displacement in pixels: rigid (x, y), centre (x, y) of the contact, and g0, g2 tabulated over the distance to it.
+    """The block's displacement in pixels: rigid (x, y), centre (x, y) of the contact, and g0, g2
+    tabulated over the distance to it.
 
     `drive` is the unit vector of the direction of the drive.
     """
@@ -48,14 +50,19 @@ class Motion:
         return float(np.max(np.abs(self.g0) + np.abs(self.g2)))
 
 
-AT_REST = Motion(rigid=(0.0, 0.0), centre=(0.0, 0.0), radius=0.0, g0=np.zeros(2), g2=np.zeros(2), per_px=1.0)
+AT_REST = Motion(
+    rigid=(0.0, 0.0), centre=(0.0, 0.0), radius=0.0, g0=np.zeros(2), g2=np.zeros(2), per_px=1.0
+)
 """The block free, where it was at sample 0."""
 
 
-def motion(state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int = 4) -> Motion:
+def motion(
+    state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int = 4
+) -> Motion:
     """The state of the world in pixels, its radial functions tabulated `per_px` times a pixel.
 
-    The table ends `margin_px` beyond the farthest corner; it is linear in between, at 4 a pixel that is right to 1e-5 px.
+    The table ends `margin_px` beyond the farthest corner; it is linear in between, at 4 a pixel
+    that is right to 1e-5 px.
     """
     centre = (state.lens_centre_m[0] / pixel_m, state.lens_centre_m[1] / pixel_m)
     far_x = max(abs(centre[0]), abs(shape[1] - centre[0])) + margin_px
@@ -84,7 +91,8 @@ def _g(x, y, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
     if square == 0.0:
         return even * drive[0], even * drive[1]
     twice = (g2[k] + t * (g2[k + 1] - g2[k])) / square
-    cos, sin = twice * (x * x - y * y), twice * 2.0 * x * y  # of 2 theta; the direction of the drive is taken off once
+    # of 2 theta; the direction of the drive is taken off once
+    cos, sin = twice * (x * x - y * y), twice * 2.0 * x * y
     return drive[0] * (even + cos) + drive[1] * sin, drive[1] * (even - cos) + drive[0] * sin
 
 
@@ -109,12 +117,16 @@ def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[n
 
 
 def as_if_rigid(x: Array, y: Array, move: Motion, period: tuple[int, int], halo: int) -> Array:
-    """Where points (x, y) of the block would be seen had they moved with it as a whole, from the contact's centre; shape (2, n), pixels.
+    """Where points (x, y) of the block would be seen had they moved with it as a whole, from the
+    contact's centre; shape (2, n), pixels.
 
-    Of the pattern, periodic with `period` (rows, columns), the copy is taken that falls within `halo` of the picture.
+    Of the pattern, periodic with `period` (rows, columns), the copy is taken that falls within
+    `halo` of the picture.
     """
     (rx, ry), (cx, cy) = move.rigid, move.centre
-    return np.stack([(x + rx + halo) % period[1] - halo - cx, (y + ry + halo) % period[0] - halo - cy])
+    return np.stack(
+        [(x + rx + halo) % period[1] - halo - cx, (y + ry + halo) % period[0] - halo - cy]
+    )
 
 
 def place(base: Array, sigma: Array, move: Motion) -> Array:
@@ -139,9 +151,13 @@ def place(base: Array, sigma: Array, move: Motion) -> Array:
 
 
 def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
-    """Quintic B-spline coefficients of a periodic pattern, continued so that rows of `columns` pixels can start anywhere in a period."""
+    """Quintic B-spline coefficients of a periodic pattern, continued so that rows of `columns`
+    pixels can start anywhere in a period.
+    """
     coefficients = ndimage.spline_filter(pattern, order=5, output=np.float64, mode="grid-wrap")
-    return np.ascontiguousarray(np.pad(coefficients, ((0, 0), (2, columns + 4)), mode="wrap"), dtype=np.float32)
+    return np.ascontiguousarray(
+        np.pad(coefficients, ((0, 0), (2, columns + 4)), mode="wrap"), dtype=np.float32
+    )
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -176,17 +192,67 @@ def _weights(t):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
-    """A run of pixels of one row from six rows of coefficients, all at the same whole shift (kx, ky): contiguous, so it vectorises."""
+    """A run of pixels of one row from six rows of coefficients, all at the same whole shift (kx,
+    ky): contiguous, so it vectorises.
+    """
     for i in range(out.size):
         a0, a1, a2, a3, a4, a5 = _weights(tx[i] - kx)
         b0, b1, b2, b3, b4, b5 = _weights(ty[i] - ky)
         out[i] = (
-            b0 * (a0 * p[i] + a1 * p[i + 1] + a2 * p[i + 2] + a3 * p[i + 3] + a4 * p[i + 4] + a5 * p[i + 5])
-            + b1 * (a0 * q[i] + a1 * q[i + 1] + a2 * q[i + 2] + a3 * q[i + 3] + a4 * q[i + 4] + a5 * q[i + 5])
-            + b2 * (a0 * r[i] + a1 * r[i + 1] + a2 * r[i + 2] + a3 * r[i + 3] + a4 * r[i + 4] + a5 * r[i + 5])
-            + b3 * (a0 * s[i] + a1 * s[i + 1] + a2 * s[i + 2] + a3 * s[i + 3] + a4 * s[i + 4] + a5 * s[i + 5])
-            + b4 * (a0 * t[i] + a1 * t[i + 1] + a2 * t[i + 2] + a3 * t[i + 3] + a4 * t[i + 4] + a5 * t[i + 5])
-            + b5 * (a0 * u[i] + a1 * u[i + 1] + a2 * u[i + 2] + a3 * u[i + 3] + a4 * u[i + 4] + a5 * u[i + 5])
+            b0
+            * (
+                a0 * p[i]
+                + a1 * p[i + 1]
+                + a2 * p[i + 2]
+                + a3 * p[i + 3]
+                + a4 * p[i + 4]
+                + a5 * p[i + 5]
+            )
+            + b1
+            * (
+                a0 * q[i]
+                + a1 * q[i + 1]
+                + a2 * q[i + 2]
+                + a3 * q[i + 3]
+                + a4 * q[i + 4]
+                + a5 * q[i + 5]
+            )
+            + b2
+            * (
+                a0 * r[i]
+                + a1 * r[i + 1]
+                + a2 * r[i + 2]
+                + a3 * r[i + 3]
+                + a4 * r[i + 4]
+                + a5 * r[i + 5]
+            )
+            + b3
+            * (
+                a0 * s[i]
+                + a1 * s[i + 1]
+                + a2 * s[i + 2]
+                + a3 * s[i + 3]
+                + a4 * s[i + 4]
+                + a5 * s[i + 5]
+            )
+            + b4
+            * (
+                a0 * t[i]
+                + a1 * t[i + 1]
+                + a2 * t[i + 2]
+                + a3 * t[i + 3]
+                + a4 * t[i + 4]
+                + a5 * t[i + 5]
+            )
+            + b5
+            * (
+                a0 * u[i]
+                + a1 * u[i + 1]
+                + a2 * u[i + 2]
+                + a3 * u[i + 3]
+                + a4 * u[i + 4]
+                + a5 * u[i + 5]
+            )
         )
 
 
@@ -209,8 +275,8 @@ def _between(f, above, below, out):  # type: ignore[no-untyped-def]
 def _whole(t, i):  # type: ignore[no-untyped-def]
     """Whole shift of the run of pixels that begins at i, taken at its middle.
 
-    A little off the ends of a spline's piece its polynomial is still right: off by 3 % x RUN_PX / 2, the fifth derivative's jump
-    leaves 1e-4 of the contrast.
+    A little off the ends of a spline's piece its polynomial is still right: off by 3 % x RUN_PX /
+    2, the fifth derivative's jump leaves 1e-4 of the contrast.
     """
     return math.floor(t[min(i + RUN_PX // 2, t.size - 1)])
 
@@ -246,7 +312,8 @@ def _warp_row(c, j, period_x, wx, wy, tx, ty, out):  # type: ignore[no-untyped-d
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
-    spread = np.empty((2, 2, (nodes.shape[2] - 1) * CELL_PX), np.float32)  # the rows of nodes above and below, for x and for y
+    # the rows of nodes above and below, for x and for y
+    spread = np.empty((2, 2, (nodes.shape[2] - 1) * CELL_PX), np.float32)
     tx, ty = np.empty_like(spread[0, 0]), np.empty_like(spread[0, 0])
     for axis in range(2):
         _spread(nodes[axis, 0], spread[axis, 1])
@@ -261,11 +328,23 @@ def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
         _warp_row(c, j, period_x, wx, wy, tx, ty, out[j])
 
 
-def warp(coefficients: NDArray[np.float32], period_columns: int, move: Motion, out: NDArray[np.float32]) -> None:
+def warp(
+    coefficients: NDArray[np.float32], period_columns: int, move: Motion, out: NDArray[np.float32]
+) -> None:
     """The pattern as the moved block shows it, written to `out`, shape (rows, columns), float32.
 
-    Interpolated by the quintic B-spline of the undeformed, pixel-integrated pattern: a fast stand-in for the exact sum of blobs.
+    Interpolated by the quintic B-spline of the undeformed, pixel-integrated pattern: a fast
+    stand-in for the exact sum of blobs.
     """
     wx, wy = math.floor(-move.rigid[0]), math.floor(-move.rigid[1])
-    nodes = _nodes(*out.shape, -move.rigid[0] - wx, -move.rigid[1] - wy, *move.centre, move.g0, move.g2, move.per_px, move.drive)
+    nodes = _nodes(
+        *out.shape,
+        -move.rigid[0] - wx,
+        -move.rigid[1] - wy,
+        *move.centre,
+        move.g0,
+        move.g2,
+        move.per_px,
+        move.drive,
+    )
     _warp(coefficients, period_columns, wx, wy, nodes, out)

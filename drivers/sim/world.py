@@ -1,8 +1,10 @@
-"""The simulated world: a rough elastomer block on a cantilever, pressed on a lens and driven by a stage, on the clock of the samples.
+"""The simulated world: a rough elastomer block on a cantilever, pressed on a lens and driven by a
+stage, on the clock of the samples.
 
-Physics: a Hertz contact under one of three laws of friction (`drivers.sim.contact`) in series with the tangential cantilever and the lens
-holder, at constant normal force, driven one way; the stage and the image may drift.
-Everything follows from the settings, the seed and the samples on which commands came: neither wall clock nor block size matters.
+Physics: a Hertz contact under one of three laws of friction (`drivers.sim.contact`) in series with
+the tangential cantilever and the lens holder, at constant normal force, driven one way; the stage
+and the image may drift. Everything follows from the settings, the seed and the samples on which
+commands came: neither wall clock nor block size matters.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ _NOISE_CHUNK = 1024  # samples
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """The stage from one command on: at `start_m` on `sample`, then on to `target_m` at `speed` (metres per sample, signed)."""
+    """The stage from one command on: at `start_m` on `sample`, then on to `target_m` at `speed`
+    (metres per sample, signed).
+    """
 
     sample: int
     start_m: float
@@ -48,30 +52,40 @@ class _Move:
 
 
 class World:
-    """One simulated bench, seen by the simulated devices; its time passes only where its force readings are asked for.
+    """One simulated bench, seen by the simulated devices; its time passes only where its force
+    readings are asked for.
 
     Parameters
     ----------
     settings : WorldSettings
     pace : float or None
-        Simulated seconds per second of the wall clock; None: as fast as the readings, and the frames of a started camera, are read.
+        Simulated seconds per second of the wall clock; None: as fast as the readings, and the
+        frames of a started camera, are read.
     """
 
     def __init__(self, settings: WorldSettings, pace: float | None = 1.0) -> None:
         if pace is not None and not (pace > 0 and math.isfinite(pace)):
-            raise ValueError(f"simulated world: a pace of {pace} was asked; give a number above 0, or None for as fast as possible")
+            raise ValueError(
+                f"simulated world: a pace of {pace} was asked; give a number above 0, or None for"
+                " as fast as possible"
+            )
         self.settings = settings
         self.pace = pace
         self.now = 0
         self.phase = "idle"  # then "running", then "stopped"
         self.faults = Faults(settings.faults)
         self.pulses: TriggerTrain | None = None  # what the board sends to the camera
-        self._begun: list[int] = []  # samples on which exposures began, of the pulses counted so far
+        # samples on which exposures began, of the pulses counted so far
+        self._begun: list[int] = []
         self._pulses_counted = 0
         self._changed = threading.Condition(threading.RLock())
         self._moves = [_Move(0, 0.0, 0.0, 0.0)]
         self._asked_m = 0.0
-        self._wall = min((f for f in settings.faults if f.kind in ("stall", "end-of-run")), key=lambda f: f.at, default=None)
+        self._wall = min(
+            (f for f in settings.faults if f.kind in ("stall", "end-of-run")),
+            key=lambda f: f.at,
+            default=None,
+        )
         self._began = 0.0
         self._train: TriggerTrain | None = None
         self._frames_read = 0
@@ -83,7 +97,10 @@ class World:
         """Let sample 0 be now, and the board send these pulses to the camera. A world runs once."""
         with self._changed:
             if self.phase != "idle":
-                raise DeviceFault("simulated world: a second start was asked, it has run already; make a new bench for another run")
+                raise DeviceFault(
+                    "simulated world: a second start was asked, it has run already; make a new"
+                    " bench for another run"
+                )
             self.phase, self.pulses, self._began = "running", pulses, time.monotonic()
             self._changed.notify_all()
 
@@ -94,12 +111,16 @@ class World:
             self._changed.notify_all()
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Whether a condition came true in `timeout_s` seconds of the wall clock; it is looked at whenever the world changes."""
+        """Whether a condition came true in `timeout_s` seconds of the wall clock; it is looked at
+        whenever the world changes.
+        """
         with self._changed:
             return self._changed.wait_for(condition, min(timeout_s, threading.TIMEOUT_MAX))
 
     def wait_for_turn(self, n: int, timeout_s: float) -> bool:
-        """Whether, within `timeout_s` seconds of the wall clock, the pace and the camera let the next `n` samples pass."""
+        """Whether, within `timeout_s` seconds of the wall clock, the pace and the camera let the
+        next `n` samples pass.
+        """
         give_up = time.monotonic() + timeout_s
         with self._changed:
             while self.phase == "running":
@@ -114,10 +135,18 @@ class World:
         if self.pace is not None:
             return self._began + end / (self.settings.sample_rate_hz * self.pace) - time.monotonic()
         some_unread = self._exposed(self.now) > self._frames_read
-        return math.inf if some_unread and self._exposed(end) > self._frames_read + FRAMES_AHEAD else 0.0
+        return (
+            math.inf
+            if some_unread and self._exposed(end) > self._frames_read + FRAMES_AHEAD
+            else 0.0
+        )
 
     def _exposed(self, sample: int) -> int:
-        return self._train.count_before(sample - self.settings.exposure_samples + 1) if self._train else 0
+        return (
+            self._train.count_before(sample - self.settings.exposure_samples + 1)
+            if self._train
+            else 0
+        )
 
     def watch(self, train: TriggerTrain | None) -> None:
         """A camera waits for these triggers from now on; None: no longer."""
@@ -143,14 +172,22 @@ class World:
     # ------------------------------------------------------------------ triggers
 
     def exposure_of(self, pulse: int) -> int | None:
-        """Sample on which the camera begins to expose on a pulse of the board; None where it does not."""
-        if self.pulses is None or self.faults.hits("lost-trigger", pulse) or self.faults.since("camera-gone", pulse):
+        """Sample on which the camera begins to expose on a pulse of the board; None where it does
+        not.
+        """
+        if (
+            self.pulses is None
+            or self.faults.hits("lost-trigger", pulse)
+            or self.faults.since("camera-gone", pulse)
+        ):
             return None
         late = self.faults.hits("late-trigger", pulse)
         return self.pulses.sample(pulse) + (round(late.amount) if late else 0)
 
     def exposure_counts(self, first: int, n: int) -> NDArray[np.int64]:
-        """How many exposures had begun by each of `n` samples from `first` on, as a counter beside the samples reads them, (n,)."""
+        """How many exposures had begun by each of `n` samples from `first` on, as a counter beside
+        the samples reads them, (n,).
+        """
         with self._changed:
             due = self.pulses.count_before(first + n) if self.pulses else 0
             for pulse in range(self._pulses_counted, due):
@@ -159,7 +196,11 @@ class World:
                     bisect.insort(self._begun, sample)
             self._pulses_counted = max(self._pulses_counted, due)
             before = bisect.bisect_left(self._begun, first)
-            return before + np.searchsorted(np.asarray(self._begun[before:], np.int64), np.arange(first, first + n), side="right")
+            return before + np.searchsorted(
+                np.asarray(self._begun[before:], np.int64),
+                np.arange(first, first + n),
+                side="right",
+            )
 
     # ------------------------------------------------------------------ stage
 
@@ -169,24 +210,34 @@ class World:
             return self._stage(self.now)
 
     def is_moving(self) -> bool:
-        """Whether the stage has not yet reached the target of its last move; one that stalls never does."""
+        """Whether the stage has not yet reached the target of its last move; one that stalls never
+        does.
+        """
         with self._changed:
             obstacle = self.obstacle()
-            return self._stage(self.now) != self._moves[-1].target_m or (obstacle is not None and obstacle.kind == "stall")
+            return self._stage(self.now) != self._moves[-1].target_m or (
+                obstacle is not None and obstacle.kind == "stall"
+            )
 
     def obstacle(self) -> Fault | None:
         """The fault that holds the stage at this moment, while a move would take it further."""
         with self._changed:
             here, wall = self._stage(self.now), self._wall
-            return wall if wall is not None and here < self._asked_m and here >= wall.at * 1e-6 else None
+            return (
+                wall
+                if wall is not None and here < self._asked_m and here >= wall.at * 1e-6
+                else None
+            )
 
     def move(self, target_m: float, velocity_m_s: float) -> None:
-        """From this sample on the stage goes to `target_m` (travel since sample 0), nominally at that speed.
+        """From this sample on the stage goes to `target_m` (travel since sample 0), nominally at
+        that speed.
 
         Raises
         ------
         OutOfLimits
-            The move would shear the contact backwards, or while it is being pressed on: neither is modelled. Nothing was done.
+            The move would shear the contact backwards, or while it is being pressed on: neither is
+            modelled. Nothing was done.
         """
         s = self.settings
         with self._changed:
@@ -201,15 +252,21 @@ class World:
                     )
             elif way and self.now + abs(way) / per_sample > s.press_sample:
                 raise OutOfLimits(
-                    f"simulated stage: a move of {way * 1e6:.4g} um was asked that lasts into the pressing of the contact (samples"
-                    f" {s.press_sample} to {s.settled_sample}), which is not modelled; move earlier, faster, or once the contact is settled"
+                    f"simulated stage: a move of {way * 1e6:.4g} um was asked that lasts into the"
+                    " pressing of the contact (samples"
+                    f" {s.press_sample} to {s.settled_sample}), which is not modelled; move"
+                    " earlier, faster, or once the contact is settled"
                 )
             self._asked_m = target_m
-            goal = target_m if self._wall is None else min(target_m, max(here, self._wall.at * 1e-6))
+            goal = (
+                target_m if self._wall is None else min(target_m, max(here, self._wall.at * 1e-6))
+            )
             self._moves.append(_Move(self.now, here, goal, math.copysign(per_sample, way)))
 
     def follow(self, stage_m: float) -> None:
-        """The stage is a real one that is now at `stage_m` (travel since sample 0); in contact it is not followed back."""
+        """The stage is a real one that is now at `stage_m` (travel since sample 0); in contact it
+        is not followed back.
+        """
         with self._changed:
             here = self._stage(self.now)
             stage_m = max(stage_m, here) if self.now >= self.settings.settled_sample else stage_m
@@ -226,17 +283,23 @@ class World:
         return float(self._moves[last].at(np.asarray(sample)))
 
     def _driven(self, samples: NDArray[np.int64], stage: F64) -> F64:
-        """How far the contact has been driven, the drift that the stage does not report included; 0 before it is settled."""
+        """How far the contact has been driven, the drift that the stage does not report included; 0
+        before it is settled.
+        """
         s = self.settings
         drift = s.stage_drift_m_s / s.sample_rate_hz * (samples - s.settled_sample)
-        return np.where(samples >= s.settled_sample, stage + drift - self._stage(s.settled_sample), 0.0)
+        return np.where(
+            samples >= s.settled_sample, stage + drift - self._stage(s.settled_sample), 0.0
+        )
 
     # ------------------------------------------------------------------ contact
 
     def _pressed(self, samples: NDArray[np.int64]) -> F64:
         """Share of the normal force that is on, 0 to 1."""
         s = self.settings
-        t = np.clip((samples - s.press_sample + 1) / (s.settled_sample - s.press_sample + 1), 0.0, 1.0)
+        t = np.clip(
+            (samples - s.press_sample + 1) / (s.settled_sample - s.press_sample + 1), 0.0, 1.0
+        )
         return np.asarray(t * t * (3 - 2 * t))
 
     def _volts(self, samples: NDArray[np.int64]) -> F64:
@@ -249,16 +312,25 @@ class World:
         codes = np.empty((len(samples), 2))
         for i, (from_normal, from_shear) in enumerate(s.coupling):
             reading = from_normal * P + from_shear * Q + noise[:, i]
-            codes[:, i] = np.rint((reading / (s.stiffness_n_per_m[i] * s.sensitivity_m_per_v[i]) + s.zero_v[i]) / step)
+            codes[:, i] = np.rint(
+                (reading / (s.stiffness_n_per_m[i] * s.sensitivity_m_per_v[i]) + s.zero_v[i]) / step
+            )
         for fault in s.faults:
             if fault.kind == "saturated":
                 codes[samples >= fault.at, 1] = 2.0**s.adc_bits
-        return np.asarray(np.clip(codes, -(2 ** (s.adc_bits - 1)), 2 ** (s.adc_bits - 1) - 1) * step)
+        return np.asarray(
+            np.clip(codes, -(2 ** (s.adc_bits - 1)), 2 ** (s.adc_bits - 1) - 1) * step
+        )
 
     def _noise(self, samples: NDArray[np.int64]) -> F64:
-        """White noise of unit variance, (n, 2): always drawn in the same chunks, so that it belongs to the sample and not to the block."""
+        """White noise of unit variance, (n, 2): always drawn in the same chunks, so that it belongs
+        to the sample and not to the block.
+        """
         chunks = range(samples[0] // _NOISE_CHUNK, samples[-1] // _NOISE_CHUNK + 1)
-        drawn = [np.random.default_rng([self.settings.seed, 1, chunk]).standard_normal((_NOISE_CHUNK, 2)) for chunk in chunks]
+        drawn = [
+            np.random.default_rng([self.settings.seed, 1, chunk]).standard_normal((_NOISE_CHUNK, 2))
+            for chunk in chunks
+        ]
         return np.asarray(np.concatenate(drawn)[samples - chunks[0] * _NOISE_CHUNK])
 
     def state(self, sample: int) -> State:
@@ -272,7 +344,10 @@ class World:
         s = self.settings
         with self._changed:
             if not 0 <= sample <= self.now:
-                raise ValueError(f"simulated world: the state at sample {sample} was asked, it knows 0 to {self.now}")
+                raise ValueError(
+                    f"simulated world: the state at sample {sample} was asked, it knows 0 to"
+                    f" {self.now}"
+                )
             at, stage = np.asarray(sample), self._stage(sample)
             contact, driven = self._stage(s.settled_sample), self._driven_at(sample)
         pressed = float(self._pressed(at))
@@ -282,7 +357,10 @@ class World:
         lens = s.lens_compliance_m_per_n * Q
         carried = contact + block if is_settled else stage
         drift = [rate * s.pixel_m * sample / s.sample_rate_hz for rate in s.image_drift_px_s]
-        rigid = [s.press_shift_px[i] * s.pixel_m * pressed + s.drive[i] * carried + drift[i] for i in (0, 1)]
+        rigid = [
+            s.press_shift_px[i] * s.pixel_m * pressed + s.drive[i] * carried + drift[i]
+            for i in (0, 1)
+        ]
         centre = [s.contact_centre_px[i] * s.pixel_m + s.drive[i] * lens + drift[i] for i in (0, 1)]
         a = hertz.contact_radius(P, s.young_modulus_pa, s.poisson, s.lens_radius_m)
         return State(
@@ -313,7 +391,8 @@ class World:
         return float(self._driven(np.asarray(sample), np.asarray(self._stage(sample))))
 
     def truth(self, sample: int) -> Truth:
-        """What an analysis should find at a sample that has passed; an image shows the middle of its exposure.
+        """What an analysis should find at a sample that has passed; an image shows the middle of
+        its exposure.
 
         Raises
         ------

@@ -34,9 +34,13 @@ def slipscope(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
-    """A short experiment on the simulated bench: its session, with the picture beside it, and what the command said (as JSON)."""
+    """A short experiment on the simulated bench: its session, with the picture beside it, and what
+    the command said (as JSON).
+    """
     folder = tmp_path_factory.mktemp("recorded")
-    result = call("run", "--headless", "--pace", "max", "-o", folder / "short.h5", "--json", *SHORT_OPTIONS)
+    result = call(
+        "run", "--headless", "--pace", "max", "-o", folder / "short.h5", "--json", *SHORT_OPTIONS
+    )
     assert result.exit_code == 0, result.output
     return folder / "short.h5", result
 

@@ -18,7 +18,9 @@ Command = Callable[..., Result]
 
 
 def refused(result: Result, *words: str) -> None:
-    """Exit code 2 and one line on standard error that holds `words`; no traceback, nothing on standard output."""
+    """Exit code 2 and one line on standard error that holds `words`; no traceback, nothing on
+    standard output.
+    """
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
     assert result.stderr.startswith("slipscope: ")
@@ -67,7 +69,9 @@ def test_a_file_that_is_no_hdf5(slipscope: Command, tmp_path: Path) -> None:
         ("run.normal_force=11", "more than 0 and at most 10 N; found 11"),
     ],
 )
-def test_settings_that_can_not_be_used(slipscope: Command, tmp_path: Path, setting: str, words: str) -> None:
+def test_settings_that_can_not_be_used(
+    slipscope: Command, tmp_path: Path, setting: str, words: str
+) -> None:
     refused(slipscope("run", "--headless", "--set", setting), words)
     assert files_of(tmp_path) == {}
 
@@ -77,23 +81,38 @@ def test_a_missing_settings_file(slipscope: Command) -> None:
 
 
 @pytest.mark.parametrize("existing", ["mine.h5", "mine.png"])
-def test_neither_a_session_nor_its_picture_is_overwritten_unasked(slipscope: Command, tmp_path: Path, existing: str) -> None:
+def test_neither_a_session_nor_its_picture_is_overwritten_unasked(
+    slipscope: Command, tmp_path: Path, existing: str
+) -> None:
     (tmp_path / existing).write_bytes(b"precious")
     refused(slipscope("run", "--headless", "-o", "mine.h5"), existing, "exists", "--overwrite")
     assert files_of(tmp_path) == {existing: b"precious"}
 
 
-def test_a_failed_run_with_overwrite_is_not_taken_for_the_session_before_it(slipscope: Command, session: Path) -> None:
+def test_a_failed_run_with_overwrite_is_not_taken_for_the_session_before_it(
+    slipscope: Command, session: Path
+) -> None:
     before = session.read_bytes()
-    refused(slipscope("run", "--headless", "-o", session, "--overwrite", "--set", "camera.source=rdlake"), "rdlake")
+    refused(
+        slipscope(
+            "run", "--headless", "-o", session, "--overwrite", "--set", "camera.source=rdlake"
+        ),
+        "rdlake",
+    )
     assert session.read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("output", "words"),
-    [("nowhere/a.h5", "the folder nowhere does not exist"), (".", "this is a folder"), ("a.png", "the name of its own picture")],
+    [
+        ("nowhere/a.h5", "the folder nowhere does not exist"),
+        (".", "this is a folder"),
+        ("a.png", "the name of its own picture"),
+    ],
 )
-def test_an_output_that_can_not_be_written(slipscope: Command, tmp_path: Path, output: str, words: str) -> None:
+def test_an_output_that_can_not_be_written(
+    slipscope: Command, tmp_path: Path, output: str, words: str
+) -> None:
     refused(slipscope("run", "--headless", "-o", output), words)
     assert files_of(tmp_path) == {}
 
@@ -108,7 +127,11 @@ def test_paces() -> None:
 
 
 def test_machines_get_the_sentence_as_json(slipscope: Command) -> None:
-    for command in (["info", "nowhere.h5"], ["replay", "nowhere.h5", "--headless"], ["run", "--headless", "--set", "run.x=1"]):
+    for command in (
+        ["info", "nowhere.h5"],
+        ["replay", "nowhere.h5", "--headless"],
+        ["run", "--headless", "--set", "run.x=1"],
+    ):
         result = slipscope(*command, "--json")
         assert (result.exit_code, result.stderr) == (2, "")
         assert list(json.loads(result.stdout)) == ["error"]
@@ -124,19 +147,31 @@ def test_a_further_run_in_the_same_window_takes_the_next_free_name(tmp_path: Pat
     assert next_free(asked) == tmp_path / "a-4.h5"
 
 
-def test_a_journal_that_was_left_behind_is_not_written_over(slipscope: Command, tmp_path: Path) -> None:
+def test_a_journal_that_was_left_behind_is_not_written_over(
+    slipscope: Command, tmp_path: Path
+) -> None:
     (tmp_path / "mine.h5.journal").touch()
-    refused(slipscope("run", "--headless", "-o", "mine.h5"), "mine.h5.journal", "journal of a session that was cut short", "--overwrite")
+    refused(
+        slipscope("run", "--headless", "-o", "mine.h5"),
+        "mine.h5.journal",
+        "journal of a session that was cut short",
+        "--overwrite",
+    )
 
 
-def test_an_error_nobody_thought_of_is_one_sentence_too(slipscope: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_nobody_thought_of_is_one_sentence_too(
+    slipscope: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*_: object) -> None:
         raise KeyError("surprise")
 
     monkeypatch.setattr("app.commands.inspect.info", broken)
     result = slipscope("info", "a.h5")
     assert (result.exit_code, result.stdout) == (1, "")
-    assert result.stderr == "slipscope: unexpected KeyError: 'surprise'; `slipscope --debug ...` shows where it came from\n"
+    assert (
+        result.stderr
+        == "slipscope: unexpected KeyError: 'surprise'; `slipscope --debug ...` shows where it came from\n"
+    )
     assert isinstance(slipscope("--debug", "info", "a.h5").exception, KeyError)
 
 
@@ -150,7 +185,10 @@ def save(path: Path, image: np.ndarray) -> str:
 
 @pytest.fixture
 def grey(tmp_path: Path) -> str:
-    return save(tmp_path / "reference.png", np.random.default_rng(1).integers(0, 255, (80, 100), dtype=np.uint8))
+    return save(
+        tmp_path / "reference.png",
+        np.random.default_rng(1).integers(0, 255, (80, 100), dtype=np.uint8),
+    )
 
 
 def test_images_that_do_not_belong_together(slipscope: Command, tmp_path: Path, grey: str) -> None:
@@ -179,18 +217,35 @@ def test_an_empty_image_list_is_a_usage_error(slipscope: Command, grey: str) -> 
     [
         (("-o", "f.txt"), "f.txt"),
         (("-o", "nowhere/f.csv"), "the folder nowhere does not exist"),
-        (("-o", "f.csv", "--box", "3"), "--box must be a whole number at least 4 and at most 200 px; found 3"),
-        (("-o", "f.csv", "--method", "lk"), "--method must be 'shared' or 'icgn' or 'direct'; found \"lk\""),
+        (
+            ("-o", "f.csv", "--box", "3"),
+            "--box must be a whole number at least 4 and at most 200 px; found 3",
+        ),
+        (
+            ("-o", "f.csv", "--method", "lk"),
+            "--method must be 'shared' or 'icgn' or 'direct'; found \"lk\"",
+        ),
         (("-o", "f.csv", "--min-contrast", "nan"), "--min-contrast: a finite number is needed"),
-        (("-o", "f.csv", "--update-every", "0"), "--update-every must be a whole number at least 1 images; found 0"),
+        (
+            ("-o", "f.csv", "--update-every", "0"),
+            "--update-every must be a whole number at least 1 images; found 0",
+        ),
         (("-o", "f.csv", "--precision", "double"), "double precision asked of method 'shared'"),
-        (("-o", "f.csv", "--roi", "0", "0", "200", "50"), "a region from (0, 0) to (200, 50) px asked of 100 x 80 px"),
-        (("-o", "f.csv", "--roi", "10", "10", "20", "20", "--method", "direct"), "a mask or region asked of method 'direct'"),
+        (
+            ("-o", "f.csv", "--roi", "0", "0", "200", "50"),
+            "a region from (0, 0) to (200, 50) px asked of 100 x 80 px",
+        ),
+        (
+            ("-o", "f.csv", "--roi", "10", "10", "20", "20", "--method", "direct"),
+            "a mask or region asked of method 'direct'",
+        ),
         (("-o", "f.csv", "--mask", "nowhere.png"), "nowhere.png"),
         (("-o", "f.csv", "--box", "100"), "100"),
     ],
 )
-def test_a_correlation_that_can_not_be_done(slipscope: Command, tmp_path: Path, grey: str, options: tuple[str, ...], words: str) -> None:
+def test_a_correlation_that_can_not_be_done(
+    slipscope: Command, tmp_path: Path, grey: str, options: tuple[str, ...], words: str
+) -> None:
     refused(slipscope("dic", grey, grey, *options), words)
     assert list(files_of(tmp_path)) == [grey]
 
@@ -212,7 +267,9 @@ def test_fields_are_not_overwritten_unasked(slipscope: Command, tmp_path: Path, 
         ("sim.law_table=three.csv", ("3 columns",)),
     ],
 )
-def test_a_world_that_can_not_be(slipscope: Command, tmp_path: Path, setting: str, words: tuple[str, ...]) -> None:
+def test_a_world_that_can_not_be(
+    slipscope: Command, tmp_path: Path, setting: str, words: tuple[str, ...]
+) -> None:
     (tmp_path / "bad.csv").write_text("0,0\n1,0.5\n2,0.4\n3,1\n")
     (tmp_path / "three.csv").write_text("0,0,0\n")
     law = () if setting.startswith(("sim.law=", "sim.th")) else ("--set", "sim.law=table")

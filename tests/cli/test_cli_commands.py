@@ -30,10 +30,19 @@ Command = Callable[..., Result]
 def test_a_run_ends_with_a_session_a_picture_and_its_numbers(recorded: tuple[Path, Result]) -> None:
     session, result = recorded
     data = json.loads(result.stdout)
-    assert (data["state"], data["session"], data["picture"]) == ("done", str(session), str(session.with_suffix(".png")))
+    assert (data["state"], data["session"], data["picture"]) == (
+        "done",
+        str(session),
+        str(session.with_suffix(".png")),
+    )
     assert session.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     counts = data["counts"]
-    assert counts["frames_received"] == counts["frames_recorded"] == counts["triggers"] - counts["frames_lost"] > 30
+    assert (
+        counts["frames_received"]
+        == counts["frames_recorded"]
+        == counts["triggers"] - counts["frames_lost"]
+        > 30
+    )
     assert counts["samples_lost"] == counts["frames_lost"] == 0
     # the simulated interface has mu = 0.93 and P = 0.03 N
     assert data["summary"]["mu_d"] == pytest.approx(0.93, rel=0.02)
@@ -42,7 +51,9 @@ def test_a_run_ends_with_a_session_a_picture_and_its_numbers(recorded: tuple[Pat
     assert result.stderr == ""
 
 
-def test_a_run_without_a_display_says_why_and_goes_on(slipscope: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_without_a_display_says_why_and_goes_on(
+    slipscope: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("app.gui.display.display_problem", lambda: "no window: there is no screen")
     settings = ["--set", "camera.source=nothing"]  # ends it before it begins
     assert slipscope("run", *settings).exit_code == 2
@@ -53,7 +64,9 @@ def test_a_run_without_a_display_says_why_and_goes_on(slipscope: Command, tmp_pa
     assert opened.stderr.startswith("slipscope: no window: there is no screen")
 
 
-def test_replay_gives_the_recorded_results_to_the_bit_and_leaves_the_session_alone(slipscope: Command, session: Path) -> None:
+def test_replay_gives_the_recorded_results_to_the_bit_and_leaves_the_session_alone(
+    slipscope: Command, session: Path
+) -> None:
     before = session.read_bytes()
     result = slipscope("replay", session, "--headless", "--json")
     data = json.loads(result.stdout)
@@ -71,7 +84,9 @@ def test_replay_keeps_a_picture_that_exists(slipscope: Command, session: Path) -
     assert "frames gave the recorded results to the bit" in result.stdout
 
 
-def test_replay_with_another_setting_makes_a_second_file_and_replays_it(slipscope: Command, session: Path) -> None:
+def test_replay_with_another_setting_makes_a_second_file_and_replays_it(
+    slipscope: Command, session: Path
+) -> None:
     before = session.read_bytes()
     result = slipscope("replay", session, "--headless", "--set", "dic.box=26")
     made = session.with_name("session-analysis.h5")
@@ -81,11 +96,19 @@ def test_replay_with_another_setting_makes_a_second_file_and_replays_it(slipscop
     assert (session.read_bytes(), made.with_suffix(".png").exists()) == (before, True)
     again = json.loads(slipscope("replay", made, "--headless", "--json").stdout)
     assert again["comparison"]["frames"] == again["comparison"]["identical"] > 30
-    data = json.loads(slipscope("replay", session, "--headless", "--set", "dic.box=26", "--json").stdout)
-    assert (Path(data["session"]).name, Path(data["source"]).name) == ("session-analysis-2.h5", "session.h5")
+    data = json.loads(
+        slipscope("replay", session, "--headless", "--set", "dic.box=26", "--json").stdout
+    )
+    assert (Path(data["session"]).name, Path(data["source"]).name) == (
+        "session-analysis-2.h5",
+        "session.h5",
+    )
     assert data["summary"] == again["summary"]
     told = slipscope("info", session, "--verify", "--json")
-    assert (told.exit_code, json.loads(told.stdout)["analyses"]) == (0, ["session-analysis-2.h5", "session-analysis.h5"])
+    assert (told.exit_code, json.loads(told.stdout)["analyses"]) == (
+        0,
+        ["session-analysis-2.h5", "session-analysis.h5"],
+    )
     assert ", in session.h5" in slipscope("info", made).stdout
     assert data["recorded"]["normal_force_n"] == data["summary"]["normal_force_n"]
 
@@ -110,12 +133,20 @@ def test_what_a_replay_can_not_do_is_said_before_it_begins(
     assert session.read_bytes() == before
 
 
-def test_info_tells_what_the_session_holds(slipscope: Command, session: Path, recorded: tuple[Path, Result]) -> None:
+def test_info_tells_what_the_session_holds(
+    slipscope: Command, session: Path, recorded: tuple[Path, Result]
+) -> None:
     data = json.loads(slipscope("info", session, "--json").stdout)
     ran = json.loads(recorded[1].stdout)
     assert data["counts"] == ran["counts"]
     assert data["summary"] == ran["summary"]
-    assert [phase["phase"] for phase in data["phases"]] == ["background", "contact", "reference", "drive", "end"]
+    assert [phase["phase"] for phase in data["phases"]] == [
+        "background",
+        "contact",
+        "reference",
+        "drive",
+        "end",
+    ]
     assert data["changed_settings"]["run.normal_force"] == 0.03
     assert "run.velocity" not in data["changed_settings"]
     text = slipscope("info", session).stdout
@@ -133,12 +164,22 @@ def test_doctor_names_every_package_and_the_sources_of_devices(slipscope: Comman
     data = json.loads(slipscope("doctor", "--json").stdout)
     found = {item["name"]: item["found"] for item in data["program"]}
     assert found["h5py"] == metadata.version("h5py")
-    assert {item["name"]: item["found"] for item in data["sources of devices"]}["camera"].startswith("sim, pylon")
-    assert {"cores", "memory", "disk", "display", "compiled code"} <= {item["name"] for item in data["computer"]}
+    assert {item["name"]: item["found"] for item in data["sources of devices"]}[
+        "camera"
+    ].startswith("sim, pylon")
+    assert {"cores", "memory", "disk", "display", "compiled code"} <= {
+        item["name"] for item in data["computer"]
+    }
 
 
-def test_doctor_fails_where_a_package_is_missing_and_says_how_to_get_it(slipscope: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(metadata, "requires", lambda _: ["numpy>=2", "no-such-package-here>=1", 'extra-one>=3; extra == "ni"'])
+def test_doctor_fails_where_a_package_is_missing_and_says_how_to_get_it(
+    slipscope: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        metadata,
+        "requires",
+        lambda _: ["numpy>=2", "no-such-package-here>=1", 'extra-one>=3; extra == "ni"'],
+    )
     monkeypatch.setattr(metadata, "version", _version_of(metadata.version))
     result = slipscope("doctor")
     assert result.exit_code == 1
@@ -150,7 +191,10 @@ def _version_of(known: Callable[[str], str]) -> Callable[[str], str]:
     return lambda name: "0.1.0" if name == "slipscope" else known(name)
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["replay"], ["info"], ["dic"], ["config"], ["check"], ["cameras"], ["doctor"]])
+@pytest.mark.parametrize(
+    "command",
+    [[], ["run"], ["replay"], ["info"], ["dic"], ["config"], ["check"], ["cameras"], ["doctor"]],
+)
 def test_every_command_explains_itself(slipscope: Command, command: list[str]) -> None:
     result = slipscope(*command, "--help")
     assert result.exit_code == 0
@@ -158,7 +202,9 @@ def test_every_command_explains_itself(slipscope: Command, command: list[str]) -
 
 
 class Interrupted:
-    """A source whose terminal is interrupted at every look until it has been told to stop `patience` times."""
+    """A source whose terminal is interrupted at every look until it has been told to stop
+    `patience` times.
+    """
 
     def __init__(self, patience: int) -> None:
         self.calls: list[str] = []
@@ -220,9 +266,13 @@ def test_dic_writes_the_fields_of_plain_image_files(slipscope: Command, tmp_path
 
 
 def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path: Path) -> None:
-    """The defaults of the options are those of the settings file, and what is asked arrives in the record."""
+    """The defaults of the options are those of the settings file, and what is asked arrives in the
+    record.
+    """
     parameters = inspect.signature(cli_files.dic).parameters
-    assert {name: parameters[name].default for name in Dic.__struct_fields__} == {n: getattr(Dic(), n) for n in Dic.__struct_fields__}
+    assert {name: parameters[name].default for name in Dic.__struct_fields__} == {
+        n: getattr(Dic(), n) for n in Dic.__struct_fields__
+    }
     save_texture(tmp_path, ".tif", np.uint16, 2000)
     Image.fromarray(np.pad(np.full((60, 80), 255, np.uint8), 10)).save(tmp_path / "m.png")
     asked = {
@@ -242,8 +292,12 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
         "update_below": 0.7,
         "threads": 1,
     }
-    options = [part for name, value in asked.items() for part in ("--" + name.replace("_", "-"), value)]
-    result = slipscope("dic", "a.tif", "b.tif", "-o", "f.npz", *options, "--mask", "m.png", "--roi", 20, 20, 80, 60)
+    options = [
+        part for name, value in asked.items() for part in ("--" + name.replace("_", "-"), value)
+    ]
+    result = slipscope(
+        "dic", "a.tif", "b.tif", "-o", "f.npz", *options, "--mask", "m.png", "--roi", 20, 20, 80, 60
+    )
     assert result.exit_code == 0, result.output
     with np.load(tmp_path / "f.npz", allow_pickle=False) as file:
         record = dict(file["settings"].tolist())
@@ -251,15 +305,23 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
         assert (record["mask"], record["roi"]) == ("m.png", "20 20 80 60")
         masked = int((file["status"] == 6).sum())
     assert f"{masked} masked" in result.stdout
-    for words in (" points/s; median standard uncertainty 0.", " px of u_x, ", " px of u_y; median correlation 1.0"):
+    for words in (
+        " points/s; median standard uncertainty 0.",
+        " px of u_x, ",
+        " px of u_y; median correlation 1.0",
+    ):
         assert words in result.stdout
-    result = slipscope("dic", "a.tif", "b.tif", "b.tif", "-o", "g.csv", "--update", "every", "--update-every", 1)
+    result = slipscope(
+        "dic", "a.tif", "b.tif", "b.tif", "-o", "g.csv", "--update", "every", "--update-every", 1
+    )
     assert "reference replaced 2 times, which adds 0.0" in result.stdout
 
 
 @pytest.mark.parametrize("command", ["replay", "info"])
 def test_the_program_ends_cleanly_as_a_process(session, command):
-    """A thread that outlives its run brings the interpreter down at its end: that shows only from outside."""
+    """A thread that outlives its run brings the interpreter down at its end: that shows only from
+    outside.
+    """
     options = ["--headless"] if command == "replay" else []
     for _ in range(3):
         done = subprocess.run(

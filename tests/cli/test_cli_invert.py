@@ -19,26 +19,53 @@ PIXEL = 7.04e-6
 MATERIAL = ("--E", 3.43, "--poisson", 0.5, "--radius", 128.8, "--normal-force", 0.5)
 
 
-def write_fields(path: Path, *, centre_px=(812.0, 590.0), noise=0.005, step=16, size=(1600, 1200), forces=(0.15, 0.35)) -> Path:
+def write_fields(
+    path: Path,
+    *,
+    centre_px=(812.0, 590.0),
+    noise=0.005,
+    step=16,
+    size=(1600, 1200),
+    forces=(0.15, 0.35),
+) -> Path:
     """A table of Cattaneo and Mindlin's displacement under two forces, pixels."""
     rng = np.random.default_rng(5)
     a = hertz.contact_radius(P, E, NU, R)
     x, y = np.meshgrid(np.arange(10.0, size[0] - 10, step), np.arange(10.0, size[1] - 10, step))
     lines = ["frame,x_px,y_px,ux_px"]
     for frame, Q in enumerate(forces, 1):
-        gx, _ = cattaneo_mindlin.displacement((x - centre_px[0]) * PIXEL, (y - centre_px[1]) * PIXEL, Q, MU, P, a, E, NU)
+        gx, _ = cattaneo_mindlin.displacement(
+            (x - centre_px[0]) * PIXEL, (y - centre_px[1]) * PIXEL, Q, MU, P, a, E, NU
+        )
         ux = (D - gx) / PIXEL + rng.normal(0, noise, x.shape)
         ux[3, 5] = np.nan
-        lines += [f"{frame},{i:g},{j:g},{u:.6f}" for i, j, u in zip(x.ravel(), y.ravel(), ux.ravel(), strict=True)]
+        lines += [
+            f"{frame},{i:g},{j:g},{u:.6f}"
+            for i, j, u in zip(x.ravel(), y.ravel(), ux.ravel(), strict=True)
+        ]
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
 @pytest.mark.parametrize("method", ["axisymmetric", "regularised", "cgls", "van-cittert"])
-def test_every_method_finds_the_force_the_far_displacement_and_the_profile(slipscope: Command, tmp_path: Path, method: str) -> None:
+def test_every_method_finds_the_force_the_far_displacement_and_the_profile(
+    slipscope: Command, tmp_path: Path, method: str
+) -> None:
     path = write_fields(tmp_path / "fields.csv")
     centre = ("--centre", 812 * PIXEL * 1e3, 590 * PIXEL * 1e3)
-    result = slipscope("invert", path, *MATERIAL, "--pixel", 7.04, "--box", 0, *centre, "--method", method, "--json")
+    result = slipscope(
+        "invert",
+        path,
+        *MATERIAL,
+        "--pixel",
+        7.04,
+        "--box",
+        0,
+        *centre,
+        "--method",
+        method,
+        "--json",
+    )
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)["fields"]
     assert [one["frame"] for one in found] == [1, 2]
@@ -72,25 +99,42 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
     assert "2 fields" in said.stdout
     table = np.genfromtxt(tmp_path / "profile.csv", delimiter=",", names=True)
     assert table.dtype.names == ("frame", "r_mm", "sigma_kpa", "sigma_sd_kpa")
-    assert slipscope("invert", path, *MATERIAL, "--pixel", 7.04, "--method", "cgls", "-o", "field.npz").exit_code == 0
+    assert (
+        slipscope(
+            "invert", path, *MATERIAL, "--pixel", 7.04, "--method", "cgls", "-o", "field.npz"
+        ).exit_code
+        == 0
+    )
     with np.load(tmp_path / "field.npz") as arrays:
         pitch = arrays["x_m"][1] - arrays["x_m"][0]
         np.testing.assert_allclose(arrays["sigma_pa"].sum(axis=(1, 2)) * pitch**2, arrays["Q_n"])
         assert np.isnan(arrays["residual_m"][0, 3, 5])
-    assert slipscope("invert", path, *MATERIAL, "--pixel", 7.04, "--method", "cgls", "-o", "field.csv").exit_code == 0
-    assert (tmp_path / "field.csv").read_text().startswith("frame,x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um\n1,0.0704,0.0704,0,")
+    assert (
+        slipscope(
+            "invert", path, *MATERIAL, "--pixel", 7.04, "--method", "cgls", "-o", "field.csv"
+        ).exit_code
+        == 0
+    )
+    assert (
+        (tmp_path / "field.csv")
+        .read_text()
+        .startswith("frame,x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um\n1,0.0704,0.0704,0,")
+    )
     assert not list(tmp_path.glob("*.part"))
 
 
 def test_a_session_knows_what_it_was_measured_on(slipscope: Command, session: Path) -> None:
-    result = slipscope("invert", session, "--roughness", 0, "--json")  # the picture is hardly larger than the contact and its rough rim
+    # the picture is hardly larger than the contact and its rough rim
+    result = slipscope("invert", session, "--roughness", 0, "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)["fields"]
     assert len(found) > 10
     assert found[-1]["Q_n"] == pytest.approx(0.93 * 0.03, rel=0.1)
 
 
-def test_a_field_without_surroundings_is_refused_with_its_reason(slipscope: Command, session: Path) -> None:
+def test_a_field_without_surroundings_is_refused_with_its_reason(
+    slipscope: Command, session: Path
+) -> None:
     result = slipscope("invert", session)
     assert result.exit_code == 2
     assert "none of its fields could be inverted" in result.stderr

@@ -1,4 +1,6 @@
-"""`slipscope model`: the numbers against the paper and the formulas, the curves against each other, bad input as a sentence."""
+"""`slipscope model`: the numbers against the paper and the formulas, the curves against each other,
+bad input as a sentence.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,17 @@ def table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
 def test_the_defaults_are_the_papers_contact(slipscope: Command) -> None:
     found = numbers(slipscope("model", "--json"))
     assert found["normal_force_n"] == 0.5
-    assert found["hertz_radius_m"] == pytest.approx((3 * 0.5 * 0.1288 * 0.75 / (4 * 3.43e6)) ** (1 / 3))
-    assert found["peak_pressure_pa"] == pytest.approx(3 * 0.5 / (2 * np.pi * found["hertz_radius_m"] ** 2))
+    assert found["hertz_radius_m"] == pytest.approx(
+        (3 * 0.5 * 0.1288 * 0.75 / (4 * 3.43e6)) ** (1 / 3)
+    )
+    assert found["peak_pressure_pa"] == pytest.approx(
+        3 * 0.5 / (2 * np.pi * found["hertz_radius_m"] ** 2)
+    )
     assert found["shear_force_n"] == pytest.approx(0.6 * 0.93 * 0.5)
     assert found["stick_radius_m"] == pytest.approx(found["hertz_radius_m"] * 0.4 ** (1 / 3))
-    assert found["block_shift_cm_m"] == pytest.approx(found["sliding_shift_m"] * (1 - 0.4 ** (2 / 3)))
+    assert found["block_shift_cm_m"] == pytest.approx(
+        found["sliding_shift_m"] * (1 - 0.4 ** (2 / 3))
+    )
     assert found["bureau_length_m"] == pytest.approx(0.89e-6, abs=0.01e-6)
     assert found["apparent_radius_m"] - found["hertz_radius_m"] == pytest.approx(280e-6, abs=5e-6)
     assert found["block_shift_m"] > found["block_shift_cm_m"] - 1e-7
@@ -45,12 +53,24 @@ def test_the_defaults_are_the_papers_contact(slipscope: Command) -> None:
 def test_the_table_for_people_has_units(slipscope: Command, tmp_path: Path) -> None:
     result = slipscope("model", "--adhesion", 50, "--thickness", 15)
     assert result.exit_code == 0
-    for words in ("a_H", "2.194 mm", "49.59 kPa", "0.465 N", "-30.35 mN", "15 mm", "0.8925 um", "N/mm", "Tabor"):
+    for words in (
+        "a_H",
+        "2.194 mm",
+        "49.59 kPa",
+        "0.465 N",
+        "-30.35 mN",
+        "15 mm",
+        "0.8925 um",
+        "N/mm",
+        "Tabor",
+    ):
         assert words in result.stdout
     assert not list(tmp_path.iterdir())
 
 
-def test_the_curves_agree_with_the_numbers_and_with_each_other(slipscope: Command, tmp_path: Path) -> None:
+def test_the_curves_agree_with_the_numbers_and_with_each_other(
+    slipscope: Command, tmp_path: Path
+) -> None:
     found = numbers(slipscope("model", "--share", 0.9, "-o", "m.csv", "--json"))
     header, columns = table(tmp_path / "m.csv")
     r = columns["r_mm"]
@@ -63,18 +83,26 @@ def test_the_curves_agree_with_the_numbers_and_with_each_other(slipscope: Comman
     ):
         assert np.trapezoid(ring * columns[name] * 1e3, r) == pytest.approx(force, rel=2e-3)
     assert (columns["sigma_kpa"] <= 0.93 * columns["p_kpa"] + 1e-9).all()
-    assert np.interp(found["block_shift_m"] * 1e6, columns["delta_um"], columns["q_n"]) == pytest.approx(found["shear_force_n"], rel=1e-4)
+    assert np.interp(
+        found["block_shift_m"] * 1e6, columns["delta_um"], columns["q_n"]
+    ) == pytest.approx(found["shear_force_n"], rel=1e-4)
     stuck = r < found["stick_radius_m"] * 1e3
     assert np.abs(columns["ux_cm_um"][stuck]).max() < 1e-9
     assert columns["ux_um"][0] == pytest.approx(found["centre_slip_m"] * 1e6)
     assert (np.diff(columns["ux_um"]) > 0).all()
-    assert r[np.argmax(columns["sigma_cm_kpa"])] == pytest.approx(found["stick_radius_m"] * 1e3, rel=1e-6)
-    assert r[np.argmax(columns["sigma_kpa"])] == pytest.approx(found["peak_radius_m"] * 1e3, abs=0.03)
+    assert r[np.argmax(columns["sigma_cm_kpa"])] == pytest.approx(
+        found["stick_radius_m"] * 1e3, rel=1e-6
+    )
+    assert r[np.argmax(columns["sigma_kpa"])] == pytest.approx(
+        found["peak_radius_m"] * 1e3, abs=0.03
+    )
     assert any("mu P: 0.465 N" in line for line in header)
     assert any("u_x = ux + ux_cos2 cos(2 theta)" in line for line in header)
 
 
-def test_a_rough_interface_of_no_length_is_cattaneo_mindlin(slipscope: Command, tmp_path: Path) -> None:
+def test_a_rough_interface_of_no_length_is_cattaneo_mindlin(
+    slipscope: Command, tmp_path: Path
+) -> None:
     slipscope("model", "--length", 0, "--share", 1, "-o", "smooth.csv")
     _, smooth = table(tmp_path / "smooth.csv")
     for name, unit in (("sigma", "kpa"), ("ux", "um"), ("q", "n")):
@@ -86,7 +114,9 @@ def test_a_rough_interface_of_no_length_is_cattaneo_mindlin(slipscope: Command, 
 
 
 def test_a_layer_moves_less_for_the_same_force(slipscope: Command) -> None:
-    thick, thin = (numbers(slipscope("model", "--json", *layer)) for layer in ((), ("--thickness", 15)))
+    thick, thin = (
+        numbers(slipscope("model", "--json", *layer)) for layer in ((), ("--thickness", 15))
+    )
     lost = (thick["block_shift_m"] - thin["block_shift_m"]) / thick["shear_force_n"]
     assert lost == pytest.approx(4.8e-6, rel=0.05)
 
@@ -96,8 +126,12 @@ def test_jkr_without_measurable_adhesion_is_hertz(slipscope: Command) -> None:
     assert found["jkr_radius_m"] == pytest.approx(found["hertz_radius_m"], rel=1e-4)
 
 
-@pytest.mark.parametrize("options", [("--thickness", 15), ("--length", 0, "--share", 0.5, "--roughness", 0)])
-def test_the_figure_is_drawn(slipscope: Command, tmp_path: Path, options: tuple[object, ...]) -> None:
+@pytest.mark.parametrize(
+    "options", [("--thickness", 15), ("--length", 0, "--share", 0.5, "--roughness", 0)]
+)
+def test_the_figure_is_drawn(
+    slipscope: Command, tmp_path: Path, options: tuple[object, ...]
+) -> None:
     assert slipscope("model", "-o", "m.png", *options).exit_code == 0
     pixels = image.imread(tmp_path / "m.png")
     assert pixels.shape[1] > 1000
@@ -128,7 +162,9 @@ def test_the_figure_can_be_a_page(slipscope: Command, tmp_path: Path) -> None:
         (("-o", "nowhere/m.csv"), "nowhere"),
     ],
 )
-def test_what_can_not_be_modelled_is_a_sentence(slipscope: Command, tmp_path: Path, options: tuple[object, ...], words: str) -> None:
+def test_what_can_not_be_modelled_is_a_sentence(
+    slipscope: Command, tmp_path: Path, options: tuple[object, ...], words: str
+) -> None:
     result = slipscope("model", *options)
     assert result.exit_code == 2
     assert words in result.stderr

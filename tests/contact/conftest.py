@@ -5,9 +5,13 @@ import pytest
 
 
 def _speckle(rng, shape, grain, shift):
-    """The same band-limited speckle at rest and moved: the Fourier shift is exact for it (it wraps around at the border)."""
+    """The same band-limited speckle at rest and moved: the Fourier shift is exact for it (it wraps
+    around at the border).
+    """
     ky, kx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])
-    spectrum = np.fft.rfft2(rng.normal(size=shape)) * np.exp(-2 * (np.pi * grain) ** 2 * (kx**2 + ky**2))
+    spectrum = np.fft.rfft2(rng.normal(size=shape)) * np.exp(
+        -2 * (np.pi * grain) ** 2 * (kx**2 + ky**2)
+    )
     moved = spectrum * np.exp(-2j * np.pi * (kx * shift[0] + ky * shift[1]))
     at_rest = np.fft.irfft2(spectrum, shape)
     return at_rest / at_rest.std(), np.fft.irfft2(moved, shape) / at_rest.std()
@@ -33,7 +37,20 @@ def _spots(shape, x, y, light, width=1.2, reach=8):
     return image[reach:-reach, reach:-reach]
 
 
-def _pair(seed, shape, radius, centre, *, shift=(7.3, -3.6), law=0.5, density=0.003, lamp=1.0, uneven=0.3, noise=2.0, peak=80.0):
+def _pair(
+    seed,
+    shape,
+    radius,
+    centre,
+    *,
+    shift=(7.3, -3.6),
+    law=0.5,
+    density=0.003,
+    lamp=1.0,
+    uneven=0.3,
+    noise=2.0,
+    peak=80.0,
+):
     rng = np.random.default_rng(seed)
     background, loaded = (20 * s for s in _speckle(rng, shape, 1.3, shift))
     x, y = scatter(rng, radius, density, law)
@@ -50,7 +67,9 @@ def _pair(seed, shape, radius, centre, *, shift=(7.3, -3.6), law=0.5, density=0.
 
 @pytest.fixture
 def pair():
-    """Maker of (background, image): ``pair(seed, shape, radius, (x, y), shift=..., law=..., density=..., lamp=..., uneven=...)``."""
+    """Maker of (background, image): ``pair(seed, shape, radius, (x, y), shift=..., law=...,
+    density=..., lamp=..., uneven=...)``.
+    """
     return _pair
 
 

@@ -39,7 +39,9 @@ def test_the_profile_is_bright_inside_and_dark_outside(pair):
 
 def test_light_changes_nothing(pair):
     plain = apparent_contact(*pair(2, SHAPE, 150, CENTRE, density=0.01, uneven=0.0))
-    lit = apparent_contact(*pair(2, SHAPE, 150, CENTRE, density=0.01, uneven=0.5, lamp=1.1, shift=(30.4, -25.3)))
+    lit = apparent_contact(
+        *pair(2, SHAPE, 150, CENTRE, density=0.01, uneven=0.5, lamp=1.1, shift=(30.4, -25.3))
+    )
     _assert_found(lit, 150, CENTRE)
     assert abs(lit.radius_px - plain.radius_px) < 3
 

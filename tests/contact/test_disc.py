@@ -1,4 +1,6 @@
-"""Centre and radius of a disc of points against discs that the test draws: bias, scatter and the stated uncertainty."""
+"""Centre and radius of a disc of points against discs that the test draws: bias, scatter and the
+stated uncertainty.
+"""
 
 import numpy as np
 import pytest
@@ -53,7 +55,9 @@ def test_strays_do_not_stretch_the_disc(micro_contact_scatter):
 
 def test_the_same_points_give_the_same_bits(micro_contact_scatter):
     x, y = micro_contact_scatter(np.random.default_rng(0), 350, 0.003, 0.5)
-    assert micro_contact_disc(x + 800, y + 600, SHAPE) == micro_contact_disc(x + 800, y + 600, SHAPE)
+    assert micro_contact_disc(x + 800, y + 600, SHAPE) == micro_contact_disc(
+        x + 800, y + 600, SHAPE
+    )
 
 
 def test_only_a_disc_is_better_than_chance(micro_contact_scatter):
@@ -61,4 +65,7 @@ def test_only_a_disc_is_better_than_chance(micro_contact_scatter):
     x, y = micro_contact_scatter(rng, 350, 0.003, 0.5)
     assert micro_contact_disc(x + 800, y + 600, SHAPE).gain > 100
     for n in (12, 100):
-        assert micro_contact_disc(rng.uniform(0, SHAPE[1], n), rng.uniform(0, SHAPE[0], n), SHAPE).gain < 15
+        assert (
+            micro_contact_disc(rng.uniform(0, SHAPE[1], n), rng.uniform(0, SHAPE[0], n), SHAPE).gain
+            < 15
+        )

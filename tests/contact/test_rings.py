@@ -27,7 +27,9 @@ def test_agrees_with_a_loop_over_the_rings():
         assert rings.count[k] == inside.sum()
         np.testing.assert_allclose(rings.radius[k], r[inside].mean())
         np.testing.assert_allclose(rings.mean[k], values[inside].mean())
-        np.testing.assert_allclose(rings.standard_error[k], values[inside].std(ddof=1) / np.sqrt(inside.sum()))
+        np.testing.assert_allclose(
+            rings.standard_error[k], values[inside].std(ddof=1) / np.sqrt(inside.sum())
+        )
 
 
 def test_outliers_are_left_out():
@@ -48,7 +50,11 @@ def test_with_the_azimuth_the_second_harmonic_does_not_leak():
     for seed in range(12):
         rng = np.random.default_rng(seed)
         r, theta = _polar((800 + rng.uniform(-5, 5), 600 + rng.uniform(-5, 5)))
-        values = 3 * np.exp(-r / 300) + 0.3 * np.cos(2 * theta) * np.exp(-r / 400) + rng.normal(0, 0.033, r.shape)
+        values = (
+            3 * np.exp(-r / 300)
+            + 0.3 * np.cos(2 * theta) * np.exp(-r / 400)
+            + rng.normal(0, 0.033, r.shape)
+        )
         rings = ring_means(r, values, 10, 560, theta=theta)
         scores.append((rings.mean - 3 * np.exp(-rings.radius / 300))[3:] / rings.standard_error[3:])
     assert 0.85 < np.std(scores) < 1.15
@@ -83,7 +89,8 @@ def test_central_value_is_that_of_the_middle_of_a_bent_field():
     r = np.hypot(x, y)
     values = 2.0 + 3e-3 * r**2 + 0.5 * np.cos(2 * np.arctan2(y, x)) * (r > 0)
     values[12, 14] = 1e3  # an outlier near the centre
-    assert central_value(r, values, 50) == pytest.approx(2.0, abs=0.05)  # the mean over the disc is 5.7
+    # the mean over the disc is 5.7
+    assert central_value(r, values, 50) == pytest.approx(2.0, abs=0.05)
     assert np.isnan(central_value(r + 100, values, 50))
     assert np.isnan(central_value(r, values, np.nan))
 

@@ -1,4 +1,6 @@
-"""Speckle images whose displacement is known exactly: Gaussian blobs integrated over the pixels, moved without interpolation."""
+"""Speckle images whose displacement is known exactly: Gaussian blobs integrated over the pixels,
+moved without interpolation.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +27,25 @@ def _add(image, x, y, width, height):
             edge_y[k] = math.erf((i0 + k - 0.5 - y[n]) * scale)
         for k in range(max(0, -i0), min(size, rows - i0)):
             for m in range(max(0, -j0), min(size, columns - j0)):
-                image[i0 + k, j0 + m] += height[n] * (edge_x[m + 1] - edge_x[m]) * (edge_y[k + 1] - edge_y[k])
+                image[i0 + k, j0 + m] += (
+                    height[n] * (edge_x[m + 1] - edge_x[m]) * (edge_y[k + 1] - edge_y[k])
+                )
 
 
 class Speckle:
     """A random pattern of blobs that can be imaged after any displacement.
 
-    `grain` is the standard deviation of a blob in pixels (least, greatest); `density` the blobs per pixel.
+    `grain` is the standard deviation of a blob in pixels (least, greatest); `density` the blobs per
+    pixel.
     """
 
-    def __init__(self, shape: tuple[int, int] = (240, 320), seed: int = 1, grain=(0.75, 1.25), density: float = 0.15):
+    def __init__(
+        self,
+        shape: tuple[int, int] = (240, 320),
+        seed: int = 1,
+        grain=(0.75, 1.25),
+        density: float = 0.15,
+    ):
         rng = np.random.default_rng(seed)
         self.shape = shape
         n = int(density * (shape[0] + 2 * MARGIN) * (shape[1] + 2 * MARGIN))
@@ -49,11 +60,23 @@ class Speckle:
         _add(image, self.x + ux, self.y + uy, self.width, self.height)
         return image
 
-    def grey(self, ux: float = 0, uy: float = 0, contrast: float = 40, level: float = 20) -> NDArray[np.float64]:
+    def grey(
+        self, ux: float = 0, uy: float = 0, contrast: float = 40, level: float = 20
+    ) -> NDArray[np.float64]:
         """Grey levels, not rounded, with every blob moved by (ux, uy) pixels."""
         return level + self._raw(ux, uy) * (contrast / self.spread)
 
-    def image(self, ux: float = 0, uy: float = 0, noise: float = 0, seed: int = 0, contrast: float = 40, level: float = 20):
+    def image(
+        self,
+        ux: float = 0,
+        uy: float = 0,
+        noise: float = 0,
+        seed: int = 0,
+        contrast: float = 40,
+        level: float = 20,
+    ):
         """The same from an 8-bit camera with Gaussian noise (grey levels)."""
-        grey = self.grey(ux, uy, contrast, level) + noise * np.random.default_rng(seed).normal(size=self.shape)
+        grey = self.grey(ux, uy, contrast, level) + noise * np.random.default_rng(seed).normal(
+            size=self.shape
+        )
         return np.clip(np.rint(grey), 0, 255).astype(np.uint8)

@@ -1,4 +1,6 @@
-"""Fields between image files: real images with a known answer, the files written, and input that can not be used."""
+"""Fields between image files: real images with a known answer, the files written, and input that
+can not be used.
+"""
 
 import csv
 from pathlib import Path
@@ -29,9 +31,18 @@ def read_table(path):
     x, y = (sorted({float(row[name]) for row in rows}) for name in ("x_px", "y_px"))
     frames = {}
     for frame in sorted({int(row["frame"]) for row in rows}):
-        part = sorted((r for r in rows if int(r["frame"]) == frame), key=lambda r: (float(r["y_px"]), float(r["x_px"])))
-        numbers = {n: np.array([float(row[n]) for row in part]).reshape(len(y), len(x)) for n in PLANES if n != "status"}
-        frames[frame] = numbers | {"status": np.array([row["status"] for row in part]).reshape(len(y), len(x))}
+        part = sorted(
+            (r for r in rows if int(r["frame"]) == frame),
+            key=lambda r: (float(r["y_px"]), float(r["x_px"])),
+        )
+        numbers = {
+            n: np.array([float(row[n]) for row in part]).reshape(len(y), len(x))
+            for n in PLANES
+            if n != "status"
+        }
+        frames[frame] = numbers | {
+            "status": np.array([row["status"] for row in part]).reshape(len(y), len(x))
+        }
     return frames, np.array(x), np.array(y)
 
 
@@ -39,14 +50,21 @@ def read_table(path):
 def pictures(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bilder µ")
     speckle = Speckle((120, 160))
-    return [save(folder / f"image {n}.png", speckle.image(1.2 * n, noise=1, seed=n)) for n in range(3)]
+    return [
+        save(folder / f"image {n}.png", speckle.image(1.2 * n, noise=1, seed=n)) for n in range(3)
+    ]
 
 
 @pytest.mark.parametrize("method", ["shared", "icgn", "direct"])
 def test_a_real_tensile_test_agrees_with_a_peer(tmp_path, method):
     """DIC Challenge sample 12, displacements to 8 px; DICe's solution with the same box."""
     images = [DATA / f"sample12_{n}.tif" for n in ("03", "11")]
-    correlate_files(DATA / "sample12_00.tif", images, tmp_path / "fields.csv", Dic(method=method, box=27, step=5))
+    correlate_files(
+        DATA / "sample12_00.tif",
+        images,
+        tmp_path / "fields.csv",
+        Dic(method=method, box=27, step=5),
+    )
     frames, x, y = read_table(tmp_path / "fields.csv")
     for frame, name in [(1, "03"), (2, "11")]:
         peer = np.loadtxt(DATA / f"sample12_{name}_dice.csv", delimiter=",", skiprows=1)
@@ -61,7 +79,9 @@ def test_a_real_tensile_test_agrees_with_a_peer(tmp_path, method):
 def test_real_speckle_under_changed_light_moves_by_a_tenth_of_a_pixel(tmp_path, method):
     """DIC Challenge sample 5: (0, 0) and (0.10, 0.10) px with contrast and brightness changed."""
     images = [DATA / f"sample5_{n}.tif" for n in ("000", "001")]
-    correlate_files(DATA / "sample5_reference.tif", images, tmp_path / "fields.csv", Dic(method=method))
+    correlate_files(
+        DATA / "sample5_reference.tif", images, tmp_path / "fields.csv", Dic(method=method)
+    )
     frames, _, _ = read_table(tmp_path / "fields.csv")
     for frame, truth in [(1, 0.0), (2, 0.1)]:
         assert (frames[frame]["status"] == "ok").all()
@@ -72,7 +92,12 @@ def test_real_speckle_under_changed_light_moves_by_a_tenth_of_a_pixel(tmp_path, 
 def test_table_hdf5_and_arrays_hold_the_same_fields(pictures, tmp_path):
     told = []
     for name in ("a.csv", "a.h5", "a.npz"):
-        summary = correlate_files(pictures[0], pictures[1:], tmp_path / name, on_progress=lambda text, share: told.append((text, share)))
+        summary = correlate_files(
+            pictures[0],
+            pictures[1:],
+            tmp_path / name,
+            on_progress=lambda text, share: told.append((text, share)),
+        )
         assert (summary.frames, sum(summary.statuses.values())) == (2, 2 * summary.points)
     assert told[-1] == ("done", 1.0)
     assert ("image 2.png", 0.5) in told
@@ -85,7 +110,10 @@ def test_table_hdf5_and_arrays_hold_the_same_fields(pictures, tmp_path):
     np.testing.assert_array_equal(arrays["y_px"], y)
     assert (arrays["images"] == [str(path) for path in pictures[1:]]).all()
     assert arrays["status_names"][0] == "ok"
-    assert dict(arrays["settings"].tolist()).items() >= {"reference": str(pictures[0]), "method": "shared", "box": "20"}.items()
+    assert (
+        dict(arrays["settings"].tolist()).items()
+        >= {"reference": str(pictures[0]), "method": "shared", "box": "20"}.items()
+    )
     with h5py.File(tmp_path / "a.h5") as file:
         data = file[file.attrs["default"]]
         data = data[data.attrs["default"]]
@@ -96,7 +124,11 @@ def test_table_hdf5_and_arrays_hold_the_same_fields(pictures, tmp_path):
         np.testing.assert_array_equal(data["frame"], [1, 2])
         assert all(data[name].attrs["units"] == "px" for name in ("ux", "uy", "x", "y"))
         for n, frame in frames.items():
-            for ours, theirs in zip(("ux", "uy", "ux_errors", "uy_errors", "zncc", "status", "iterations"), PLANES, strict=True):
+            for ours, theirs in zip(
+                ("ux", "uy", "ux_errors", "uy_errors", "zncc", "status", "iterations"),
+                PLANES,
+                strict=True,
+            ):
                 if ours == "status":
                     assert ((data["status"][n - 1] == 0) == (frame["status"] == "ok")).all()
                 else:
@@ -105,12 +137,18 @@ def test_table_hdf5_and_arrays_hold_the_same_fields(pictures, tmp_path):
         assert np.nanmedian(data["ux"][1]) == pytest.approx(2.4, abs=0.02)
         assert np.nanmedian(data["ux_errors"]) == pytest.approx(summary.ux_std_px, rel=0.05)
         settings = file["entry/settings"]
-        assert (settings["box"][()], settings["box"].attrs["units"], settings["method"].asstr()[()]) == (20, "px", "shared")
+        assert (
+            settings["box"][()],
+            settings["box"].attrs["units"],
+            settings["method"].asstr()[()],
+        ) == (20, "px", "shared")
     assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "a.h5", "a.npz"}
 
 
 def test_the_account_is_that_of_the_fields(pictures, tmp_path):
-    """Points per second by the clock, medians by hand from the file, every lost point under its reason."""
+    """Points per second by the clock, medians by hand from the file, every lost point under its
+    reason.
+    """
     half = read_image(pictures[2])
     half[:60] = 90
     images = [pictures[1], save(tmp_path / "half.png", half)]
@@ -118,27 +156,41 @@ def test_the_account_is_that_of_the_fields(pictures, tmp_path):
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         arrays = dict(file)
     counts = np.bincount(arrays["status"].ravel(), minlength=len(arrays["status_names"]))
-    assert summary.statuses == dict(zip(arrays["status_names"].tolist(), counts.tolist(), strict=True))
+    assert summary.statuses == dict(
+        zip(arrays["status_names"].tolist(), counts.tolist(), strict=True)
+    )
     assert summary.statuses["low_contrast"] > 20
-    for value, name in [(summary.ux_std_px, "ux_std_px"), (summary.uy_std_px, "uy_std_px"), (summary.zncc, "zncc")]:
-        assert value == pytest.approx(np.mean([np.nanmedian(plane) for plane in arrays[name]]), rel=1e-6)
+    for value, name in [
+        (summary.ux_std_px, "ux_std_px"),
+        (summary.uy_std_px, "uy_std_px"),
+        (summary.zncc, "zncc"),
+    ]:
+        assert value == pytest.approx(
+            np.mean([np.nanmedian(plane) for plane in arrays[name]]), rel=1e-6
+        )
     assert 0.001 < summary.ux_std_px < 0.03
     assert (summary.updates, summary.drift_px) == (0, 0.0)
     assert summary.points_per_s > 100
 
 
 def test_the_reference_is_updated_when_asked_and_the_drift_told(pictures, tmp_path):
-    summary = correlate_files(pictures[0], pictures[1:] * 2, tmp_path / "a.npz", Dic(update="every", update_every=2))
+    summary = correlate_files(
+        pictures[0], pictures[1:] * 2, tmp_path / "a.npz", Dic(update="every", update_every=2)
+    )
     assert summary.updates == 2
     assert 0.002 < summary.drift_px < 0.05
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
-        assert np.nanmedian(file["ux_px"], axis=(1, 2)) == pytest.approx([1.2, 2.4, 1.2, 2.4], abs=0.03)
+        assert np.nanmedian(file["ux_px"], axis=(1, 2)) == pytest.approx(
+            [1.2, 2.4, 1.2, 2.4], abs=0.03
+        )
         assert np.nanmedian(file["ux_std_px"][2]) > 1.2 * np.nanmedian(file["ux_std_px"][0])
 
 
 @pytest.mark.parametrize("method", ["shared", "icgn"])
 def test_a_mask_and_a_region_leave_the_rest_out(pictures, tmp_path, method):
-    """Pixels that are masked change no bit of a box without them; points that are not asked for are named so."""
+    """Pixels that are masked change no bit of a box without them; points that are not asked for are
+    named so.
+    """
     usable = np.zeros((120, 160), np.uint8)
     usable[:, 80:] = 1
     mask = save(tmp_path / "mask.png", usable)
@@ -149,20 +201,30 @@ def test_a_mask_and_a_region_leave_the_rest_out(pictures, tmp_path, method):
     correlate_files(pictures[0], pictures[1:], part, settings, roi=(30, 0, 100, 60))
     with np.load(whole) as a, np.load(masked) as b, np.load(part) as c:
         x, y = np.meshgrid(a["x_px"], a["y_px"])
-        no_mask, no_region = (list(file["status_names"]).index("masked") == file["status"] for file in (b, c))
+        no_mask, no_region = (
+            list(file["status_names"]).index("masked") == file["status"] for file in (b, c)
+        )
         assert (no_mask == (x + 9.5 < 89.6)).all()  # more than half of its columns lie left of 80
         assert np.nanmedian(b["ux_px"][1]) == pytest.approx(2.4, abs=0.02)
         inside = (x >= 30) & (x <= 100) & (y <= 60)
         assert (no_region == ~inside).all()
         np.testing.assert_array_equal(a["ux_px"][:, inside], c["ux_px"][:, inside])
-        assert (dict(b["settings"])["mask"], dict(c["settings"])["roi"]) == (str(mask), "30 0 100 60")
+        assert (dict(b["settings"])["mask"], dict(c["settings"])["roi"]) == (
+            str(mask),
+            "30 0 100 60",
+        )
 
 
 @pytest.mark.parametrize(("scale", "full_scale"), [(257, 0), (16, 4095)])
 def test_images_of_twelve_and_sixteen_bits(tmp_path, scale, full_scale):
     """A dozen bits in a file of sixteen: saturation is seen only if their end is told."""
     speckle = Speckle((120, 160))
-    deep = [np.minimum(speckle.image(1.2 * n, noise=1, seed=n).astype(np.uint16) * scale, full_scale or 65535) for n in range(2)]
+    deep = [
+        np.minimum(
+            speckle.image(1.2 * n, noise=1, seed=n).astype(np.uint16) * scale, full_scale or 65535
+        )
+        for n in range(2)
+    ]
     deep[1][40:80, 60:100] = full_scale or 65535
     files = [save(tmp_path / f"{n}.tif", image) for n, image in enumerate(deep)]
     told = correlate_files(files[0], files[1:], tmp_path / "told.npz", Dic(full_scale=full_scale))
@@ -223,7 +285,9 @@ def unusable(kind, pictures, folder):
     ],
 )
 @pytest.mark.parametrize("ending", ["csv", "h5", "npz"])
-def test_an_image_that_can_not_be_used_leaves_nothing_behind(pictures, tmp_path, kind, words, ending):
+def test_an_image_that_can_not_be_used_leaves_nothing_behind(
+    pictures, tmp_path, kind, words, ending
+):
     bad = unusable(kind, pictures, tmp_path)
     before = set(tmp_path.iterdir())
     with pytest.raises(UserError, match=words) as caught:
@@ -241,13 +305,31 @@ def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
         (pictures, "none/a.csv", {}, {}, "existing folder"),
         (pictures, "a.csv", {"box": 119}, {}, "do not fit"),
         (pictures, "a.csv", {"threads": 0}, {}, "threads"),
-        (pictures, "a.csv", {"precision": "double"}, {}, "double precision asked of method 'shared'"),
+        (
+            pictures,
+            "a.csv",
+            {"precision": "double"},
+            {},
+            "double precision asked of method 'shared'",
+        ),
         (pictures, "a.csv", {}, {"mask": mask}, "mask.png: 160 x 119 uint8 found"),
         (pictures, "a.csv", {}, {"mask": tmp_path / "no.png"}, "no such file"),
         (pictures, "a.csv", {}, {"mask": black}, "no box"),
-        (pictures, "a.csv", {}, {"roi": (0, 0, 161, 50)}, r"region from \(0, 0\) to \(161, 50\) px asked of 160 x 120 px"),
+        (
+            pictures,
+            "a.csv",
+            {},
+            {"roi": (0, 0, 161, 50)},
+            r"region from \(0, 0\) to \(161, 50\) px asked of 160 x 120 px",
+        ),
         (pictures, "a.csv", {}, {"roi": (50, 0, 50, 50)}, "inside the image"),
-        (pictures, "a.csv", {"method": "direct"}, {"roi": (0, 0, 50, 50)}, "region asked of method 'direct'"),
+        (
+            pictures,
+            "a.csv",
+            {"method": "direct"},
+            {"roi": (0, 0, 50, 50)},
+            "region asked of method 'direct'",
+        ),
         (pictures, "a.csv", {"update": "every"}, {"mask": black}, "together with updates"),
     ]:
         with pytest.raises(UserError, match=words):

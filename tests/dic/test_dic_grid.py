@@ -14,7 +14,9 @@ def test_the_papers_grid_on_the_papers_image():
     assert (grid.x_px % 1 == 0.5).all()  # an even box has its centre between two pixels
 
 
-@given(st.tuples(st.integers(40, 300), st.integers(40, 300)), st.integers(2, 38), st.integers(1, 60))
+@given(
+    st.tuples(st.integers(40, 300), st.integers(40, 300)), st.integers(2, 38), st.integers(1, 60)
+)
 def test_boxes_cover_the_image_and_stay_inside_by_one_pixel(shape, box, step):
     grid = Grid.cover(shape, box, step)
     for size, corner, centre in [(shape[1], grid.left, grid.x_px), (shape[0], grid.top, grid.y_px)]:

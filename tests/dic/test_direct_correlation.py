@@ -20,7 +20,10 @@ def track_all(images, **options):
 
 
 def same_bits(a, b, where=...):
-    return all(getattr(a, n)[where].tobytes() == getattr(b, n)[where].tobytes() for n in ("ux_px", "uy_px", "zncc", "status"))
+    return all(
+        getattr(a, n)[where].tobytes() == getattr(b, n)[where].tobytes()
+        for n in ("ux_px", "uy_px", "zncc", "status")
+    )
 
 
 def is_ok(field):
@@ -39,7 +42,12 @@ def slow_point(reference, image, top, left, box, search):
     c = {}
     for y in range(-search, search + 1):
         for x in range(-search, search + 1):
-            if top + y >= 0 and left + x >= 0 and top + y + box <= image.shape[0] and left + x + box <= image.shape[1]:
+            if (
+                top + y >= 0
+                and left + x >= 0
+                and top + y + box <= image.shape[0]
+                and left + x + box <= image.shape[1]
+            ):
                 c[x, y] = zncc(template, image[top + y : top + y + box, left + x : left + x + box])
     x0, y0 = max(c, key=c.get)
     offsets = [(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1)]
@@ -50,18 +58,27 @@ def slow_point(reference, image, top, left, box, search):
     return x0 + dx, y0 + dy, c[x0, y0]
 
 
-@pytest.mark.parametrize(("box", "dtype"), [(20, np.uint8), (21, np.uint8), (13, np.uint16), (32, np.float32)])
+@pytest.mark.parametrize(
+    ("box", "dtype"), [(20, np.uint8), (21, np.uint8), (13, np.uint16), (32, np.float32)]
+)
 def test_a_point_agrees_with_the_definition_of_the_method(speckle, box, dtype):
     scale = {np.uint8: 1, np.uint16: 200, np.float32: 0.37}[dtype]
-    reference, image = ((a * float(scale)).astype(dtype) for a in (speckle.image(noise=2), speckle.image(-2.3, 3.6, noise=2, seed=1)))
+    reference, image = (
+        (a * float(scale)).astype(dtype)
+        for a in (speckle.image(noise=2), speckle.image(-2.3, 3.6, noise=2, seed=1))
+    )
     with closing(DirectTracker(reference, box, 11, search=6, min_contrast=0.5)) as tracker:
         field = tracker.track(image)
         for i, j in [(2, 3), (7, 11), (12, 20)]:
             slow = slow_point(reference, image, tracker.grid.top[i], tracker.grid.left[j], box, 6)
-            assert [field.ux_px[i, j], field.uy_px[i, j], field.zncc[i, j]] == pytest.approx(slow, abs=1e-5)
+            assert [field.ux_px[i, j], field.uy_px[i, j], field.zncc[i, j]] == pytest.approx(
+                slow, abs=1e-5
+            )
 
 
-@pytest.mark.parametrize(("ux", "uy"), [(0, 0), (0.25, -0.4), (-3.75, 2.5), (11.3, -9.8), (-15.2, 15.1)])
+@pytest.mark.parametrize(
+    ("ux", "uy"), [(0, 0), (0.25, -0.4), (-3.75, 2.5), (11.3, -9.8), (-15.2, 15.1)]
+)
 def test_a_uniform_displacement_is_found_at_once_over_the_whole_field(speckle, ux, uy):
     (field,) = track_all([speckle.image(), speckle.image(ux, uy)])
     inner = np.s_[2:-2, 2:-2]
@@ -73,14 +90,20 @@ def test_a_uniform_displacement_is_found_at_once_over_the_whole_field(speckle, u
 
 
 def test_the_resolution_is_the_papers_or_better():
-    """Section 2.3.2: standard deviation 0.033 px at box 20 over displacements from 0.14 to 14 px; larger boxes resolve more."""
+    """Section 2.3.2: standard deviation 0.033 px at box 20 over displacements from 0.14 to 14 px;
+    larger boxes resolve more.
+    """
     speckle = Speckle((200, 320), seed=2)
     shifts = np.linspace(0.14, 14, 8)
-    images = [speckle.image(noise=2)] + [speckle.image(ux, noise=2, seed=k) for k, ux in enumerate(shifts, 1)]
+    images = [speckle.image(noise=2)] + [
+        speckle.image(ux, noise=2, seed=k) for k, ux in enumerate(shifts, 1)
+    ]
     sigma = {}
     for box in (12, 20, 40):
         fields = track_all(images, box=box)
-        sigma[box] = np.concatenate([(f.ux_px - ux)[is_ok(f)] for f, ux in zip(fields, shifts, strict=True)]).std()
+        sigma[box] = np.concatenate(
+            [(f.ux_px - ux)[is_ok(f)] for f, ux in zip(fields, shifts, strict=True)]
+        ).std()
     assert sigma[20] < 0.033
     assert sigma[40] < sigma[20] < sigma[12]
 
@@ -89,7 +112,8 @@ def test_the_resolution_is_the_papers_or_better():
 def test_light_and_contrast_are_no_displacement(speckle, contrast, level):
     reference = speckle.grey().astype(np.float32)
     same, changed = (
-        track_all([reference, speckle.grey(1.3, -0.6, *light).astype(np.float32)])[0] for light in [(40, 20), (contrast, level)]
+        track_all([reference, speckle.grey(1.3, -0.6, *light).astype(np.float32)])[0]
+        for light in [(40, 20), (contrast, level)]
     )
     assert np.array_equal(same.status, changed.status)
     for name in ("ux_px", "uy_px", "zncc"):
@@ -122,7 +146,9 @@ def test_a_dark_frame_leaves_no_trace(speckle):
     """Not even beyond the reach of a cold start."""
     reference, *images = (speckle.image(ux) for ux in (0, 12, 20.3, 20.8, 21.3))
     clear = track_all([reference, *images])
-    before, far, dark, *after = track_all([reference, *images[:2], np.zeros_like(reference), *images[2:]])
+    before, far, dark, *after = track_all(
+        [reference, *images[:2], np.zeros_like(reference), *images[2:]]
+    )
     assert same_bits(before, clear[0])
     assert same_bits(far, clear[1])
     assert (dark.status == Status.LOW_CONTRAST).all()
@@ -169,14 +195,25 @@ def test_a_skipped_frame_changes_no_other_field(speckle):
 
 @pytest.mark.parametrize("threads", [2, 5])
 def test_the_number_of_threads_changes_no_bit(speckle, threads):
-    images = [speckle.image(), speckle.image(3.4, 1), speckle.image(-12, 8, noise=4), speckle.image(-11.2, 8.3)]
+    images = [
+        speckle.image(),
+        speckle.image(3.4, 1),
+        speckle.image(-12, 8, noise=4),
+        speckle.image(-11.2, 8.3),
+    ]
     images[2][90:140, 60:200] = 7
-    for one, more in zip(track_all(images, threads=1), track_all(images, threads=threads), strict=True):
+    for one, more in zip(
+        track_all(images, threads=1), track_all(images, threads=threads), strict=True
+    ):
         assert same_bits(one, more)
 
 
 def test_a_tracker_starts_from_a_given_field_or_from_nothing(speckle):
-    reference, before, image = speckle.image(), speckle.image(17.6, -13.2), speckle.image(18.7, -13.9)
+    reference, before, image = (
+        speckle.image(),
+        speckle.image(17.6, -13.2),
+        speckle.image(18.7, -13.9),
+    )
     with closing(DirectTracker(reference, search=3)) as tracker:
         ux = np.full(tracker.grid.shape, np.nan)
         ux[9, 12] = 17.6
@@ -198,7 +235,9 @@ def test_the_images_are_not_kept_or_changed(speckle):
         first = tracker.track(image)
         kept = [a.copy() for a in (first.ux_px, first.uy_px, first.zncc, first.status)]
         tracker.track(speckle.image(1.5))
-        for before, now in zip(kept, (first.ux_px, first.uy_px, first.zncc, first.status), strict=True):
+        for before, now in zip(
+            kept, (first.ux_px, first.uy_px, first.zncc, first.status), strict=True
+        ):
             assert before.tobytes() == now.tobytes()
 
 
@@ -217,7 +256,13 @@ def test_an_image_that_can_not_be_used_is_refused(speckle, image, words):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"), [({"box": 239}, "do not fit"), ({"step": 0}, "step of 1"), ({"search": 0}, "search"), ({"threads": 0}, "threads")]
+    ("options", "words"),
+    [
+        ({"box": 239}, "do not fit"),
+        ({"step": 0}, "step of 1"),
+        ({"search": 0}, "search"),
+        ({"threads": 0}, "threads"),
+    ],
 )
 def test_options_that_can_not_be_used_are_refused(speckle, options, words):
     with pytest.raises(ValueError, match=words):

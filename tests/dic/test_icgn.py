@@ -13,7 +13,8 @@ from analysis.dic.interpolation import CLASSICAL
 from analysis.dic.status import Status
 
 SHAPE = (100, 120)
-SLOPE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # derivative, exact to the 8th power
+# derivative, exact to the 8th power
+SLOPE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SPLINE = CLASSICAL["bspline5"]
 
 
@@ -28,7 +29,14 @@ def slopes(image):
 
 def solver(reference, box=20, step=10, order=1, interpolant=SPLINE, **options):
     reference = np.asarray(reference, np.float64)
-    return IcgnSolver(reference, *slopes(reference), grid_of(reference, box, step), order=order, interpolant=interpolant, **options)
+    return IcgnSolver(
+        reference,
+        *slopes(reference),
+        grid_of(reference, box, step),
+        order=order,
+        interpolant=interpolant,
+        **options,
+    )
 
 
 def grid_of(image, box, step):
@@ -48,11 +56,19 @@ def solve(solver, image, order, shape, start=(0, 0), bands=1):
 
 
 def run(reference, image, box=20, step=10, order=1, start=(0, 0), **options):
-    return solve(solver(reference, box, step, order, **options), image, order, grid_of(reference, box, step).shape, start)
+    return solve(
+        solver(reference, box, step, order, **options),
+        image,
+        order,
+        grid_of(reference, box, step).shape,
+        start,
+    )
 
 
 def deformed(speckle, *, ux=0.0, uy=0.0, gradient=(0, 0, 0, 0), curvature=(0,) * 6):
-    """The image after a field given by its Taylor coefficients in the middle of the image, and that field as a function."""
+    """The image after a field given by its Taylor coefficients in the middle of the image, and that
+    field as a function.
+    """
     middle_y, middle_x = (size / 2 for size in SHAPE)
 
     def field(x, y):
@@ -60,13 +76,17 @@ def deformed(speckle, *, ux=0.0, uy=0.0, gradient=(0, 0, 0, 0), curvature=(0,) *
         terms = [x, y, x * x / 2, x * y, y * y / 2]
         cx = [*gradient[:2], *curvature[:3]]
         cy = [*gradient[2:], *curvature[3:]]
-        return ux + sum(c * t for c, t in zip(cx, terms, strict=True)), uy + sum(c * t for c, t in zip(cy, terms, strict=True))
+        return ux + sum(c * t for c, t in zip(cx, terms, strict=True)), uy + sum(
+            c * t for c, t in zip(cy, terms, strict=True)
+        )
 
     return speckle.grey(*field(speckle.x, speckle.y)), field
 
 
 def taylor(order, p, x, y):
-    """Displacement (x, y) at distances (x, y) from the centre of a box, from parameters in the order of `Result`."""
+    """Displacement (x, y) at distances (x, y) from the centre of a box, from parameters in the
+    order of `Result`.
+    """
     p = np.concatenate([p, np.zeros(12 - len(p))])
     ux = p[0] + p[2] * x + p[3] * y + p[6] * x * x / 2 + p[7] * x * y + p[8] * y * y / 2
     uy = p[1] + p[4] * x + p[5] * y + p[9] * x * x / 2 + p[10] * x * y + p[11] * y * y / 2
@@ -74,12 +94,16 @@ def taylor(order, p, x, y):
 
 
 def box_pixels(grid, i, j):
-    y, x = np.mgrid[grid.top[i] : grid.top[i] + grid.box_px, grid.left[j] : grid.left[j] + grid.box_px]
+    y, x = np.mgrid[
+        grid.top[i] : grid.top[i] + grid.box_px, grid.left[j] : grid.left[j] + grid.box_px
+    ]
     return x, y, x - grid.x_px[j], y - grid.y_px[i]
 
 
 def slow_newton(reference, image, grid, i, j, order, usable, spline=5):
-    """Parameters, ZNCC and standard uncertainties of one box: regression after regression, the step applied to first order."""
+    """Parameters, ZNCC and standard uncertainties of one box: regression after regression, the step
+    applied to first order.
+    """
     x, y, dx, dy = box_pixels(grid, i, j)
     f, w = reference[y, x], usable[y, x]
     gx, gy = (g[y, x] for g in slopes(reference))
@@ -106,7 +130,9 @@ def noisy(image, noise, seed):
 @pytest.mark.parametrize("masked", [False, True])
 def test_a_point_agrees_with_regression_after_regression(speckle, order, masked):
     reference = noisy(speckle.grey(), 2, 1)
-    image = noisy(deformed(speckle, ux=0.4, uy=-0.3, gradient=(0.01, -0.004, 0.006, -0.012))[0], 2, 2)
+    image = noisy(
+        deformed(speckle, ux=0.4, uy=-0.3, gradient=(0.01, -0.004, 0.006, -0.012))[0], 2, 2
+    )
     usable = np.ones(SHAPE, np.bool_)
     if masked:
         usable[:, 50:56] = usable[40:44] = False
@@ -126,7 +152,9 @@ def test_a_point_agrees_with_regression_after_regression(speckle, order, masked)
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_the_minimum_of_the_criterion_is_the_same_for_a_general_minimiser(speckle, order):
-    """Forward, with all parameters free and numerical derivatives: the images agree but for interpolation, so the minima do."""
+    """Forward, with all parameters free and numerical derivatives: the images agree but for
+    interpolation, so the minima do.
+    """
     true = {"gradient": (0.004, 0.002, -0.003, 0.005)} if order else {}
     reference, image = speckle.grey(), deformed(speckle, ux=0.37, uy=0.21, **true)[0]
     grid, (i, j) = grid_of(reference, 25, 20), (1, 1)
@@ -137,7 +165,9 @@ def test_the_minimum_of_the_criterion_is_the_same_for_a_general_minimiser(speckl
 
     def residual(scaled):
         ux, uy = taylor(order, scaled / scale, dx, dy)
-        return normalised(reference[y, x]) - normalised(map_coordinates(image, [y + uy, x + ux], order=5, mode="mirror"))
+        return normalised(reference[y, x]) - normalised(
+            map_coordinates(image, [y + uy, x + ux], order=5, mode="mirror")
+        )
 
     scale = 12.5 ** np.array([0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2])[: PARAMETERS[order]]
     best = least_squares(residual, np.zeros(scale.size), xtol=1e-12, ftol=1e-12, gtol=1e-12).x
@@ -171,7 +201,9 @@ def test_the_largest_boxes_are_solved_in_pieces():
 
 
 def test_affine_boxes_recover_gradients(speckle):
-    """2 % along x, and shear; the blobs themselves do not stretch, which takes their share, about 1 %, off the gradient."""
+    """2 % along x, and shear; the blobs themselves do not stretch, which takes their share, about 1
+    %, off the gradient.
+    """
     true = np.array([0.02, -0.01, 0.006, 0.015])
     image, field = deformed(speckle, ux=0.3, uy=0.4, gradient=true)
     found = run(speckle.grey(), image, 41, 10, order=1)
@@ -200,7 +232,9 @@ def test_quadratic_boxes_recover_curvature(speckle):
 @pytest.mark.parametrize("scale", [1, 200])
 def test_light_and_contrast_change_nothing(speckle, order, scale):
     """Gain 0.75 and 20 grey levels more; 16-bit levels likewise."""
-    reference, image = (noisy(a, 1, k) * scale for k, a in enumerate((speckle.grey(), speckle.grey(0.6, 0.3))))
+    reference, image = (
+        noisy(a, 1, k) * scale for k, a in enumerate((speckle.grey(), speckle.grey(0.6, 0.3)))
+    )
     same = run(reference, image, order=order)
     other = run(reference, 0.75 * image + 20 * scale, order=order)
     assert np.abs(other.parameters[:2] - same.parameters[:2]).max() < 1e-4
@@ -209,14 +243,20 @@ def test_light_and_contrast_change_nothing(speckle, order, scale):
 
 
 def test_sixteen_bit_levels_are_eight_bit_levels_in_finer_steps(speckle):
-    reference, image = (noisy(a, 1, k) for k, a in enumerate((speckle.grey(), speckle.grey(0.6, 0.3))))
+    reference, image = (
+        noisy(a, 1, k) for k, a in enumerate((speckle.grey(), speckle.grey(0.6, 0.3)))
+    )
     eight = run(reference, image)
-    sixteen = run(np.rint(reference * 200).astype(np.uint16), np.rint(image * 200).astype(np.uint16))
+    sixteen = run(
+        np.rint(reference * 200).astype(np.uint16), np.rint(image * 200).astype(np.uint16)
+    )
     assert np.abs(sixteen.parameters[:2] - eight.parameters[:2]).max() < 1e-4
 
 
 def test_a_pedestal_costs_no_precision(speckle):
-    reference, image = (noisy(a, 1, k) for k, a in enumerate((speckle.grey(), speckle.grey(0.6, 0.3))))
+    reference, image = (
+        noisy(a, 1, k) for k, a in enumerate((speckle.grey(), speckle.grey(0.6, 0.3)))
+    )
     low, high = run(reference, image), run(reference + 60000, image + 60000)
     assert np.abs(high.parameters[:2] - low.parameters[:2]).max() < 1e-3
     assert np.abs(high.zncc - low.zncc).max() < 1e-4
@@ -231,7 +271,9 @@ def test_rows_solved_apart_are_the_same_to_the_bit(speckle):
 
 
 def test_bilinear_pulls_further_from_the_pixels_than_the_spline(speckle):
-    """Bilinear values are blurred most half-way between the pixels; at a quarter of a pixel the estimate is too large."""
+    """Bilinear values are blurred most half-way between the pixels; at a quarter of a pixel the
+    estimate is too large.
+    """
     reference = speckle.grey()
     bias = {}
     for name in ("bilinear", "bspline3"):
@@ -276,7 +318,9 @@ def test_masked_boxes_and_points_that_are_not_asked_for(speckle):
     grid = grid_of(np.empty(SHAPE), 20, 10)
     reference = speckle.grey()
     reference[~usable] = 200  # must not matter
-    one = IcgnSolver(reference, *slopes(speckle.grey()), grid, order=1, interpolant=SPLINE, weights=usable)
+    one = IcgnSolver(
+        reference, *slopes(speckle.grey()), grid, order=1, interpolant=SPLINE, weights=usable
+    )
     one.load(speckle.grey(0.4, 0))
     result, start = Result.empty(1, grid.shape), np.zeros((6, *grid.shape))
     start[3, 0, 5] = np.nan
@@ -295,7 +339,9 @@ def test_few_steps_suffice(speckle, order, most):
 
 
 def test_steps_are_composed_to_first_order_in_the_step():
-    """The places x + u(x), read at x - d(x) for a tiny d: Taylor coefficients from a fit of all terms to degree 4."""
+    """The places x + u(x), read at x - d(x) for a tiny d: Taylor coefficients from a fit of all
+    terms to degree 4.
+    """
     rng, half = np.random.default_rng(5), 8.0
     u, d = rng.normal(size=(2, 6)), 1e-6 * rng.normal(size=(2, 6))
     x, y = rng.uniform(-1, 1, (2, 60))
@@ -305,8 +351,18 @@ def test_steps_are_composed_to_first_order_in_the_step():
 
     back = field(d, x, y)
     value = field(u, x - back[0] / half, y - back[1] / half) - back
-    powers = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), *((a, n - a) for n in (3, 4) for a in range(n + 1))]
-    expected = np.linalg.lstsq(np.stack([x**a * y**b for a, b in powers], axis=1), value.T, rcond=None)[0].T[:, :6]
+    powers = [
+        (0, 0),
+        (1, 0),
+        (0, 1),
+        (2, 0),
+        (1, 1),
+        (0, 2),
+        *((a, n - a) for n in (3, 4) for a in range(n + 1)),
+    ]
+    expected = np.linalg.lstsq(
+        np.stack([x**a * y**b for a, b in powers], axis=1), value.T, rcond=None
+    )[0].T[:, :6]
     composed = u.copy()
     icgn.compose(composed, d, half)
     assert composed - u == pytest.approx(expected - u, abs=1e-11)
@@ -315,8 +371,12 @@ def test_steps_are_composed_to_first_order_in_the_step():
 
 def test_what_does_not_come_to_rest_says_so(speckle):
     reference = speckle.grey()
-    assert (run(reference, speckle.grey(0.5, 0), max_iterations=1).status == Status.NOT_CONVERGED).all()
-    assert (run(reference, speckle.grey(0.5, 0), furthest_px=0.3).status == Status.NOT_CONVERGED).all()
+    assert (
+        run(reference, speckle.grey(0.5, 0), max_iterations=1).status == Status.NOT_CONVERGED
+    ).all()
+    assert (
+        run(reference, speckle.grey(0.5, 0), furthest_px=0.3).status == Status.NOT_CONVERGED
+    ).all()
     other = run(reference, Speckle(SHAPE, seed=99).grey())
     assert (other.status != Status.OK).mean() > 0.9
     assert (other.zncc[other.status == Status.OK] < 0.8).all()
@@ -324,7 +384,9 @@ def test_what_does_not_come_to_rest_says_so(speckle):
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_normalised_errors_have_unit_variance(order):
-    """Noise of 2 grey levels in both images, five shifts; the curve of the spline at these shifts keeps most of the noise."""
+    """Noise of 2 grey levels in both images, five shifts; the curve of the spline at these shifts
+    keeps most of the noise.
+    """
     speckle = Speckle((220, 260), seed=6)
     reference = noisy(speckle.grey(), 2, 0)
     one, shape = solver(reference, 20, 12, order), grid_of(reference, 20, 12).shape
@@ -380,7 +442,14 @@ def test_what_can_not_be_used_is_named(speckle):
     with pytest.raises(ValueError, match="half"):
         solver(reference, precision="half")
     with pytest.raises(ValueError, match="box of 600 px"):
-        IcgnSolver(reference, reference, reference, Grid(600, 5, np.array([50.0]), np.array([50.0])), order=1, interpolant=SPLINE)
+        IcgnSolver(
+            reference,
+            reference,
+            reference,
+            Grid(600, 5, np.array([50.0]), np.array([50.0])),
+            order=1,
+            interpolant=SPLINE,
+        )
     with pytest.raises(ValueError, match="shapes"):
         solver(reference, weights=np.ones((3, 3), np.bool_))
     with pytest.raises(ValueError, match=r"\(50, 60\)"):

@@ -5,11 +5,21 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from analysis.dic import interpolation
-from analysis.dic.interpolation import CLASSICAL, MARGIN, SLACK, Interpolant, lay_out, read_deformed, read_shifted, room
+from analysis.dic.interpolation import (
+    CLASSICAL,
+    MARGIN,
+    SLACK,
+    Interpolant,
+    lay_out,
+    read_deformed,
+    read_shifted,
+    room,
+)
 
 RNG = np.random.default_rng(3)
 IMAGE = RNG.uniform(0, 255, (40, 50))
-TERMS = np.array([[0.31, 0.02, -0.4, 0.3, -0.2, 0.1], [-0.27, 0.5, 0.03, 0.1, 0.2, -0.3]])  # of a deformation, px at the box's edge
+# of a deformation, px at the box's edge
+TERMS = np.array([[0.31, 0.02, -0.4, 0.3, -0.2, 0.1], [-0.27, 0.5, 0.03, 0.1, 0.2, -0.3]])
 
 
 def slow_read(interpolant, image, x, y):
@@ -37,7 +47,9 @@ def test_a_constant_stays_and_pixels_are_met(name):
     total = interpolant.weights.sum(axis=0)
     assert total == pytest.approx(np.eye(1, total.size)[0], abs=1e-12)
     x, y = np.arange(10, 20), np.arange(8, 18)
-    assert slow_read(interpolant, IMAGE, x, y) == pytest.approx(IMAGE[y, x], abs=1e-2 if "sinc" in name else 1e-9)
+    assert slow_read(interpolant, IMAGE, x, y) == pytest.approx(
+        IMAGE[y, x], abs=1e-2 if "sinc" in name else 1e-9
+    )
 
 
 @pytest.mark.parametrize(("name", "order"), [("bilinear", 1), ("bspline3", 3), ("bspline5", 5)])
@@ -50,26 +62,43 @@ def test_splines_are_those_of_scipy(name, order):
 def keys(s):
     """Cubic convolution, Keys (1981), equation 15."""
     s = np.abs(s)
-    return np.where(s < 1, 1.5 * s**3 - 2.5 * s**2 + 1, np.where(s < 2, -0.5 * s**3 + 2.5 * s**2 - 4 * s + 2, 0))
+    return np.where(
+        s < 1, 1.5 * s**3 - 2.5 * s**2 + 1, np.where(s < 2, -0.5 * s**3 + 2.5 * s**2 - 4 * s + 2, 0)
+    )
 
 
 def windowed_sinc(taps):
-    return lambda s: np.sinc(s) * np.i0(interpolation.BETA * np.sqrt(np.maximum(0, 1 - (2 * s / taps) ** 2)))
+    return lambda s: (
+        np.sinc(s) * np.i0(interpolation.BETA * np.sqrt(np.maximum(0, 1 - (2 * s / taps) ** 2)))
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "kernel", "error"), [("bicubic", keys, 1e-14), ("sinc6", windowed_sinc(6), 1e-5), ("sinc8", windowed_sinc(8), 1e-5)]
+    ("name", "kernel", "error"),
+    [
+        ("bicubic", keys, 1e-14),
+        ("sinc6", windowed_sinc(6), 1e-5),
+        ("sinc8", windowed_sinc(8), 1e-5),
+    ],
 )
 def test_weights_are_values_of_the_kernel(name, kernel, error):
     weights = CLASSICAL[name].weights
     taps, degree = weights.shape
     t = np.linspace(0, 1, 301)[:-1]
     values = kernel(t[:, None] - np.arange(taps) + taps // 2 - 1)
-    assert np.vander(t, degree, increasing=True) @ weights.T == pytest.approx(values / values.sum(axis=1, keepdims=True), abs=error)
+    assert np.vander(t, degree, increasing=True) @ weights.T == pytest.approx(
+        values / values.sum(axis=1, keepdims=True), abs=error
+    )
 
 
 C1, C2, C3 = np.cos(np.pi / 5 * np.arange(1, 4))
-KEPT = {"bilinear": C1, "bicubic": (9 * C1 - C3) / 8, "bspline3": (23 * C1 + C3) / (16 + 8 * C2), "sinc6": 1, "sinc8": 1}
+KEPT = {
+    "bilinear": C1,
+    "bicubic": (9 * C1 - C3) / 8,
+    "bspline3": (23 * C1 + C3) / (16 + 8 * C2),
+    "sinc6": 1,
+    "sinc8": 1,
+}
 
 
 @pytest.mark.parametrize(("name", "kept"), KEPT.items())
@@ -77,7 +106,9 @@ def test_of_a_wave_of_5_px_as_much_is_kept_half_way_between_its_pixels_as_theory
     wave = np.tile(np.cos(2 * np.pi * np.arange(60) / 5), (60, 1))
     x = np.arange(20.5, 40)
     read = slow_read(CLASSICAL[name], wave, x, np.full_like(x, 30))
-    assert read == pytest.approx(kept * np.cos(2 * np.pi * x / 5), abs=1.3e-3 if "sinc" in name else 1e-7)
+    assert read == pytest.approx(
+        kept * np.cos(2 * np.pi * x / 5), abs=1.3e-3 if "sinc" in name else 1e-7
+    )
 
 
 @pytest.mark.parametrize("degree", [3, 5])
@@ -93,7 +124,14 @@ def prepared(interpolant, kind, box, order):
     target = interpolation.target_for(IMAGE.shape, interpolant, kind)
     target.image[MARGIN:-MARGIN, MARGIN:-MARGIN] = interpolant.prepare(IMAGE.astype(kind))
     pitch, pixels, terms = lay_out(target, box, order)
-    return target, pitch, room(target, box, pitch), np.full(box * pitch, np.nan, kind), terms.astype(kind), pixels
+    return (
+        target,
+        pitch,
+        room(target, box, pitch),
+        np.full(box * pitch, np.nan, kind),
+        terms.astype(kind),
+        pixels,
+    )
 
 
 def compiled(f):
@@ -105,7 +143,10 @@ def plain(f):
 
 
 @pytest.mark.parametrize("name", CLASSICAL)
-@pytest.mark.parametrize(("kind", "error", "jit"), [(np.float32, 2e-3, compiled), (np.float64, 1e-9, compiled), (np.float64, 1e-9, plain)])
+@pytest.mark.parametrize(
+    ("kind", "error", "jit"),
+    [(np.float32, 2e-3, compiled), (np.float64, 1e-9, compiled), (np.float64, 1e-9, plain)],
+)
 def test_boxes_are_read_as_defined(name, kind, error, jit):
     box, top, left = (5, 12, 14) if jit is plain else (17, 10, 13)
     target, pitch, memory, out, *_ = prepared(CLASSICAL[name], kind, box, 0)
@@ -117,7 +158,9 @@ def test_boxes_are_read_as_defined(name, kind, error, jit):
     assert out.reshape(box, pitch)[:, :box] == pytest.approx(expected, abs=error)
 
     target, pitch, memory, out, terms, pixels = prepared(CLASSICAL[name], kind, box, 2)
-    assert jit(read_deformed)(target, memory, TERMS.astype(kind), terms, pixels, box, pitch, top, left, out)
+    assert jit(read_deformed)(
+        target, memory, TERMS.astype(kind), terms, pixels, box, pitch, top, left, out
+    )
     s, t = ((a - a.mean()) / (box / 2) for a in (x, y))
     ux, uy = TERMS @ np.stack([np.ones_like(s), s, t, s * s, s * t, t * t]).reshape(6, -1)
     expected = slow_read(CLASSICAL[name], IMAGE, x.ravel() + ux, y.ravel() + uy).reshape(box, box)
@@ -128,21 +171,41 @@ def test_boxes_are_read_as_defined(name, kind, error, jit):
 @pytest.mark.parametrize("read", [read_shifted, read_deformed])
 def test_a_box_is_outside_if_it_leaves_by_more_than_a_little(name, read):
     box = 9
-    target, pitch, memory, out, *layout = prepared(CLASSICAL[name], np.float32, box, 0 if read is read_shifted else 1)
+    target, pitch, memory, out, *layout = prepared(
+        CLASSICAL[name], np.float32, box, 0 if read is read_shifted else 1
+    )
     more = () if read is read_shifted else layout
 
     def inside(top, left):
-        return read(target, memory, np.full((2, 6), [0.5, 0, 0, 0, 0, 0], np.float32), *more, box, pitch, top, left, out)
+        return read(
+            target,
+            memory,
+            np.full((2, 6), [0.5, 0, 0, 0, 0, 0], np.float32),
+            *more,
+            box,
+            pitch,
+            top,
+            left,
+            out,
+        )
 
     bottom, right = (size - box + SLACK for size in IMAGE.shape)
     assert inside(-SLACK, -SLACK)
     assert inside(bottom - 1, right - 1)
-    assert not any(inside(*corner) for corner in [(-SLACK - 1, 20), (20, -SLACK - 1), (bottom + 1, 20), (20, right + 1)])
+    assert not any(
+        inside(*corner)
+        for corner in [(-SLACK - 1, 20), (20, -SLACK - 1), (bottom + 1, 20), (20, right + 1)]
+    )
 
 
 @pytest.mark.parametrize(
     ("weights", "spline", "said"),
-    [((3, 2), 0, "3 taps"), ((10, 2), 0, "10 taps"), ((4, 9), 0, "degree 8"), ((4, 4), 2, "spline of degree 2")],
+    [
+        ((3, 2), 0, "3 taps"),
+        ((10, 2), 0, "10 taps"),
+        ((4, 9), 0, "degree 8"),
+        ((4, 4), 2, "spline of degree 2"),
+    ],
 )
 def test_what_can_not_be_used_is_named(weights, spline, said):
     with pytest.raises(ValueError, match=said):

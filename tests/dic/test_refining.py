@@ -1,4 +1,6 @@
-"""What a tracker does with a stream: starts, jumps, losses, light, dirt, threads, regions, skipped images."""
+"""What a tracker does with a stream: starts, jumps, losses, light, dirt, threads, regions, skipped
+images.
+"""
 
 from __future__ import annotations
 
@@ -48,18 +50,31 @@ def test_a_cold_start_and_a_jump_of_40_px_find_the_whole_field(method: str) -> N
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("gain", "offset"), [(0.75, 0), (1, 20), (1, -20), (0.5, 0), (0.5, 60), (1.9, -20), (1.3, 10)])
-def test_light_level_and_contrast_are_no_displacement(method: str, gain: float, offset: float) -> None:
-    """The whole image, noise included, is scaled between two frames; contrast is low enough for nothing to saturate."""
+@pytest.mark.parametrize(
+    ("gain", "offset"), [(0.75, 0), (1, 20), (1, -20), (0.5, 0), (0.5, 60), (1.9, -20), (1.3, 10)]
+)
+def test_light_level_and_contrast_are_no_displacement(
+    method: str, gain: float, offset: float
+) -> None:
+    """The whole image, noise included, is scaled between two frames; contrast is low enough for
+    nothing to saturate.
+    """
     pattern = Speckle((200, 260), seed=5)
-    reference, first, image = (pattern.image(ux, noise=1, seed=n, contrast=18, level=40) for n, ux in enumerate((0, 0.3, 0.37)))
+    reference, first, image = (
+        pattern.image(ux, noise=1, seed=n, contrast=18, level=40)
+        for n, ux in enumerate((0, 0.3, 0.37))
+    )
     changed = np.clip(np.rint(gain * image.astype(float) + offset), 0, 255).astype(np.uint8)
-    same, other = tracker_at_rest(reference, method=method), tracker_at_rest(reference, method=method)
+    same, other = (
+        tracker_at_rest(reference, method=method),
+        tracker_at_rest(reference, method=method),
+    )
     same.track(first)
     other.track(first)
     before, after = misses(same.track(image), 0.37), misses(other.track(changed), 0.37)
     assert after.size == before.size
-    assert np.std(after) < 1.1 * np.hypot(np.std(before), 0.0006 / gain)  # scaling down makes rounding coarser
+    # scaling down makes rounding coarser
+    assert np.std(after) < 1.1 * np.hypot(np.std(before), 0.0006 / gain)
     assert abs(np.mean(after) - np.mean(before)) < 0.001
 
 
@@ -69,7 +84,9 @@ def test_hot_pixels_pull_little() -> None:
     def with_hot(image):
         return np.where(hot, 255, image).astype(np.uint8)
 
-    field = tracker_at_rest(with_hot(REFERENCE)).track(with_hot(SPECKLE.image(0.4, noise=2, seed=2)))
+    field = tracker_at_rest(with_hot(REFERENCE)).track(
+        with_hot(SPECKLE.image(0.4, noise=2, seed=2))
+    )
     assert (inner(field.status) == Status.OK).all()
     assert np.sqrt(np.mean(misses(field, 0.4) ** 2)) < 1.2 * 0.0056
 
@@ -77,7 +94,9 @@ def test_hot_pixels_pull_little() -> None:
 def test_dust_on_a_twentieth_of_every_box_pulls_little() -> None:
     y, x = np.mgrid[: SPECKLE.shape[0], : SPECKLE.shape[1]]
     dust = (y % 20 - 10) ** 2 + (x % 20 - 10) ** 2 <= 2.5**2
-    field = tracker_at_rest().track(np.where(dust, 5, SPECKLE.image(0.4, noise=2, seed=2)).astype(np.uint8))
+    field = tracker_at_rest().track(
+        np.where(dust, 5, SPECKLE.image(0.4, noise=2, seed=2)).astype(np.uint8)
+    )
     assert (inner(field.status) == Status.OK).mean() > 0.98
     miss = misses(field, 0.4)
     assert np.sqrt(np.mean(miss**2)) < 0.016
@@ -135,7 +154,9 @@ def test_threads_and_regions_change_no_bit(method: str) -> None:
     images = [SPECKLE.image(0.3 * n, 0.1 * n, noise=2, seed=n) for n in range(1, 4)]
     images[1][50:90, 50:120] = 20
     region = (150, 110, 270, 200)
-    trackers = [tracker_at_rest(method=method, threads=n) for n in (1, 2, 3)] + [tracker_at_rest(method=method, roi=region)]
+    trackers = [tracker_at_rest(method=method, threads=n) for n in (1, 2, 3)] + [
+        tracker_at_rest(method=method, roi=region)
+    ]
     for image in images:
         first, *others, part = [tracker.track(image) for tracker in trackers]
         for name in ("ux_px", "uy_px", "zncc", "status", "ux_std_px", "uy_std_px"):
@@ -181,12 +202,20 @@ def test_masked_pixels_are_not_looked_at(method: str) -> None:
 @pytest.mark.parametrize("contrast", [2.5, 6.0, 40.0])
 @pytest.mark.parametrize("noise", [0.0, 4.0, 16.0])
 @pytest.mark.parametrize("grain", [(0.3, 0.45), (0.75, 1.25), (3.0, 5.0)])
-def test_wrong_points_are_not_called_right(method: str, contrast: float, noise: float, grain: tuple[float, float]) -> None:
+def test_wrong_points_are_not_called_right(
+    method: str, contrast: float, noise: float, grain: tuple[float, float]
+) -> None:
     """At the extremes of contrast, noise and grain: no crash, and what is called OK is right."""
     pattern = Speckle((160, 200), seed=2, grain=grain, density=0.15 / np.mean(grain) ** 2)
-    reference, image = (pattern.image(ux, noise=noise, seed=n, contrast=contrast, level=90) for n, ux in enumerate((0, 0.7)))
+    reference, image = (
+        pattern.image(ux, noise=noise, seed=n, contrast=contrast, level=90)
+        for n, ux in enumerate((0, 0.7))
+    )
     tracker = tracker_at_rest(reference, method=method)
-    for field in (tracker.track(image), tracker.track(pattern.image(1.4, noise=noise, seed=9, contrast=contrast, level=90))):
+    for field in (
+        tracker.track(image),
+        tracker.track(pattern.image(1.4, noise=noise, seed=9, contrast=contrast, level=90)),
+    ):
         ok = field.status == Status.OK
         assert np.isfinite(field.ux_px[ok]).all()
         assert (field.ux_std_px[ok] > 0).all()
@@ -227,7 +256,12 @@ def test_settings_that_can_not_be_used_are_refused_in_one_sentence(options) -> N
 
 def test_images_that_can_not_be_used_are_refused() -> None:
     tracker = tracker_at_rest()
-    for image in (REFERENCE[:-1], REFERENCE[..., None], REFERENCE.astype(np.uint16), REFERENCE.astype(complex)):
+    for image in (
+        REFERENCE[:-1],
+        REFERENCE[..., None],
+        REFERENCE.astype(np.uint16),
+        REFERENCE.astype(complex),
+    ):
         with pytest.raises(ValueError, match=r"image: .*found"):
             tracker.track(image)
     with pytest.raises(ValueError, match="mask: shape"):

@@ -1,4 +1,6 @@
-"""The passes over the whole image: against exact images, against an obvious oracle, and without the compiler."""
+"""The passes over the whole image: against exact images, against an obvious oracle, and without the
+compiler.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +43,17 @@ def track(reference, image, start=(0.0, 0.0), **options):
 @pytest.mark.parametrize("ux", [0.1, 0.25, 0.4, 0.5, 0.65, 0.9, -1.3])
 def test_the_bias_of_a_fraction_of_a_pixel_is_below_two_thousandths(ux: float) -> None:
     misses = [
-        inner(track(SPECKLE.image(noise=2, seed=2 * n), SPECKLE.image(ux, 0.3, noise=2, seed=2 * n + 1))[1].ux_px) - ux for n in range(4)
+        inner(
+            track(
+                SPECKLE.image(noise=2, seed=2 * n), SPECKLE.image(ux, 0.3, noise=2, seed=2 * n + 1)
+            )[1].ux_px
+        )
+        - ux
+        for n in range(4)
     ]
     assert abs(np.mean(misses)) < 0.002
-    assert np.std(misses) < 1.07 * 0.00547  # the floor of this texture at box 20 and noise 2, see benchmarks.speckle.noise_floor
+    # the floor of this texture at box 20 and noise 2, see benchmarks.speckle.noise_floor
+    assert np.std(misses) < 1.07 * 0.00547
 
 
 @pytest.mark.parametrize("ux", [0.35, 0.5])
@@ -55,24 +64,44 @@ def test_without_noise_little_but_rounding_is_left(ux: float) -> None:
 
 
 def by_hand(reference, image, grid, u):
-    """Displacements after one linear step from a uniform prediction u: box by box, tap by tap, by numpy's least squares."""
+    """Displacements after one linear step from a uniform prediction u: box by box, tap by tap, by
+    numpy's least squares.
+    """
     grain = texture(reference.astype(np.float32))
     across, down = interpolation(grain.power_x), interpolation(grain.power_y)
     f = reference.astype(float)
     slope_x, slope_y = (np.zeros_like(f) for _ in range(2))
-    for k, (x, y) in enumerate(zip(gradient(grain.power_x, grain.noise_share), gradient(grain.power_y, grain.noise_share), strict=True)):
+    for k, (x, y) in enumerate(
+        zip(
+            gradient(grain.power_x, grain.noise_share),
+            gradient(grain.power_y, grain.noise_share),
+            strict=True,
+        )
+    ):
         slope_x += x * np.roll(f, 4 - k, axis=1)
         slope_y += y * np.roll(f, 4 - k, axis=0)
     whole, part = np.floor(u).astype(int), np.asarray(u) - np.floor(u)
     read = np.zeros_like(f)
     for i, wy in enumerate(down.at(part[1])):
         for j, wx in enumerate(across.at(part[0])):
-            read += wx * wy * np.roll(image.astype(float), (3 - i - whole[1], 3 - j - whole[0]), axis=(0, 1))
+            read += (
+                wx
+                * wy
+                * np.roll(image.astype(float), (3 - i - whole[1], 3 - j - whole[0]), axis=(0, 1))
+            )
     out = np.empty((2, *grid.shape))
     for i, top in enumerate(grid.top):
         for j, left in enumerate(grid.left):
             box = np.s_[top : top + grid.box_px, left : left + grid.box_px]
-            columns = np.stack([np.ones(grid.box_px**2), f[box].ravel(), slope_x[box].ravel(), slope_y[box].ravel()], axis=1)
+            columns = np.stack(
+                [
+                    np.ones(grid.box_px**2),
+                    f[box].ravel(),
+                    slope_x[box].ravel(),
+                    slope_y[box].ravel(),
+                ],
+                axis=1,
+            )
             _, gain, px, py = np.linalg.lstsq(columns, read[box].ravel(), rcond=None)[0]
             out[:, i, j] = u[0] - px / gain, u[1] - py / gain
     return out
@@ -80,15 +109,23 @@ def by_hand(reference, image, grid, u):
 
 @pytest.mark.parametrize(("box", "step"), [(20, 10), (21, 10), (9, 5), (16, 30), (34, 17)])
 @pytest.mark.parametrize("u", [(0.3, -0.2), (2.0, 1.45)])
-def test_one_pass_is_what_least_squares_gives_box_by_box(box: int, step: int, u: tuple[float, float]) -> None:
-    reference, image = SPECKLE.image(noise=2, seed=1), SPECKLE.image(u[0] + 0.04, u[1] - 0.03, noise=2, seed=2)
+def test_one_pass_is_what_least_squares_gives_box_by_box(
+    box: int, step: int, u: tuple[float, float]
+) -> None:
+    reference, image = (
+        SPECKLE.image(noise=2, seed=1),
+        SPECKLE.image(u[0] + 0.04, u[1] - 0.03, noise=2, seed=2),
+    )
     grid = Grid.cover(reference.shape, box, step)
-    passes = SharedPasses(reference, texture(reference.astype(np.float32)), grid, None, serial, 3, max_passes=1)
+    passes = SharedPasses(
+        reference, texture(reference.astype(np.float32)), grid, None, serial, 3, max_passes=1
+    )
     start = np.broadcast_to(np.array(u)[:, None, None], (2, *grid.shape)).copy()
     found = passes.refine(image, start, np.ones(grid.shape, bool)).u
     expected = by_hand(reference, image, grid, u)
     margin = -(-8 // step)
-    assert np.abs(inner(found, margin) - inner(expected, margin)).max() < 4e-4 * (20 / box) ** 2  # 8-bit gradients, single precision
+    # 8-bit gradients, single precision
+    assert np.abs(inner(found, margin) - inner(expected, margin)).max() < 4e-4 * (20 / box) ** 2
 
 
 def test_kernels_give_the_same_without_the_compiler() -> None:
@@ -104,9 +141,17 @@ print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tol
 """
 
     def run(without: str):
-        env = os.environ | {"NUMBA_DISABLE_JIT": without, "PYTHONPATH": os.pathsep.join([".", str(Path(__file__).parent)])}
+        env = os.environ | {
+            "NUMBA_DISABLE_JIT": without,
+            "PYTHONPATH": os.pathsep.join([".", str(Path(__file__).parent)]),
+        }
         done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", code], env=env, capture_output=True, text=True, check=False, timeout=100
+            [sys.executable, "-W", "ignore", "-c", code],
+            env=env,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=100,
         )
         assert done.returncode == 0, done.stderr
         return np.array(json.loads(done.stdout.splitlines()[-1]))
@@ -115,7 +160,9 @@ print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tol
 
 
 def ring_errors(noise: float, **options) -> tuple[float, float]:
-    """Root mean square errors of u_x in the graded zone of a contact whose slope reaches 1.9 %, and outside."""
+    """Root mean square errors of u_x in the graded zone of a contact whose slope reaches 1.9 %, and
+    outside.
+    """
     pattern, rng = Pattern((360, 480), 3), np.random.default_rng(4)
     motion = Motion(inside=0.0, outside=1.5, stick=30.0, radius=150.0, centre=(240.0, 180.0))
     reference, image = (camera(pattern.grey(m), noise, rng) for m in (Motion.uniform(0.0), motion))
@@ -137,24 +184,38 @@ def test_noise_is_not_amplified_where_the_field_is_graded() -> None:
     assert outside < 0.0064
 
 
-@pytest.mark.parametrize(("box", "step", "noise"), [(10, 10, 1), (20, 10, 2), (20, 5, 4), (21, 10, 2), (40, 10, 2), (24, 30, 1)])
+@pytest.mark.parametrize(
+    ("box", "step", "noise"),
+    [(10, 10, 1), (20, 10, 2), (20, 5, 4), (21, 10, 2), (40, 10, 2), (24, 30, 1)],
+)
 def test_stated_uncertainties_have_unit_variance(box: int, step: int, noise: float) -> None:
     errors = []
     for n in range(4):
         ux, uy = 0.37 + 0.2 * n, -0.61
-        reference, image = SPECKLE.image(noise=noise, seed=10 * n), SPECKLE.image(ux, uy, noise=noise, seed=10 * n + 1)
+        reference, image = (
+            SPECKLE.image(noise=noise, seed=10 * n),
+            SPECKLE.image(ux, uy, noise=noise, seed=10 * n + 1),
+        )
         _, field = track(reference, image, box=box, step=step)
         keep = -(-6 // step)
-        errors += [inner((field.ux_px - ux) / field.ux_std_px, keep), inner((field.uy_px - uy) / field.uy_std_px, keep)]
+        errors += [
+            inner((field.ux_px - ux) / field.ux_std_px, keep),
+            inner((field.uy_px - uy) / field.uy_std_px, keep),
+        ]
     values = np.concatenate([e.ravel() for e in errors])
     assert np.nanstd(values) == pytest.approx(1, abs=0.1)
 
 
-@pytest.mark.parametrize(("dtype", "factor"), [(np.uint16, 16), (np.uint16, 257), (np.float32, 1 / 255)])
+@pytest.mark.parametrize(
+    ("dtype", "factor"), [(np.uint16, 16), (np.uint16, 257), (np.float32, 1 / 255)]
+)
 def test_the_depth_of_the_images_does_not_matter(dtype: type, factor: float) -> None:
     reference, image = SPECKLE.image(noise=2, seed=1), SPECKLE.image(0.4, noise=2, seed=2)
     _, eight = track(reference, image)
-    _, other = track(*((picture * float(factor)).astype(dtype) for picture in (reference, image)), min_contrast=0.001)
+    _, other = track(
+        *((picture * float(factor)).astype(dtype) for picture in (reference, image)),
+        min_contrast=0.001,
+    )
     assert np.abs(inner(eight.ux_px - other.ux_px)).max() < 1e-3
     np.testing.assert_allclose(inner(other.ux_std_px), inner(eight.ux_std_px), rtol=0.02)
 
@@ -162,10 +223,14 @@ def test_the_depth_of_the_images_does_not_matter(dtype: type, factor: float) -> 
 @pytest.mark.parametrize("name", ["bicubic", "bspline3", "bspline5", "sinc6", "sinc8"])
 def test_classical_interpolants_can_be_asked_for(name: str) -> None:
     _, field = track(SPECKLE.image(), SPECKLE.image(0.25), interpolant=name)
-    worst = {"bicubic": 0.03, "bspline3": 0.006, "bspline5": 0.002, "sinc6": 0.006, "sinc8": 0.002}[name]
+    worst = {"bicubic": 0.03, "bspline3": 0.006, "bspline5": 0.002, "sinc6": 0.006, "sinc8": 0.002}[
+        name
+    ]
     miss = abs(float(np.mean(inner(field.ux_px))) - 0.25)
     assert 0.0001 < miss < worst
-    assert miss > abs(float(np.mean(inner(track(SPECKLE.image(), SPECKLE.image(0.25))[1].ux_px))) - 0.25)
+    assert miss > abs(
+        float(np.mean(inner(track(SPECKLE.image(), SPECKLE.image(0.25))[1].ux_px))) - 0.25
+    )
 
 
 @pytest.mark.parametrize(("box", "step"), [(4, 3), (5, 7), (63, 20), (100, 25), (200, 10)])

@@ -11,7 +11,9 @@ from analysis.dic.spectrum import BEYOND, gradient, interpolation, texture
 
 @pytest.mark.parametrize("noise", [0.5, 2.0, 8.0])
 def test_the_noise_and_the_contrast_are_told_apart(noise: float) -> None:
-    grey = Speckle((300, 401)).grey(contrast=40, level=128) + noise * np.random.default_rng(1).normal(size=(300, 401))
+    grey = Speckle((300, 401)).grey(contrast=40, level=128) + noise * np.random.default_rng(
+        1
+    ).normal(size=(300, 401))
     found = texture(grey.astype(np.float32))
     assert found.noise == pytest.approx(noise, rel=0.1, abs=0.1)
     assert found.contrast == pytest.approx(40, rel=0.05)
@@ -19,9 +21,13 @@ def test_the_noise_and_the_contrast_are_told_apart(noise: float) -> None:
 
 @pytest.mark.parametrize("sigma", [0.9, 1.5, 2.5])
 def test_the_grain_is_the_area_over_which_grey_levels_are_correlated(sigma: float) -> None:
-    """White noise blurred by a Gaussian has the correlation exp(-r^2 / (4 sigma^2)), whose square integrates to 2 pi sigma^2."""
+    """White noise blurred by a Gaussian has the correlation exp(-r^2 / (4 sigma^2)), whose square
+    integrates to 2 pi sigma^2.
+    """
     image = Speckle((512, 512), grain=(sigma, sigma), density=0.5 / sigma**2).grey()
-    assert texture(image.astype(np.float32)).grain_px2 == pytest.approx(2 * np.pi * (sigma**2 + 1 / 12), rel=0.2)
+    assert texture(image.astype(np.float32)).grain_px2 == pytest.approx(
+        2 * np.pi * (sigma**2 + 1 / 12), rel=0.2
+    )
 
 
 def test_interpolation_reads_whole_pixels_as_they_are_and_adds_up_to_one() -> None:
@@ -53,7 +59,10 @@ def test_the_gradient_is_that_of_the_texture() -> None:
     image, step = speckle.grey(), 0.01
     exact = (speckle.grey(-step) - speckle.grey(step)) / (2 * step)
     grain = texture(image.astype(np.float32))
-    found = sum(w * np.roll(image, 4 - k, axis=1) for k, w in enumerate(gradient(grain.power_x, grain.noise_share)))
+    found = sum(
+        w * np.roll(image, 4 - k, axis=1)
+        for k, w in enumerate(gradient(grain.power_x, grain.noise_share))
+    )
     inside = np.s_[:, 10:-10]
     assert np.std((found - exact)[inside]) < 0.06 * np.std(exact[inside])
     assert np.mean((found * exact)[inside]) == pytest.approx(np.mean((found**2)[inside]), rel=0.01)

@@ -1,4 +1,6 @@
-"""Gradient and strain of a field: exact polynomials, an independent fit point by point, and the stated uncertainty against noise."""
+"""Gradient and strain of a field: exact polynomials, an independent fit point by point, and the
+stated uncertainty against noise.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,12 @@ def noise(rng):
     """Errors of unit variance as boxes make them: the mean of white pixel noise over each box."""
     sums = np.pad(rng.normal(size=(240, 320)), ((1, 0), (1, 0))).cumsum(0).cumsum(1)
     rows, columns = GRID.top[:, None], GRID.left
-    return (sums[rows + BOX, columns + BOX] - sums[rows, columns + BOX] - sums[rows + BOX, columns] + sums[rows, columns]) / BOX
+    return (
+        sums[rows + BOX, columns + BOX]
+        - sums[rows, columns + BOX]
+        - sums[rows + BOX, columns]
+        + sums[rows, columns]
+    ) / BOX
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -35,8 +42,12 @@ def test_polynomials_of_its_order_are_exact(order, lost):
     result = strain(GRID, ux, uy, window=7, order=order)
     known = np.isfinite(result.exx)
     assert known.mean() > (0.7 if lost else 0.999)
-    np.testing.assert_allclose(result.exx[known], (3e-3 + (order - 1) * (8e-6 * x - 7e-6 * y))[known], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(result.eyy[known], (5e-3 - (order - 1) * 3e-6 * x)[known], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        result.exx[known], (3e-3 + (order - 1) * (8e-6 * x - 7e-6 * y))[known], rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        result.eyy[known], (5e-3 - (order - 1) * 3e-6 * x)[known], rtol=0, atol=1e-12
+    )
     shear = (-2e-3 + 1e-3 + (order - 1) * (4e-6 * y - 7e-6 * x - 3e-6 * y)) / 2
     np.testing.assert_allclose(result.exy[known], shear[known], rtol=0, atol=1e-12)
 
@@ -50,19 +61,33 @@ def test_each_point_agrees_with_a_fit_of_its_own(order, window, stated):
     u[0, holes(0.15, 3)] = np.nan
     u[1, holes(0.15, 4)] = np.nan
     known = np.isfinite(u).all(0)
-    result = strain(GRID, *u, window=window, order=order, **({"ux_std_px": std[0], "uy_std_px": std[1]} if stated else {}))
+    result = strain(
+        GRID,
+        *u,
+        window=window,
+        order=order,
+        **({"ux_std_px": std[0], "uy_std_px": std[1]} if stated else {}),
+    )
     checked = 0
     for i, j in rng.integers((0, 0), GRID.shape, (60, 2)):
-        near = known & (abs(X - X[i, j]) <= window // 2 * STEP) & (abs(Y - Y[i, j]) <= window // 2 * STEP)
+        near = (
+            known
+            & (abs(X - X[i, j]) <= window // 2 * STEP)
+            & (abs(Y - Y[i, j]) <= window // 2 * STEP)
+        )
         x, y = X[near] - X[i, j], Y[near] - Y[i, j]
         design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y][: 3 * order], 1)
         if not known[i, j] or len(x) < 2 * design.shape[1]:
             assert np.isnan(result.exx[i, j])
             continue
         checked += 1
-        shared = np.maximum(0, 1 - abs(x - x[:, None]) / BOX) * np.maximum(0, 1 - abs(y - y[:, None]) / BOX)
+        shared = np.maximum(0, 1 - abs(x - x[:, None]) / BOX) * np.maximum(
+            0, 1 - abs(y - y[:, None]) / BOX
+        )
         estimator = np.linalg.pinv(design)
-        for k, (names, displacement) in enumerate([(("dux_dx", "dux_dy"), u[0]), (("duy_dx", "duy_dy"), u[1])]):
+        for k, (names, displacement) in enumerate(
+            [(("dux_dx", "dux_dy"), u[0]), (("duy_dx", "duy_dy"), u[1])]
+        ):
             fit, *_ = np.linalg.lstsq(design, displacement[near], rcond=None)
             if stated:
                 errors = np.outer(std[k][near], std[k][near]) * shared
@@ -100,7 +125,10 @@ def test_independent_points_have_less_uncertain_gradients():
     one = np.ones(GRID.shape)
     result = strain(GRID, X, Y, window=5, ux_std_px=one, uy_std_px=one, correlation_px=0)
     assert result.exx_std[10, 10] == pytest.approx(1 / np.sqrt(50) / STEP)
-    assert strain(GRID, X, Y, window=5, ux_std_px=one, uy_std_px=one).exx_std[10, 10] > 1.5 * result.exx_std[10, 10]
+    assert (
+        strain(GRID, X, Y, window=5, ux_std_px=one, uy_std_px=one).exx_std[10, 10]
+        > 1.5 * result.exx_std[10, 10]
+    )
 
 
 def test_points_that_do_not_determine_a_fit_are_nan():

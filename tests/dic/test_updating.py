@@ -22,22 +22,30 @@ def inner(field, margin=4):
     return field[margin:-margin, margin:-margin]
 
 
-@pytest.mark.parametrize("options", [{"update": "every", "update_every": 3}, {"update": "quality", "update_below": 0.9999}])
+@pytest.mark.parametrize(
+    "options",
+    [{"update": "every", "update_every": 3}, {"update": "quality", "update_below": 0.9999}],
+)
 def test_displacements_add_up_and_the_drift_is_told(options) -> None:
     steps = [0.45 * n for n in range(10)]
-    tracker, fields = follow([SPECKLE.image(ux, -0.2 * ux, noise=2, seed=n) for n, ux in enumerate(steps)], **options)
+    tracker, fields = follow(
+        [SPECKLE.image(ux, -0.2 * ux, noise=2, seed=n) for n, ux in enumerate(steps)], **options
+    )
     assert tracker.updates == (3 if options["update"] == "every" else 9)
     for ux, field in zip(steps[1:], fields, strict=True):
         assert (inner(field.status) == Status.OK).all()
         miss = inner(field.ux_px) - ux
         assert np.sqrt(np.mean(miss**2)) < 0.0056 * np.sqrt(tracker.updates + 1) * 1.2
     normalised = (inner(fields[-1].ux_px) - steps[-1]) / inner(fields[-1].ux_std_px)
-    assert 0.2 < np.std(normalised) < 1.1  # the noise of a replaced reference counts twice in the drift, but cancels in the sum
+    # the noise of a replaced reference counts twice in the drift, but cancels in the sum
+    assert 0.2 < np.std(normalised) < 1.1
     assert tracker.drift_px == pytest.approx(0.0056 * np.sqrt(tracker.updates), rel=0.15)
 
 
 def test_a_surface_that_changes_slowly_is_followed_only_with_updates() -> None:
-    """From one pattern to another one in 8 steps while it moves: the first reference is no longer recognised."""
+    """From one pattern to another one in 8 steps while it moves: the first reference is no longer
+    recognised.
+    """
     other = Speckle((240, 320), seed=2)
     images = []
     for n in range(9):

@@ -1,4 +1,6 @@
-"""A whole run of the emulated bench: the real drivers of NI, Basler and Newport against emulators that see one simulated world."""
+"""A whole run of the emulated bench: the real drivers of NI, Basler and Newport against emulators
+that see one simulated world.
+"""
 
 from pathlib import Path
 
@@ -9,8 +11,16 @@ from app import config, live
 from app.session.reader import SessionReader
 from drivers.sim.images import Renderer
 
-SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=40", "dic.threads=1")
-PATIENT = "forces.buffer=60"  # longer than a run: a busy machine may be late, the world's time passes all the same
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=40",
+    "dic.threads=1",
+)
+# longer than a run: a busy machine may be late, the world's time passes all the same
+PATIENT = "forces.buffer=60"
 TIMEOUT = 100
 
 
@@ -34,9 +44,20 @@ class HilRun:
             self.events = s.events()
         with h5py.File(path) as f:
             group = f["/entry/triggers"]
-            rows = zip(group["index"][:].tolist(), group["sample"][:].tolist(), group["reason"].asstr()[:], strict=True)
+            rows = zip(
+                group["index"][:].tolist(),
+                group["sample"][:].tolist(),
+                group["reason"].asstr()[:],
+                strict=True,
+            )
             self.triggers = {index: (sample, reason) for index, sample, reason in rows}
-            self.gaps = list(zip(f["/entry/gaps/first"][:].tolist(), f["/entry/gaps/count"][:].tolist(), strict=True))
+            self.gaps = list(
+                zip(
+                    f["/entry/gaps/first"][:].tolist(),
+                    f["/entry/gaps/count"][:].tolist(),
+                    strict=True,
+                )
+            )
 
     @property
     def lost(self):
@@ -44,13 +65,18 @@ class HilRun:
         return {index: reason for index, (_, reason) in self.triggers.items() if reason}
 
     def wrong_frames(self, among=None):
-        """Indices of recorded images that are not, to the bit, the world at the sample that the file gives them."""
+        """Indices of recorded images that are not, to the bit, the world at the sample that the
+        file gives them.
+        """
         renderer, half = Renderer(self.world.settings), self.world.settings.exposure_samples // 2
         looked_at = among or self.frames
         return [
             index
             for index in looked_at
-            if not np.array_equal(self.frames[index][1], renderer.image(self.world.state(self.frames[index][0] + half), index))
+            if not np.array_equal(
+                self.frames[index][1],
+                renderer.image(self.world.state(self.frames[index][0] + half), index),
+            )
         ]
 
     def is_accounted_for(self):

@@ -1,4 +1,6 @@
-"""A Newport driver on an emulated controller whose clock the test turns, and what tests do to the two."""
+"""A Newport driver on an emulated controller whose clock the test turns, and what tests do to the
+two.
+"""
 
 import contextlib
 import threading
@@ -16,7 +18,9 @@ PATIENT_S = 30.0
 
 
 class Told:
-    """A controller that gives the answers it is told to, to some queries; `hold` keeps one back until it is let go."""
+    """A controller that gives the answers it is told to, to some queries; `hold` keeps one back
+    until it is let go.
+    """
 
     def __init__(self, controller):
         self.controller = controller
@@ -43,7 +47,9 @@ class Told:
 class NewportBench:
     """Clock, stage, controller, line and driver; nothing is open."""
 
-    def __init__(self, driver=Smc100, over="", *, stage=None, is_referenced=True, line=None, **settings):
+    def __init__(
+        self, driver=Smc100, over="", *, stage=None, is_referenced=True, line=None, **settings
+    ):
         self.now = 0.0
         self.stage = FreeStage(lambda: self.now, **(stage or {}))
         model = "conex-cc" if driver is ConexCc else "smc100"
@@ -64,7 +70,11 @@ class NewportBench:
 
     def sent(self, name):
         """Commands of one name that have arrived."""
-        return [command.decode() for _, command in list(self.line.arrivals) if command.decode()[1:].startswith(name)]
+        return [
+            command.decode()
+            for _, command in list(self.line.arrivals)
+            if command.decode()[1:].startswith(name)
+        ]
 
     def end(self):
         """Close both ends."""

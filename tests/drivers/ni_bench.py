@@ -16,7 +16,13 @@ from drivers.sim.world import World, WorldSettings
 
 
 def world_settings(*faults, **settings):
-    return WorldSettings(press_sample=100, press_duration=100, image_shape=(6, 8), faults=tuple(map(parse, faults)), **settings)
+    return WorldSettings(
+        press_sample=100,
+        press_duration=100,
+        image_shape=(6, 8),
+        faults=tuple(map(parse, faults)),
+        **settings,
+    )
 
 
 class NiBench(contextlib.ExitStack):

@@ -1,4 +1,6 @@
-"""The drivers of SMC100CC and CONEX-CC on emulated controllers: the contract, what they say, and their limits."""
+"""The drivers of SMC100CC and CONEX-CC on emulated controllers: the contract, what they say, and
+their limits.
+"""
 
 import subprocess
 import sys
@@ -128,7 +130,9 @@ def test_every_state_is_told_in_words(newport_open, model):
     for code, words in STATES.items():
         stage.device.answers["TS"] = f"1TS0000{code}"
         assert words.split("|")[-model if "|" in words else 0] in stage.driver.describe()
-        assert stage.driver.is_moving() is (code in ("1E", "28", "46", "47") or (code == "1F" and model == 0))
+        assert stage.driver.is_moving() is (
+            code in ("1E", "28", "46", "47") or (code == "1F" and model == 0)
+        )
 
 
 BITS = {
@@ -153,7 +157,10 @@ def test_every_error_of_the_stage_ends_the_move_with_its_sentence(newport_open, 
     stage.driver.move_to(13e-3)
     stage.device.answers["TS"] = [f"1TS{1 << bit:04X}0E", "1TS00000E"]
     for ask in (stage.driver.is_moving, stage.driver.position_m, stage.driver.is_moving):
-        with pytest.raises(DeviceFault, match=f"SMC100: the motion failed: .*{BITS[bit]}.*NOT REFERENCED from READY; home it"):
+        with pytest.raises(
+            DeviceFault,
+            match=f"SMC100: the motion failed: .*{BITS[bit]}.*NOT REFERENCED from READY; home it",
+        ):
             ask()
     stage.driver.stop()  # nothing moves: no error
 
@@ -199,9 +206,15 @@ LETTERS = {
 @pytest.mark.parametrize("letter", LETTERS)
 def test_every_refusal_is_told_in_words_and_nothing_moves(newport_open, letter):
     stage = newport_open()
-    stage.device.answers |= {"TE": 3 * ["1TE@", f"1TE{letter}"], f"TB{letter}": f"1TB{letter} what the controller says", "PA13": ""}
+    stage.device.answers |= {
+        "TE": 3 * ["1TE@", f"1TE{letter}"],
+        f"TB{letter}": f"1TB{letter} what the controller says",
+        "PA13": "",
+    }
     kind = OutOfLimits if letter in "CG" else DeviceFault
-    with pytest.raises(kind, match=f"a move to 13 mm was asked, the controller refused: .*{LETTERS[letter]}"):
+    with pytest.raises(
+        kind, match=f"a move to 13 mm was asked, the controller refused: .*{LETTERS[letter]}"
+    ):
         stage.driver.move_to(13e-3)
     assert not stage.driver.is_moving()
     assert len(stage.sent("PA13")) == (3 if letter in "AS" else 1)
@@ -209,7 +222,10 @@ def test_every_refusal_is_told_in_words_and_nothing_moves(newport_open, letter):
 
 def test_description(newport_open):
     text = newport_open().driver.describe()
-    assert text == "SMC_CC - Controller-driver version  3. 1. 2, stage EMULATED_25MM, READY from HOMING, at 12.5 mm, travel 0 to 25 mm"
+    assert (
+        text
+        == "SMC_CC - Controller-driver version  3. 1. 2, stage EMULATED_25MM, READY from HOMING, at 12.5 mm, travel 0 to 25 mm"
+    )
 
 
 def test_ports_are_found_without_opening_them():
@@ -217,7 +233,10 @@ def test_ports_are_found_without_opening_them():
 
 
 def test_the_module_loads_no_vendor_library():
-    code = "import sys, drivers.actuator_newport, drivers.emulators.newport; assert 'serial' not in sys.modules"
+    code = (
+        "import sys, drivers.actuator_newport, drivers.emulators.newport; assert 'serial' not in"
+        " sys.modules"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
@@ -228,7 +247,9 @@ def test_the_narrower_limits_hold_and_the_controller_is_told(newport_open):
     stage = newport_open(travel_limits_m=(-1e-3, 20e-3))
     assert stage.driver.travel_limits_m == pytest.approx((-1e-3, 20e-3))
     assert (stage.controller.parameters["SL"], stage.controller.parameters["SR"]) == (-1.0, 20.0)
-    with pytest.raises(OutOfLimits, match=r"a move to 20\.001 mm was asked; its travel is -1 to 20 mm"):
+    with pytest.raises(
+        OutOfLimits, match=r"a move to 20\.001 mm was asked; its travel is -1 to 20 mm"
+    ):
         stage.driver.move_to(20.001e-3)
     assert not stage.sent("PA")
 

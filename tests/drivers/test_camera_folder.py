@@ -59,7 +59,9 @@ def test_images_come_in_the_order_of_their_numbers(tmp_path, scene):
     images = save(tmp_path, names)
     (tmp_path / "notes.txt").write_text("not an image")
     assert [path.name for path in images_of(tmp_path)] == names
-    assert [(f.device, f.description) for f in find(str(tmp_path))] == [(str(tmp_path), "3 images, shot1.png to shot10.TIFF")]
+    assert [(f.device, f.description) for f in find(str(tmp_path))] == [
+        (str(tmp_path), "3 images, shot1.png to shot10.TIFF")
+    ]
     assert find() == []
     camera = make(tmp_path, scene)
     camera.open()
@@ -95,7 +97,13 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, scene):
     pass_time(scene, 10_000)
     answers = [camera.read(1.0) for _ in range(7)]
     assert [(a.index, a.sample) for a in answers] == [(n, TRAIN.sample(n)) for n in range(7)]
-    assert [type(answer) for answer in answers] == [Frame, LostFrame, LostFrame, Frame, *3 * [LostFrame]]
+    assert [type(answer) for answer in answers] == [
+        Frame,
+        LostFrame,
+        LostFrame,
+        Frame,
+        *3 * [LostFrame],
+    ]
     assert [answers[n].reason for n in (1, 2, 4, 5, 6)] == [
         "'2.png' can not be read as an image",
         "'3.png' is 8 x 4 uint8, 8 x 6 uint8 was asked",
@@ -107,7 +115,10 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, scene):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"shape": (6, 9)}, "folder camera: '0.png' is 8 x 6 uint8, 9 x 6 uint8 was asked; set camera.width"),
+        (
+            {"shape": (6, 9)},
+            "folder camera: '0.png' is 8 x 6 uint8, 9 x 6 uint8 was asked; set camera.width",
+        ),
         ({"pixel_format": "Mono12"}, "'0.png' is 8 x 6 uint8, 8 x 6 uint16 was asked"),
     ],
 )
@@ -119,7 +130,9 @@ def test_images_of_another_size_or_depth_are_refused(tmp_path, scene, changes, s
 
 @pytest.mark.parametrize("name", ["", "missing"])
 def test_a_folder_that_is_empty_or_missing_is_refused(tmp_path, scene, name):
-    with pytest.raises(DeviceNotFound, match=r"has no image \(\.png, \.tif, \.tiff\); set camera\.folder"):
+    with pytest.raises(
+        DeviceNotFound, match=r"has no image \(\.png, \.tif, \.tiff\); set camera\.folder"
+    ):
         make(tmp_path / name, scene).open()
 
 

@@ -1,7 +1,8 @@
 """The real harvesters on the emulated GenTL producer that comes with the genicam package.
 
-Its cameras run freely and have neither trigger nor exposure. What needs a trigger (that no image comes without one, missed and late ones,
-how trigger and exposure are set) is tested with pylon's camera on the same code, `drivers.genicam_camera`.
+Its cameras run freely and have neither trigger nor exposure. What needs a trigger (that no image
+comes without one, missed and late ones, how trigger and exposure are set) is tested with pylon's
+camera on the same code, `drivers.genicam_camera`.
 """
 
 import signal
@@ -35,7 +36,12 @@ def make(scene):
     made = []
 
     def make(**changes):
-        settings = {"shape": (100, 120), "producer": PRODUCER, "device": "1", "trigger_line": ""} | changes
+        settings = {
+            "shape": (100, 120),
+            "producer": PRODUCER,
+            "device": "1",
+            "trigger_line": "",
+        } | changes
         made.append(GenTLCamera(CameraSettings(**settings), scene))
         return made[-1]
 
@@ -64,17 +70,23 @@ class TestGenTLCamera(CameraContract):
 
 
 def test_images_are_those_of_the_producer_in_order(make, scene, monkeypatch):
-    monkeypatch.setitem(frame_numbers.PATIENCE_S, "inferred", 60.0)  # a busy machine may let the producer wait for seconds
+    # a busy machine may let the producer wait for seconds
+    monkeypatch.setitem(frame_numbers.PATIENCE_S, "inferred", 60.0)
     camera = make()
     camera.open()
-    assert camera.describe() == "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and exposure as it is set"
+    assert (
+        camera.describe()
+        == "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and exposure as it is set"
+    )
     camera.start(TRAIN)
     scene.clock.start()
     scene.clock.advance(10_000)
     frames = [camera.read(60.0) for _ in range(20)]
     assert [frame.index for frame in frames] == list(range(20))
     assert len({frame.image.tobytes() for frame in frames}) > 10  # a ball moves
-    assert all(frame.image.shape == (100, 120) and frame.image.dtype == np.uint8 for frame in frames)
+    assert all(
+        frame.image.shape == (100, 120) and frame.image.dtype == np.uint8 for frame in frames
+    )
     assert camera.describe().endswith("; frame numbers inferred from their order")
 
 
@@ -134,9 +146,16 @@ def test_the_interrupt_key_stays_ours(make):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"shape": (100, 2000)}, "camera '1': Width = 2000 was asked, it offers 100 to 800 in steps of 1"),
+        (
+            {"shape": (100, 2000)},
+            "camera '1': Width = 2000 was asked, it offers 100 to 800 in steps of 1",
+        ),
         ({"pixel_format": "Mono12"}, "PixelFormat = Mono12 was asked, it offers RGBa8, Mono8"),
-        ({"trigger_line": "Line1"}, "ExposureTime = 10000.0 was asked, it has no such feature that can be set; see its manual"),
+        (
+            {"trigger_line": "Line1"},
+            "ExposureTime = 10000.0 was asked, it has no such feature that can be set; see its"
+            " manual",
+        ),
         ({"offset_px": (10, 0)}, "OffsetX = 10 was asked, it has no such feature"),
         ({"gain_db": 3.0}, "Gain = 3.0 was asked, it has no such feature"),
         ({"exposure_line": "Line2"}, "LineSelector = Line2 was asked, it has no such feature"),
@@ -150,12 +169,16 @@ def test_what_can_not_be_set_is_refused_with_what_the_camera_offers(make, change
 
 @pytest.mark.parametrize("pixel_format", ["Mono12Packed", "Mono12p", "Mono10p"])
 def test_harvesters_unpacks_packed_formats_onto_their_own_scale(pixel_format):
-    """The producer offers no packed format: what the driver relies on, checked on bytes packed by hand."""
+    """The producer offers no packed format: what the driver relies on, checked on bytes packed by
+    hand.
+    """
     from harvesters.util import pfnc
 
     values, bits = [0x123, 0x2BC, 0x3FF, 0x001], int(pixel_format[4:6])
     if pixel_format == "Mono12Packed":
-        raw = b"".join(bytes([x >> 4, x & 15 | (y & 15) << 4, y >> 4]) for x, y in (values[:2], values[2:]))
+        raw = b"".join(
+            bytes([x >> 4, x & 15 | (y & 15) << 4, y >> 4]) for x, y in (values[:2], values[2:])
+        )
     else:
         raw = sum(v << bits * i for i, v in enumerate(values)).to_bytes(bits * 4 // 8, "little")
     assert getattr(pfnc, pixel_format)().expand(np.frombuffer(raw, np.uint8)).tolist() == values
@@ -168,7 +191,10 @@ def test_cameras_are_found_by_producer_and_by_registration(make, monkeypatch):
     assert [(f.device, f.description) for f in camera_gentl.find()] == expected
     monkeypatch.setenv("GENICAM_GENTL64_PATH", "")
     assert camera_gentl.find() == []
-    with pytest.raises(DeviceNotFound, match=r"there are 3: 0 \(Machine Vision Games.*; set camera\.device to the serial number of one"):
+    with pytest.raises(
+        DeviceNotFound,
+        match=r"there are 3: 0 \(Machine Vision Games.*; set camera\.device to the serial number of one",
+    ):
         make(device="").open()
     with pytest.raises(DeviceNotFound, match=r"camera '7': it was asked, found: 0 \(Machine"):
         make(device="7").open()
@@ -177,7 +203,10 @@ def test_cameras_are_found_by_producer_and_by_registration(make, monkeypatch):
 def test_a_producer_that_can_not_be_loaded(make, tmp_path):
     broken = tmp_path / "broken.cti"
     broken.write_bytes(b"x")
-    with pytest.raises(DeviceNotFound, match=r"broken\.cti' can not be loaded \(.*file too short\); install the camera maker's GenTL"):
+    with pytest.raises(
+        DeviceNotFound,
+        match=r"broken\.cti' can not be loaded \(.*file too short\); install the camera maker's GenTL",
+    ):
         make(producer=str(broken)).open()
     with pytest.raises(DeviceNotFound, match=r"missing\.cti' can not be loaded \(.*No such file"):
         camera_gentl.find(str(tmp_path / "missing.cti"))

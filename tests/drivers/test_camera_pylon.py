@@ -1,4 +1,6 @@
-"""The real pypylon on pylon's emulated camera: the driver's settings stay those of a triggered camera, the tests supply the edges."""
+"""The real pypylon on pylon's emulated camera: the driver's settings stay those of a triggered
+camera, the tests supply the edges.
+"""
 
 import threading
 import time
@@ -49,7 +51,9 @@ def make(scene):
 
 
 class Bench:
-    """The board beside the camera: lets samples pass, counts exposures if asked to, and sends the edges."""
+    """The board beside the camera: lets samples pass, counts exposures if asked to, and sends the
+    edges.
+    """
 
     def __init__(self, scene, counts=False):
         self.clock, self.counts, self.began = scene.clock, counts, []
@@ -61,7 +65,11 @@ class Bench:
         for index, late in triggers:
             fire(camera)
             self.began.append(train.sample(index) + late)
-        counts = np.searchsorted(self.began, np.arange(self.clock.now, sample), side="right") if self.counts else None
+        counts = (
+            np.searchsorted(self.began, np.arange(self.clock.now, sample), side="right")
+            if self.counts
+            else None
+        )
         self.clock.advance(sample, counts)
 
 
@@ -111,7 +119,10 @@ def test_missed_late_lost_and_failed_are_found_at_their_true_index(scene, make):
     assert [answer.sample for answer in answers] == [0, 100, 207, 300, 400]
     assert "no exposure" in answers[1].reason
     assert "grab failed: The buffer was incompletely grabbed" in answers[3].reason
-    assert camera.describe() == ("Basler Emulation (CamEmu): 64 x 48 Mono8, 1 ms, trigger Line1; frame numbers proved by counted exposures")
+    assert camera.describe() == (
+        "Basler Emulation (CamEmu): 64 x 48 Mono8, 1 ms, trigger Line1; frame numbers proved by"
+        " counted exposures"
+    )
 
 
 def test_twenty_triggers_at_once_are_one_frame_and_nineteen_missed(scene, make):
@@ -124,7 +135,9 @@ def test_twenty_triggers_at_once_are_one_frame_and_nineteen_missed(scene, make):
     bench.run_until(camera, TRAIN.sample(20))
     answers = [camera.read(5.0) for _ in range(20)]
     assert isinstance(answers[0], Frame)
-    assert [answer.index for answer in answers if isinstance(answer, LostFrame)] == list(range(1, 20))
+    assert [answer.index for answer in answers if isinstance(answer, LostFrame)] == list(
+        range(1, 20)
+    )
 
 
 def test_a_missed_trigger_without_a_counter_is_a_fault_and_not_a_shift(make, bench):
@@ -133,7 +146,10 @@ def test_a_missed_trigger_without_a_counter_is_a_fault_and_not_a_shift(make, ben
     camera.start(TRAIN)
     bench.run_until(camera, 1000, [(n, 0) for n in range(9)])  # of ten
     assert [camera.read(5.0).index for _ in range(9)] == list(range(9))
-    with pytest.raises(DeviceFault, match=r"pylon camera: frames can not be numbered: an image is missing by trigger 9.*counter"):
+    with pytest.raises(
+        DeviceFault,
+        match=r"pylon camera: frames can not be numbered: an image is missing by trigger 9.*counter",
+    ):
         camera.read(10.0)
 
 
@@ -155,7 +171,9 @@ def test_a_camera_that_is_unplugged_is_a_fault_at_once(make, bench):
     assert camera.read(5.0).index == 0
     camera.device.FirePnPCallback.Execute()
     began = time.monotonic()
-    with pytest.raises(DeviceFault, match="pylon camera: a frame was asked, the camera is gone; check its cable"):
+    with pytest.raises(
+        DeviceFault, match="pylon camera: a frame was asked, the camera is gone; check its cable"
+    ):
         camera.read(30.0)
     assert time.monotonic() - began < 1.0
     camera.close()
@@ -189,7 +207,10 @@ def test_stop_ends_a_waiting_read(make):
 # ------------------------------------------------------------------ settings
 
 
-@pytest.mark.parametrize(("pixel_format", "full"), [("Mono8", 255), ("Mono10", 1023), ("Mono12", 4095), ("Mono16", 65535)])
+@pytest.mark.parametrize(
+    ("pixel_format", "full"),
+    [("Mono8", 255), ("Mono10", 1023), ("Mono12", 4095), ("Mono16", 65535)],
+)
 def test_images_are_on_the_scale_of_their_format(make, bench, pixel_format, full):
     camera = make(pixel_format=pixel_format, shape=(300, 256))
     camera.open()
@@ -206,14 +227,21 @@ def test_images_are_on_the_scale_of_their_format(make, bench, pixel_format, full
 
 @pytest.mark.parametrize("pixel_format", ["Mono12p", "Mono12packed", "Mono10p"])
 def test_pypylon_unpacks_packed_formats_onto_their_own_scale(pixel_format):
-    """The emulated camera offers no packed format: what the driver relies on, checked on a packed image made by hand."""
+    """The emulated camera offers no packed format: what the driver relies on, checked on a packed
+    image made by hand.
+    """
     values, bits = [0x123, 0x2BC, 0x3FF, 0x001], int(pixel_format[4:6])
-    if pixel_format == "Mono12packed":  # eight high bits of the first, then the low bits of both, then eight high bits of the second
-        raw = b"".join(bytes([x >> 4, x & 15 | (y & 15) << 4, y >> 4]) for x, y in (values[:2], values[2:]))
+    # eight high bits of the first, then the low bits of both, then eight high bits of the second
+    if pixel_format == "Mono12packed":
+        raw = b"".join(
+            bytes([x >> 4, x & 15 | (y & 15) << 4, y >> 4]) for x, y in (values[:2], values[2:])
+        )
     else:  # one stream of bits, lowest first
         raw = sum(v << bits * i for i, v in enumerate(values)).to_bytes(bits * 4 // 8, "little")
     image = pylon.PylonImage()
-    image.AttachMemoryView(memoryview(bytearray(raw)), getattr(pylon, f"PixelType_{pixel_format}"), 4, 1, 0)
+    image.AttachMemoryView(
+        memoryview(bytearray(raw)), getattr(pylon, f"PixelType_{pixel_format}"), 4, 1, 0
+    )
     assert image.Array.tolist() == [values]
 
 
@@ -223,7 +251,11 @@ def test_a_region_of_the_sensor(make, tmp_path):
     camera = make(offset_px=(30, 20))
     camera.open()
     device = camera.device
-    device.ImageFilename.Value, device.ImageFileMode.Value, device.TestImageSelector.Value = str(tmp_path), "On", "Off"
+    device.ImageFilename.Value, device.ImageFileMode.Value, device.TestImageSelector.Value = (
+        str(tmp_path),
+        "On",
+        "Off",
+    )
     camera.start(TRAIN)
     fire(camera)
     np.testing.assert_array_equal(camera.read(5.0).image, sensor[20:68, 30:94])
@@ -252,8 +284,14 @@ def test_the_camera_is_set_as_asked(make):
         ({"offset_px": (4090, 0)}, r"OffsetX = 4090 was asked, it offers 0 to 4032"),
         ({"exposure_s": 20.0}, r"ExposureTime = 20000000.0 was asked, it offers 1 to 1e\+07"),
         ({"gain_db": 90.0}, r"Gain = 90.0 was asked, it offers 0 to 48"),
-        ({"trigger_line": "Line9"}, r"TriggerSource = Line9 was asked, it offers .*Line1, Line2, Line3"),
-        ({"pixel_format": "Mono12p"}, r"PixelFormat = Mono12p was asked, it offers Mono8, Mono10, Mono12, Mono16"),
+        (
+            {"trigger_line": "Line9"},
+            r"TriggerSource = Line9 was asked, it offers .*Line1, Line2, Line3",
+        ),
+        (
+            {"pixel_format": "Mono12p"},
+            r"PixelFormat = Mono12p was asked, it offers Mono8, Mono10, Mono12, Mono16",
+        ),
         ({"pixel_format": "RGB8"}, r"pixel format RGB8 was asked; use one of Mono8"),
     ],
 )
@@ -268,7 +306,12 @@ def test_what_can_not_be_set_is_refused_with_what_the_camera_offers(make, change
 @pytest.mark.parametrize(
     ("exposure_s", "divisor", "limit"),
     [
-        (0.05, 42, "23.81 Hz asked, 20 Hz is its limit with an exposure of 50 ms; use a divisor of 50 or more"),
+        (
+            0.05,
+            42,
+            "23.81 Hz asked, 20 Hz is its limit with an exposure of 50 ms; use a divisor of 50 or"
+            " more",
+        ),
         (0.001, 9, "use a divisor of 10"),
     ],
 )
@@ -293,16 +336,23 @@ def test_cameras_are_found_and_chosen_by_serial_number_or_name(make, monkeypatch
         camera.open()
         assert camera.device.GetDeviceInfo().GetSerialNumber() == "0815-0001"
         camera.close()
-    with pytest.raises(DeviceNotFound, match=r"there are 2: 0815-0000 .*; set camera\.device to the serial number of one"):
+    with pytest.raises(
+        DeviceNotFound,
+        match=r"there are 2: 0815-0000 .*; set camera\.device to the serial number of one",
+    ):
         make().open()
 
 
 def test_no_camera_and_a_wrong_serial_number(make, monkeypatch):
-    with pytest.raises(DeviceNotFound, match=r"camera '4711': it was asked, found: 0815-0000 \(Basler Emulation"):
+    with pytest.raises(
+        DeviceNotFound, match=r"camera '4711': it was asked, found: 0815-0000 \(Basler Emulation"
+    ):
         make(device="4711").open()
     monkeypatch.setenv("PYLON_CAMEMU", "0")
     assert camera_pylon.find() == []
-    with pytest.raises(DeviceNotFound, match="pylon camera: it was asked, found: none; check its cable and power"):
+    with pytest.raises(
+        DeviceNotFound, match="pylon camera: it was asked, found: none; check its cable and power"
+    ):
         make().open()
 
 

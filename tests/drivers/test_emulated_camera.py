@@ -1,4 +1,6 @@
-"""The emulated camera in front of the simulated world: the contract, pictures to the bit, and every fault at its true index."""
+"""The emulated camera in front of the simulated world: the contract, pictures to the bit, and every
+fault at its true index.
+"""
 
 import os
 import threading
@@ -100,13 +102,21 @@ def test_each_picture_is_that_of_its_pulse_to_the_bit(pace):
     renderer = Renderer(settings)
     assert [(a.index, a.sample) for a in answers] == [(n, train.sample(n)) for n in range(24)]
     for frame in answers:
-        expected = renderer.image(scene.world.state(frame.sample + settings.exposure_samples // 2), frame.index)
+        expected = renderer.image(
+            scene.world.state(frame.sample + settings.exposure_samples // 2), frame.index
+        )
         np.testing.assert_array_equal(frame.image, expected)
     assert len({frame.image.tobytes() for frame in answers}) == 24
 
 
 def test_every_fault_is_found_at_its_true_index():
-    faults = ("lost-trigger 4 2", "late-trigger 8 9", "lost-frame 12 2", "corrupt-frame 16", "lost-frame 23")
+    faults = (
+        "lost-trigger 4 2",
+        "late-trigger 8 9",
+        "lost-frame 12 2",
+        "corrupt-frame 16",
+        "lost-frame 23",
+    )
     settings = WorldSettings(**PRESSED, faults=tuple(map(parse, faults)))
     scene, train = Scene(settings, None), TriggerTrain(0, 42)
     answers, error = run(scene, train, 1000)
@@ -117,11 +127,17 @@ def test_every_fault_is_found_at_its_true_index():
     assert all("counted no exposure" in lost[n] for n in (4, 5))
     assert all("grab failed" in lost[n] for n in (12, 13, 23))
     frames = {a.index: a for a in answers if isinstance(a, Frame)}
-    assert {n: frame.sample - train.sample(n) for n, frame in frames.items() if frame.sample != train.sample(n)} == {8: 9}
+    assert {
+        n: frame.sample - train.sample(n)
+        for n, frame in frames.items()
+        if frame.sample != train.sample(n)
+    } == {8: 9}
     renderer = Renderer(settings)
     upper = SHAPE[0] // 2
     for n, frame in frames.items():
-        expected = renderer.image(scene.world.state(frame.sample + settings.exposure_samples // 2), n)
+        expected = renderer.image(
+            scene.world.state(frame.sample + settings.exposure_samples // 2), n
+        )
         np.testing.assert_array_equal(frame.image[:upper], expected[:upper])
         assert np.array_equal(frame.image[upper:], expected[upper:]) == (n != 16)
 
@@ -162,7 +178,9 @@ def test_what_stops_the_emulation_is_told(monkeypatch):
 
 @pytest.mark.parametrize("changes", [{"shape": (96, 64)}, {"pixel_format": "Mono12"}])
 def test_other_images_than_those_of_the_world_are_refused(changes):
-    camera = EmulatedPylonCamera(CameraSettings(**({"shape": SHAPE} | changes)), Scene(WorldSettings(**PRESSED), None))
+    camera = EmulatedPylonCamera(
+        CameraSettings(**({"shape": SHAPE} | changes)), Scene(WorldSettings(**PRESSED), None)
+    )
     with pytest.raises(OutOfLimits, match="the world it sees is 128 x 96 Mono8; set both alike"):
         camera.open()
 
@@ -173,7 +191,9 @@ def test_it_runs_the_real_driver_and_leaves_nothing_behind(monkeypatch):
     camera.open()
     assert "PYLON_CAMEMU" not in os.environ
     folder = camera._folder.name
-    assert camera.describe().startswith("Basler Emulation (CamEmu): 128 x 96 Mono8, 10 ms, trigger Line1")
+    assert camera.describe().startswith(
+        "Basler Emulation (CamEmu): 128 x 96 Mono8, 10 ms, trigger Line1"
+    )
     assert camera._camera.device.TriggerSource.Value == "Line1"
     camera.close()
     assert not Path(folder).exists()

@@ -1,4 +1,6 @@
-"""The example of the documentation is a driver: it passes the contract, on a real serial port of the operating system."""
+"""The example of the documentation is a driver: it passes the contract, on a real serial port of
+the operating system.
+"""
 
 import importlib.util
 from contextlib import suppress

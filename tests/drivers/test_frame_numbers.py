@@ -1,4 +1,6 @@
-"""The account of frames: against a simulated camera whose every image carries the number of its trigger."""
+"""The account of frames: against a simulated camera whose every image carries the number of its
+trigger.
+"""
 
 import time
 from dataclasses import dataclass, field
@@ -36,7 +38,14 @@ class Run:
     def play(self):
         self.train = TriggerTrain(20, self.divisor)
         self.clock = SampleClock()
-        self.numbers = FrameNumbers("camera", self.train, self.clock, RATE, OPEN, min(self.first_id, 1) if self.knows_first_id else None)
+        self.numbers = FrameNumbers(
+            "camera",
+            self.train,
+            self.clock,
+            RATE,
+            OPEN,
+            min(self.first_id, 1) if self.knows_first_id else None,
+        )
         self.numbers._last_id = (self.first_id - 1 or 65535) if self.first_id > 1 else None
         self.clock.start(counts_exposures=self.counts)
         self.began = []
@@ -52,9 +61,13 @@ class Run:
             if fate in ("good", "late"):
                 images.append((at + OPEN + self.readout, Delivered(frame_id, stamp, image)))
             elif fate == "failed":
-                images.append((at + OPEN + self.readout, Delivered(frame_id, stamp, None, "packets missing")))
+                images.append(
+                    (at + OPEN + self.readout, Delivered(frame_id, stamp, None, "packets missing"))
+                )
             elif fate == "failed without id":
-                images.append((at + OPEN + self.readout, Delivered(None, None, None, "packets missing")))
+                images.append(
+                    (at + OPEN + self.readout, Delivered(None, None, None, "packets missing"))
+                )
             frame_id = frame_id + 1 if frame_id < 65535 or self.first_id <= 1 else 1
         reads = [(end + self.lag, end) for end in range(self.block, self.end + 1, self.block)]
         polls = [(t, None) for t in range(0, self.end + 4000, 20)]
@@ -65,7 +78,10 @@ class Run:
                 self.numbers.nothing_came(when / RATE)
             else:
                 samples = np.arange(what - self.block, what)
-                self.clock.advance(what, np.searchsorted(self.began, samples, side="right") if self.counts else None)
+                self.clock.advance(
+                    what,
+                    np.searchsorted(self.began, samples, side="right") if self.counts else None,
+                )
                 if what == self.end:
                     self.clock.stop()
             while (answer := self.numbers.next()) is not None:
@@ -76,9 +92,9 @@ class Run:
         assert [a.index for a in self.answers] == list(range(len(self.answers)))
         if complete:
             exposed = [n for n, fate in enumerate(self.fates) if fate in ("good", "late")]
-            assert [a.index for a in self.answers if isinstance(a, Frame) and a.sample < self.end] == [
-                n for n in exposed if self.sample(n) < self.end
-            ]
+            assert [
+                a.index for a in self.answers if isinstance(a, Frame) and a.sample < self.end
+            ] == [n for n in exposed if self.sample(n) < self.end]
         for answer in self.answers:
             if isinstance(answer, Frame):
                 assert answer.image[0, 0] == answer.index
@@ -144,7 +160,14 @@ def test_timestamps_find_missed_triggers(data):
 @given(st.data())
 def test_inferred_from_frame_ids_alone_a_loss_is_never_a_shift(data):
     run = Run(
-        [*data.draw(st.lists(st.sampled_from(["good", "lost", "failed", "failed without id"]), max_size=40)), "good"],
+        [
+            *data.draw(
+                st.lists(
+                    st.sampled_from(["good", "lost", "failed", "failed without id"]), max_size=40
+                )
+            ),
+            "good",
+        ],
         data.draw(st.integers(20, 300)),
         first_id=data.draw(st.sampled_from([0, 1, 65500])),
         counts=False,
@@ -155,7 +178,11 @@ def test_inferred_from_frame_ids_alone_a_loss_is_never_a_shift(data):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.sampled_from(["good", "missed", "lost", "failed"]), min_size=1, max_size=12), st.integers(1200, 5000), st.booleans())
+@given(
+    st.lists(st.sampled_from(["good", "missed", "lost", "failed"]), min_size=1, max_size=12),
+    st.integers(1200, 5000),
+    st.booleans(),
+)
 def test_inferred_from_slow_images_finds_missed_triggers(fates, divisor, stamps):
     run = Run(fates, divisor, counts=False, stamps=stamps, first_id=1).play()
     run.check()
@@ -171,7 +198,20 @@ def test_inferred_from_fast_images_a_missed_trigger_is_a_fault_and_never_silent(
 
 
 def test_each_loss_says_what_happened():
-    run = Run(["good", "missed", "good", "lost", "good", "failed", "good", "failed without id", "good", "good"]).play()
+    run = Run(
+        [
+            "good",
+            "missed",
+            "good",
+            "lost",
+            "good",
+            "failed",
+            "good",
+            "failed without id",
+            "good",
+            "good",
+        ]
+    ).play()
     run.check()
     told = reasons(run)
     assert set(told) == {1, 3, 5, 7}
@@ -183,7 +223,11 @@ def test_each_loss_says_what_happened():
 
 
 def test_timestamps_tell_missed_from_lost():
-    run = Run(["good", "missed", "good", "lost", "good", "missed", "lost", "good", "good"], counts=False, stamps=True).play()
+    run = Run(
+        ["good", "missed", "good", "lost", "good", "missed", "lost", "good", "good"],
+        counts=False,
+        stamps=True,
+    ).play()
     told = reasons(run)
     assert "1 of 1 were missed" in told[1]
     assert "frame ids jump" in told[3]
@@ -210,13 +254,18 @@ def test_two_exposures_of_one_trigger_are_a_fault():
     clock.advance(60, np.searchsorted([0, 40], np.arange(60), side="right"))
     numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))
     assert isinstance(numbers.next(), Frame)
-    with pytest.raises(DeviceFault, match=r"camera: frames can not be numbered: exposure 1 began on sample 40.*noise"):
+    with pytest.raises(
+        DeviceFault,
+        match=r"camera: frames can not be numbered: exposure 1 began on sample 40.*noise",
+    ):
         numbers.next()
 
 
 @pytest.mark.parametrize(("missed", "expected"), [((), "FFFFFF"), ((2,), "FLLLFF")])
 def test_exposures_in_lost_samples(missed, expected):
-    """Samples 90 to 350 are lost, with triggers 1 to 3: told where all of them were exposed, else three losses and no shift."""
+    """Samples 90 to 350 are lost, with triggers 1 to 3: told where all of them were exposed, else
+    three losses and no shift.
+    """
     clock, train = SampleClock(), TriggerTrain(0, 100)
     numbers = FrameNumbers("camera", train, clock, RATE, OPEN, 0)
     clock.start(counts_exposures=True)
@@ -229,7 +278,11 @@ def test_exposures_in_lost_samples(missed, expected):
     clock.advance(600, np.searchsorted(began, np.arange(350, 600), side="right"))
     answers = [numbers.next() for _ in range(6)]
     assert "".join(type(a).__name__[0] for a in answers) == expected
-    assert all(a.image[0, 0] == a.index and a.sample == 100 * a.index for a in answers if isinstance(a, Frame))
+    assert all(
+        a.image[0, 0] == a.index and a.sample == 100 * a.index
+        for a in answers
+        if isinstance(a, Frame)
+    )
     assert all("samples were lost" in a.reason for a in answers if isinstance(a, LostFrame))
 
 
@@ -261,7 +314,9 @@ def test_answer_waits_for_the_image_and_for_the_clock():
         waits.append(wait_s)
         time.sleep(wait_s)
 
-    with pytest.raises(DeviceTimeout, match=r"camera: trigger 0 had no answer within 0\.05 s \(sample 0"):
+    with pytest.raises(
+        DeviceTimeout, match=r"camera: trigger 0 had no answer within 0\.05 s \(sample 0"
+    ):
         numbers.answer(fetch, 0.05)
     assert 0 < waits[0] <= 0.02
     assert len(waits) <= 8  # no busy loop, whatever fetch does
@@ -297,6 +352,7 @@ def test_an_image_after_triggers_that_had_none_is_a_fault_where_it_may_be_anyone
     numbers.nothing_came(5.0)
     assert [numbers.next().index for _ in range(10)] == list(range(10))
     with pytest.raises(
-        DeviceFault, match=r"an image came after trigger 9 had none, and whether it is 10's can not be told; wire .* counter"
+        DeviceFault,
+        match=r"an image came after trigger 9 had none, and whether it is 10's can not be told; wire .* counter",
     ):
         numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))

@@ -1,4 +1,6 @@
-"""The emulated bench runs the same experiment as the simulated one, through the drivers of a real bench."""
+"""The emulated bench runs the same experiment as the simulated one, through the drivers of a real
+bench.
+"""
 
 import numpy as np
 import pytest
@@ -39,14 +41,17 @@ def test_the_forces_are_those_of_the_world_to_the_bit(hil):
     again = World(hil.world.settings, pace=None)
     again._moves = hil.world._moves
     again.start()
-    np.testing.assert_array_equal(hil.volts[:1250], again.advance(1250).volts[:1250])  # before any move: noise and quantisation
+    # before any move: noise and quantisation
+    np.testing.assert_array_equal(hil.volts[:1250], again.advance(1250).volts[:1250])
 
 
 def test_the_results_are_those_of_the_simulated_bench_within_noise(hil, simulated):
-    every_frame = Reanalysis(hil.path, hil.path.with_name("every-frame.h5"), pace=None)  # a busy machine skips some
+    # a busy machine skips some
+    every_frame = Reanalysis(hil.path, hil.path.with_name("every-frame.h5"), pace=None)
     every_frame.start()
     a, b = every_frame.wait(100).summary, simulated.summary
-    assert a.mu_s == pytest.approx(b.mu_s, abs=4 * np.hypot(a.mu_s_sd, b.mu_s_sd))  # t_s falls elsewhere between two frames
+    # t_s falls elsewhere between two frames
+    assert a.mu_s == pytest.approx(b.mu_s, abs=4 * np.hypot(a.mu_s_sd, b.mu_s_sd))
     assert a.mu_s_sd < 0.005 * a.mu_s
     assert a.apparent_radius_m == pytest.approx(b.apparent_radius_m, rel=0.01)
     assert a.onset_time_s == pytest.approx(b.onset_time_s, abs=0.3)

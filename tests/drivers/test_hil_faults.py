@@ -1,4 +1,5 @@
-"""The faults of the emulated bench, through the drivers of a real one: what the operator is told, what the stage does, what the file holds.
+"""The faults of the emulated bench, through the drivers of a real one: what the operator is told,
+what the stage does, what the file holds.
 
 The same faults on the simulated bench are in tests/engine/test_faults.py.
 """
@@ -12,17 +13,27 @@ DRIVE = 5500  # a sample by which the drive has begun
 
 @pytest.fixture
 def ended(tmp_path):
-    return lambda *faults, more=(), **options: HilRun(tmp_path / "faulty.h5", f"sim.faults={list(faults)}", *more, **options)
+    return lambda *faults, more=(), **options: HilRun(
+        tmp_path / "faulty.h5", f"sim.faults={list(faults)}", *more, **options
+    )
 
 
 def test_losses_are_found_at_their_true_index_and_the_run_goes_on(ended):
-    e = ended("lost-trigger 20", "lost-frame 25 2", "lost-trigger 60 3", "late-trigger 50 7", "lost-frame 75")
+    e = ended(
+        "lost-trigger 20",
+        "lost-frame 25 2",
+        "lost-trigger 60 3",
+        "late-trigger 50 7",
+        "lost-frame 75",
+    )
     assert e.outcome.state == "done", e.outcome.reason
     assert e.is_accounted_for()
     assert set(e.lost) == {20, 25, 26, 60, 61, 62, 75}
     assert all("missed" in e.lost[n] for n in (20, 60, 61, 62)), e.lost
     assert all("missed" not in e.lost[n] for n in (25, 26, 75)), e.lost
-    assert {n: sample - 125 * n for n, (sample, _) in e.triggers.items() if sample != 125 * n} == {50: 7}
+    assert {n: sample - 125 * n for n, (sample, _) in e.triggers.items() if sample != 125 * n} == {
+        50: 7
+    }
     assert e.wrong_frames() == []
 
 
@@ -39,7 +50,8 @@ def test_a_camera_that_goes_away_ends_the_run_and_stops_the_drive(ended):
     assert e.outcome.state == "failed"
     assert "camera" in e.outcome.reason
     assert e.is_accounted_for()
-    assert set(e.frames) == set(range(len(e.frames)))  # those that it had exposed and not handed over are gone with it
+    # those that it had exposed and not handed over are gone with it
+    assert set(e.frames) == set(range(len(e.frames)))
     assert 40 < len(e.frames) <= 60
     assert e.stands()
 
@@ -66,7 +78,8 @@ def test_a_server_that_is_killed_ends_the_run_with_all_that_was_read(ended):
     assert e.outcome.state == "failed"
     assert "NI board 'Dev1'" in e.outcome.reason
     assert e.is_accounted_for()
-    assert DRIVE - 2000 <= len(e.volts) <= DRIVE + 50  # what the killed server still held is gone with it
+    # what the killed server still held is gone with it
+    assert DRIVE - 2000 <= len(e.volts) <= DRIVE + 50
     assert e.stands()
 
 
@@ -79,7 +92,11 @@ def test_a_saturated_sensor_ends_the_run_by_its_name(ended):
 
 
 @pytest.mark.parametrize(
-    ("fault", "words"), [("stall 15", ("it stands at 15", "following error")), ("end-of-run 15", ("end switch", "end of run"))]
+    ("fault", "words"),
+    [
+        ("stall 15", ("it stands at 15", "following error")),
+        ("end-of-run 15", ("end switch", "end of run")),
+    ],
 )
 def test_a_stage_that_can_not_go_on_is_told(ended, fault, words):
     e = ended(fault)
@@ -94,7 +111,8 @@ def test_a_cut_line_ends_the_run_and_says_that_the_stop_was_not_confirmed(ended)
     assert e.outcome.state == "failed"
     assert "emulated SMC100" in e.outcome.reason
     assert e.is_accounted_for()
-    assert DRIVE - 2000 <= len(e.volts) <= DRIVE + 3500  # told within a second of the wall clock, which is two of the world's
+    # told within a second of the wall clock, which is two of the world's
+    assert DRIVE - 2000 <= len(e.volts) <= DRIVE + 3500
 
 
 def test_a_noisy_line_is_asked_again(ended):

@@ -1,4 +1,6 @@
-"""The emulated controller by itself: what its manual says it answers, how its stage moves, and what can happen to its line."""
+"""The emulated controller by itself: what its manual says it answers, how its stage moves, and what
+can happen to its line.
+"""
 
 import socket
 import subprocess
@@ -86,8 +88,18 @@ def test_a_stage_outside_its_soft_limits_does_not_move(controller):
 
 
 def test_a_move_has_a_trapezoid_profile(controller, clock):
-    told(controller, "AC0.5", "VA1", "PA20")  # 2 s and 1 mm to speed up, 5.5 mm at 1 mm/s, 2 s and 1 mm to slow down
-    for t, place in [(0, 12.5), (1, 12.75), (2, 13.5), (4.5, 16.0), (7.5, 19.0), (8.5, 19.75), (9.5, 20.0), (99, 20.0)]:
+    # 2 s and 1 mm to speed up, 5.5 mm at 1 mm/s, 2 s and 1 mm to slow down
+    told(controller, "AC0.5", "VA1", "PA20")
+    for t, place in [
+        (0, 12.5),
+        (1, 12.75),
+        (2, 13.5),
+        (4.5, 16.0),
+        (7.5, 19.0),
+        (8.5, 19.75),
+        (9.5, 20.0),
+        (99, 20.0),
+    ]:
         clock.now = t
         assert controller.stage.position() == pytest.approx(place, abs=1e-9)
         assert told(controller, "TS") == ("1TS000028" if t < 9.5 else "1TS000033")
@@ -306,7 +318,9 @@ def test_it_can_be_served_by_hand(model):
     command = [sys.executable, "-u", "-m", "drivers.emulators.newport", model, "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
         try:
-            host, port = served.stdout.readline().split()[2].removeprefix("socket://").rstrip(";").split(":")
+            host, port = (
+                served.stdout.readline().split()[2].removeprefix("socket://").rstrip(";").split(":")
+            )
             with socket.create_connection((host, int(port)), timeout=20.0) as client:
                 client.sendall(b"1TS\r\n")
                 assert client.recv(100) == b"1TS000032\r\n"

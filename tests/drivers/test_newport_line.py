@@ -1,4 +1,6 @@
-"""The line to a Newport controller: opening it, noise on it, its death, and a stop that goes out past everything else."""
+"""The line to a Newport controller: opening it, noise on it, its death, and a stop that goes out
+past everything else.
+"""
 
 import contextlib
 import errno
@@ -43,7 +45,9 @@ def seconds(work):
 def test_a_port_belongs_to_one_program(newport_open, wire):
     stage = newport_open(over=wire)
     second = Smc100(stage.settings, Scene())
-    with pytest.raises(DeviceFault, match="another program has it open" if wire == "pty" else "is dead"):
+    with pytest.raises(
+        DeviceFault, match="another program has it open" if wire == "pty" else "is dead"
+    ):
         second.open()
     second.close()
     assert not stage.driver.is_moving()
@@ -61,10 +65,13 @@ def opens(driver):
     return True
 
 
-@pytest.mark.parametrize("port", ["no-such-port", "", "nonsense://here", "socket://127.0.0.1:1", "socket://nonsense"])
+@pytest.mark.parametrize(
+    "port", ["no-such-port", "", "nonsense://here", "socket://127.0.0.1:1", "socket://nonsense"]
+)
 def test_a_port_that_is_not_there_is_told_with_those_that_are(port):
     with pytest.raises(
-        DeviceNotFound, match=rf"SMC100: the port '{port}' was asked, it can not be opened .*serial ports of this computer: "
+        DeviceNotFound,
+        match=rf"SMC100: the port '{port}' was asked, it can not be opened .*serial ports of this computer: ",
     ):
         Smc100(ActuatorSettings(port=port), Scene()).open()
 
@@ -101,12 +108,22 @@ def test_a_port_with_nothing_behind_it_is_known_within_a_second(newport):
     ("driver", "answer", "sentence"),
     [
         (Smc100, "1VE CONEX-CC 2.0.1", "'CONEX-CC 2.0.1'; take the driver of the CONEX-CC"),
-        (ConexCc, "1VE SMC_CC - Controller-driver version  3. 1. 2", "take the driver of the SMC100"),
-        (Smc100, "ESP301 Version 3.0.1 6/1/99", "'ESP301 Version 3.0.1 6/1/99'; only SMC100CC and CONEX-CC are known"),
+        (
+            ConexCc,
+            "1VE SMC_CC - Controller-driver version  3. 1. 2",
+            "take the driver of the SMC100",
+        ),
+        (
+            Smc100,
+            "ESP301 Version 3.0.1 6/1/99",
+            "'ESP301 Version 3.0.1 6/1/99'; only SMC100CC and CONEX-CC are known",
+        ),
         (Smc100, "\xff\xfe\xf0", "check port and baud"),
     ],
 )
-def test_another_device_on_the_port_is_told_as_what_it_says_it_is(newport, driver, answer, sentence):
+def test_another_device_on_the_port_is_told_as_what_it_says_it_is(
+    newport, driver, answer, sentence
+):
     stage = newport(driver)
     stage.device.answers["VE"] = answer
     with pytest.raises(DeviceNotFound) as caught:
@@ -173,7 +190,9 @@ def test_a_move_about_which_nothing_is_known_is_stopped(newport_open):
 
 
 @pytest.mark.parametrize("wire", WIRES)
-@pytest.mark.parametrize("what", ["is_moving", "position_m", "stop", "describe", "move_to", "set_velocity", "home"])
+@pytest.mark.parametrize(
+    "what", ["is_moving", "position_m", "stop", "describe", "move_to", "set_velocity", "home"]
+)
 def test_a_line_that_is_cut_during_a_move_is_a_fault_within_a_second(newport_open, wire, what):
     stage = newport_open(over=wire)
     stage.driver.move_to(13e-3)
@@ -187,7 +206,9 @@ def test_a_line_that_is_cut_during_a_move_is_a_fault_within_a_second(newport_ope
 
 
 @pytest.mark.parametrize("wire", WIRES)
-def test_a_line_that_is_cut_while_an_answer_is_awaited_is_a_fault_within_a_second(newport_open, wire):
+def test_a_line_that_is_cut_while_an_answer_is_awaited_is_a_fault_within_a_second(
+    newport_open, wire
+):
     stage = newport_open(over=wire)
     stage.line.is_mute = True
     waiting = Aside(stage.driver.position_m)
@@ -199,7 +220,9 @@ def test_a_line_that_is_cut_while_an_answer_is_awaited_is_a_fault_within_a_secon
 
 
 @pytest.mark.parametrize("what", ["is_moving", "stop", "move_to"])
-def test_a_controller_that_falls_silent_is_known_within_a_second_even_from_two_threads(newport_open, what):
+def test_a_controller_that_falls_silent_is_known_within_a_second_even_from_two_threads(
+    newport_open, what
+):
     stage = newport_open()
     stage.driver.move_to(13e-3)
     stage.line.is_mute = True
@@ -216,7 +239,8 @@ def test_a_controller_that_falls_silent_is_known_within_a_second_even_from_two_t
 def test_a_line_that_is_held_by_xoff_is_known_within_a_second(newport_open):
     stage = newport_open(over="pty")
     stage.line.noise = lambda answer: b"\x13" + answer
-    with contextlib.suppress(DeviceFault):  # the line may be held before the query is seen to be out
+    # the line may be held before the query is seen to be out
+    with contextlib.suppress(DeviceFault):
         stage.driver.position_m()
     took, error = seconds(lambda: [stage.driver.stop() for _ in range(2)])
     assert took < 1.0

@@ -1,4 +1,6 @@
-"""The drivers of SMC100CC and CONEX-CC: homing, motion that fails, and the faults of the simulated world."""
+"""The drivers of SMC100CC and CONEX-CC: homing, motion that fails, and the faults of the simulated
+world.
+"""
 
 import re
 
@@ -30,7 +32,10 @@ def newport_open(newport):
 def test_nothing_homes_by_itself_and_without_it_nothing_moves(newport_open):
     stage = newport_open(is_referenced=False)
     for ask in (lambda: stage.driver.move_to(1e-3), lambda: stage.driver.set_velocity(1e-5)):
-        with pytest.raises(DeviceFault, match=r"home it with the block free to travel: `slipscope check BENCH.toml --home`"):
+        with pytest.raises(
+            DeviceFault,
+            match=r"home it with the block free to travel: `slipscope check BENCH.toml --home`",
+        ):
             ask()
     assert not stage.driver.is_moving()
     assert not stage.sent("OR")
@@ -61,7 +66,10 @@ def test_homing_that_fails_is_a_fault(newport_open):
     stage.controller.can_home = False
     stage.driver.home()
     stage.pass_time(100.0)
-    with pytest.raises(DeviceFault, match=r"homing took longer than its time-out; it is now NOT REFERENCED from HOMING; home it"):
+    with pytest.raises(
+        DeviceFault,
+        match=r"homing took longer than its time-out; it is now NOT REFERENCED from HOMING; home it",
+    ):
         stage.driver.is_moving()
     stage.controller.can_home = True
     stage.driver.home()
@@ -112,7 +120,9 @@ def test_the_end_of_the_run_is_a_fault(newport_open):
     stage = newport_open(stage={"ends": (12.0, 13.0)})
     stage.driver.move_to(20e-3)
     stage.pass_time(100.0)
-    with pytest.raises(DeviceFault, match="positive end of run; it is now NOT REFERENCED from MOVING; home it"):
+    with pytest.raises(
+        DeviceFault, match="positive end of run; it is now NOT REFERENCED from MOVING; home it"
+    ):
         stage.driver.is_moving()
     with pytest.raises(DeviceFault, match="positive end of run"):
         stage.driver.position_m()
@@ -126,7 +136,9 @@ def test_a_stalled_stage_is_a_fault_and_the_next_start_says_that_its_motor_is_of
     assert stage.driver.is_moving()
     assert stage.driver.position_m() == pytest.approx(12.6e-3)
     stage.pass_time(10.0)
-    with pytest.raises(DeviceFault, match=r"following error: .*it is now DISABLE from MOVING; its motor is off"):
+    with pytest.raises(
+        DeviceFault, match=r"following error: .*it is now DISABLE from MOVING; its motor is off"
+    ):
         stage.driver.is_moving()
     stage.driver.close()
     stage.driver.open()
@@ -152,7 +164,9 @@ def test_a_stage_that_does_not_stop_is_told_again_and_then_a_fault(newport_open,
     assert stage.driver.is_moving()
     assert len(stage.sent("ST")) >= 2
     monkeypatch.setattr(actuator_newport, "STOPS_WITHIN_S", 0.0)
-    with pytest.raises(DeviceFault, match=r"was told to stop .* and is still MOVING; switch its motor off"):
+    with pytest.raises(
+        DeviceFault, match=r"was told to stop .* and is still MOVING; switch its motor off"
+    ):
         stage.driver.is_moving()
 
 
@@ -213,6 +227,10 @@ def test_what_the_world_does_not_model_is_told_in_its_words():
     driver = EmulatedConexCc(ActuatorSettings(), scene)
     driver.open()
     scene.world.advance(20)
-    with pytest.raises(DeviceFault, match=re.escape("emulated CONEX-CC: a move to 12 mm was asked") + ".*only a drive one way is modelled"):
+    with pytest.raises(
+        DeviceFault,
+        match=re.escape("emulated CONEX-CC: a move to 12 mm was asked")
+        + ".*only a drive one way is modelled",
+    ):
         driver.move_to(12e-3)
     driver.close()

@@ -1,4 +1,6 @@
-"""The NI driver on NI's C interface, as most computers have it: NI's own package loads a C library that stands in for the driver."""
+"""The NI driver on NI's C interface, as most computers have it: NI's own package loads a C library
+that stands in for the driver.
+"""
 
 import ctypes
 import shutil
@@ -25,16 +27,31 @@ def stub(tmp_path_factory):
     if COMPILER is None:
         pytest.skip("there is no C compiler")
     library = tmp_path_factory.mktemp("stub") / "libnidaqmx.so"
-    subprocess.run([COMPILER, "-shared", "-fPIC", "-o", library, Path(__file__).with_name("libnidaqmx_stub.c")], check=True, timeout=60)
+    subprocess.run(
+        [
+            COMPILER,
+            "-shared",
+            "-fPIC",
+            "-o",
+            library,
+            Path(__file__).with_name("libnidaqmx_stub.c"),
+        ],
+        check=True,
+        timeout=60,
+    )
     return library
 
 
 @pytest.fixture
 def install(monkeypatch):
-    """Makes NI's package find that library, or none, as on a computer where it has not been loaded yet."""
+    """Makes NI's package find that library, or none, as on a computer where it has not been loaded
+    yet.
+    """
 
     def make(library, platform="linux"):
-        monkeypatch.setattr(nidaqmx._lib, "find_library", lambda name: None if library is None else str(library))
+        monkeypatch.setattr(
+            nidaqmx._lib, "find_library", lambda name: None if library is None else str(library)
+        )
         monkeypatch.setattr(nidaqmx._lib, "sys", SimpleNamespace(platform=platform))
         for name in ("_windll", "_cdll", "_encoding"):
             monkeypatch.setattr(nidaqmx._lib.lib_importer, name, None)
@@ -84,27 +101,37 @@ def test_overwritten_samples_and_a_time_out(stub, install, forces):
 
 def test_errors_are_sentences(stub, install):
     install(stub)
-    with pytest.raises(DeviceNotFound, match=r"'Dev7' \(there are: Dev1, Dev1b\) was asked, no board has that name"):
+    with pytest.raises(
+        DeviceNotFound, match=r"'Dev7' \(there are: Dev1, Dev1b\) was asked, no board has that name"
+    ):
         NiForces(ForceSettings(device="Dev7"), Scene()).open()
     forces = NiForces(ForceSettings(buffer_s=1.0, exposure_counter="ctr1"), Scene())
-    with pytest.raises(DeviceFault, match=r"ctr1 to count at PFI3 was asked, NI's driver can not do it .*; install a newer NI-DAQmx"):
+    with pytest.raises(
+        DeviceFault,
+        match=r"ctr1 to count at PFI3 was asked, NI's driver can not do it .*; install a newer NI-DAQmx",
+    ):
         forces.open()  # the library has no such function
     assert ctypes.CDLL(str(stub)).stub_tasks() == 0
 
 
 def test_find_lists_the_boards(stub, install):
     install(stub)
-    assert find() == [Found("Dev1", "NI PCI-6251, serial number ABC123"), Found("Dev1b", "NI PCI-6251, serial number ABC123")]
+    assert find() == [
+        Found("Dev1", "NI PCI-6251, serial number ABC123"),
+        Found("Dev1b", "NI PCI-6251, serial number ABC123"),
+    ]
 
 
 @pytest.mark.parametrize(
-    ("platform", "reason"), [("linux", "Could not find an installation"), ("darwin", "not supported on this platform")]
+    ("platform", "reason"),
+    [("linux", "Could not find an installation"), ("darwin", "not supported on this platform")],
 )
 def test_no_driver_is_told(install, forces, platform, reason):
     install(None, platform)
     for ask in (forces.open, find):
         with pytest.raises(
-            DeviceNotFound, match=f"NI's driver is not installed on this computer .*{reason}.*; install NI-DAQmx from ni.com"
+            DeviceNotFound,
+            match=f"NI's driver is not installed on this computer .*{reason}.*; install NI-DAQmx from ni.com",
         ):
             ask()
     with pytest.raises(DeviceFault, match="not open"):

@@ -1,4 +1,6 @@
-"""Runs of the NI driver through NI's own package, against the emulated board behind NI's network protocol."""
+"""Runs of the NI driver through NI's own package, against the emulated board behind NI's network
+protocol.
+"""
 
 import grpc
 import numpy as np
@@ -102,7 +104,10 @@ def test_the_board_sends_the_pulses_that_were_asked(ni, trigger, train, rate):
     assert forces.scene.world.pulses == TriggerTrain(*train)
 
 
-@pytest.mark.parametrize(("trigger", "train"), [("digital", (42, 42)), ("digital", (0, 1)), ("counter", (0, 1)), ("counter", (-1, 9))])
+@pytest.mark.parametrize(
+    ("trigger", "train"),
+    [("digital", (42, 42)), ("digital", (0, 1)), ("counter", (0, 1)), ("counter", (-1, 9))],
+)
 def test_a_train_that_can_not_be_made_is_refused(ni, trigger, train):
     forces = ni.emulated(trigger=trigger)
     forces.open()
@@ -113,7 +118,9 @@ def test_a_train_that_can_not_be_made_is_refused(ni, trigger, train):
 
 
 def test_exposures_are_counted_beside_the_samples(ni):
-    forces = ni.emulated("lost-trigger 2", "late-trigger 4 7", exposure_counter="ctr1", exposure_terminal="PFI8")
+    forces = ni.emulated(
+        "lost-trigger 2", "late-trigger 4 7", exposure_counter="ctr1", exposure_terminal="PFI8"
+    )
     forces.open()
     assert forces.counts_exposures
     forces.start(TriggerTrain(10, 50))
@@ -127,7 +134,9 @@ def test_a_counter_that_overflows_counts_on(ni, monkeypatch):
     forces = ni.emulated(exposure_counter="ctr1", world={"sample_rate_hz": 1000.0})
     forces.open()
     begin = 2**32 - 3
-    monkeypatch.setattr(World, "exposure_counts", lambda self, first, n: begin + np.arange(first, first + n) // 10)
+    monkeypatch.setattr(
+        World, "exposure_counts", lambda self, first, n: begin + np.arange(first, first + n) // 10
+    )
     forces.start(TRAIN)
     counts = np.concatenate([forces.read(5.0).exposures for _ in range(3)])
     np.testing.assert_array_equal(counts, begin + np.arange(150) // 10)
@@ -174,7 +183,9 @@ def test_overwritten_samples_are_a_gap_of_their_true_length(ni, at, gap, pace):
     world.start(TriggerTrain(0, 42))
     for block in read:
         if isinstance(block, SampleBlock):
-            np.testing.assert_array_equal(block.exposures, world.exposure_counts(block.first, len(block.volts)))
+            np.testing.assert_array_equal(
+                block.exposures, world.exposure_counts(block.first, len(block.volts))
+            )
 
 
 def test_what_nobody_reads_is_overwritten_and_what_follows_keeps_its_number(ni):
@@ -194,9 +205,14 @@ def test_what_nobody_reads_is_overwritten_and_what_follows_keeps_its_number(ni):
 def test_a_program_that_does_not_allow_to_overwrite_is_stopped_as_by_ni(ni):
     server = ni.serve(pace=20.0)
     world = server.world
-    with grpc.insecure_channel(server.address) as channel, Task(grpc_options=GrpcSessionOptions(channel, "")) as task:
+    with (
+        grpc.insecure_channel(server.address) as channel,
+        Task(grpc_options=GrpcSessionOptions(channel, "")) as task,
+    ):
         task.ai_channels.add_ai_voltage_chan("Dev1/ai0")
-        task.timing.cfg_samp_clk_timing(1000, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=100)
+        task.timing.cfg_samp_clk_timing(
+            1000, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=100
+        )
         task.start()
         assert world.wait_for(lambda: world.now > 500, 20.0)
         reader = AnalogMultiChannelReader(task.in_stream)

@@ -1,4 +1,6 @@
-"""What ends a run of the NI driver or keeps it from beginning, through NI's own package: each a sentence that says what to do."""
+"""What ends a run of the NI driver or keeps it from beginning, through NI's own package: each a
+sentence that says what to do.
+"""
 
 import signal
 import subprocess
@@ -33,7 +35,9 @@ def test_a_time_out_loses_nothing(ni):
     forces.open()
     forces.start(TRAIN)
     for _ in range(2):
-        with pytest.raises(DeviceTimeout, match=r"250 samples from 0 on were asked within 0\.02 s.* none is lost"):
+        with pytest.raises(
+            DeviceTimeout, match=r"250 samples from 0 on were asked within 0\.02 s.* none is lost"
+        ):
             forces.read(0.02)
     check_samples(pieces(forces, 750))
 
@@ -78,9 +82,13 @@ def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
     forces.open()
     forces.start(TRAIN)
     read = []
-    with pytest.raises(DeviceFault, match=r"sample \d+ was asked, the server 127.0.0.1:\d+ does not answer .*firewall"):
+    with pytest.raises(
+        DeviceFault,
+        match=r"sample \d+ was asked, the server 127.0.0.1:\d+ does not answer .*firewall",
+    ):
         read.extend(iter(lambda: forces.read(20.0), None))
-    whole = list(range(0, 400, 50))  # what the dead server had and nobody had fetched is gone with it
+    # what the dead server had and nobody had fetched is gone with it
+    whole = list(range(0, 400, 50))
     assert [block.first for block in read] == (whole if pace is None else whole[: len(read)])
     assert forces.scene.world.now == 420
     forces.stop()
@@ -90,10 +98,14 @@ def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
 @pytest.mark.parametrize(("end", "told_s"), [("kill", 1.0), ("freeze", 6.0)])
 def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s):
     code = (
-        "from drivers.emulators.ni_server import serve\nfrom drivers.sim.world import World, WorldSettings\n"
-        "serve(lambda: World(WorldSettings(image_shape=(6, 8)), 1e-3), port=0, when_ready=lambda address: print(address, flush=True))"
+        "from drivers.emulators.ni_server import serve\nfrom drivers.sim.world import World,"
+        " WorldSettings\n"
+        "serve(lambda: World(WorldSettings(image_shape=(6, 8)), 1e-3), port=0, when_ready=lambda"
+        " address: print(address, flush=True))"
     )
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+    ) as server:
         try:
             forces = ni.connect(server.stdout.readline().strip())
             forces.open()
@@ -121,16 +133,56 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s
 @pytest.mark.parametrize(
     ("settings", "kind", "sentence"),
     [
-        ({"device": "Dev7"}, DeviceNotFound, r"'Dev7' \(there are: Dev1\) was asked, no board has that name; correct `device`"),
-        ({"channels": ("ai0", "ai99")}, DeviceNotFound, "ai0 and ai99 at 1000 Hz was asked, the board has no channel of that name"),
-        ({"trigger_counter": "ctr5"}, DeviceNotFound, "the trigger output was asked, the board has no channel of that name"),
-        ({"trigger": "digital", "trigger_line": "port7/line0"}, DeviceNotFound, "the board has no channel"),
-        ({"exposure_counter": "ctr2"}, DeviceNotFound, "ctr2 to count at PFI3 was asked, the board has no channel"),
-        ({"exposure_counter": "ctr0"}, DeviceFault, "the trigger output was asked, another program has reserved it"),
-        ({"range_v": (20.0, 10.0)}, OutOfLimits, "the board can not do that: .*-20 V to 20 V; correct"),
-        ({"sample_rate_hz": 1e6}, OutOfLimits, "ai0 and ai1 at 1e.06 Hz was asked, the board can not do that"),
-        ({"sample_rate_hz": 3000.0}, OutOfLimits, r"3000 Hz was asked, the nearest that the board has is 2999\.85"),
-        ({"wiring": "loose"}, OutOfLimits, "wiring 'loose' was asked; there are differential, rse, nrse"),
+        (
+            {"device": "Dev7"},
+            DeviceNotFound,
+            r"'Dev7' \(there are: Dev1\) was asked, no board has that name; correct `device`",
+        ),
+        (
+            {"channels": ("ai0", "ai99")},
+            DeviceNotFound,
+            "ai0 and ai99 at 1000 Hz was asked, the board has no channel of that name",
+        ),
+        (
+            {"trigger_counter": "ctr5"},
+            DeviceNotFound,
+            "the trigger output was asked, the board has no channel of that name",
+        ),
+        (
+            {"trigger": "digital", "trigger_line": "port7/line0"},
+            DeviceNotFound,
+            "the board has no channel",
+        ),
+        (
+            {"exposure_counter": "ctr2"},
+            DeviceNotFound,
+            "ctr2 to count at PFI3 was asked, the board has no channel",
+        ),
+        (
+            {"exposure_counter": "ctr0"},
+            DeviceFault,
+            "the trigger output was asked, another program has reserved it",
+        ),
+        (
+            {"range_v": (20.0, 10.0)},
+            OutOfLimits,
+            "the board can not do that: .*-20 V to 20 V; correct",
+        ),
+        (
+            {"sample_rate_hz": 1e6},
+            OutOfLimits,
+            "ai0 and ai1 at 1e.06 Hz was asked, the board can not do that",
+        ),
+        (
+            {"sample_rate_hz": 3000.0},
+            OutOfLimits,
+            r"3000 Hz was asked, the nearest that the board has is 2999\.85",
+        ),
+        (
+            {"wiring": "loose"},
+            OutOfLimits,
+            "wiring 'loose' was asked; there are differential, rse, nrse",
+        ),
     ],
 )
 def test_what_the_board_has_not_is_told(ni, settings, kind, sentence):
@@ -175,7 +227,10 @@ def test_other_ends_of_a_run_are_told(ni, monkeypatch, code, sentence):
 
 
 def test_a_call_that_the_emulated_board_does_not_know_is_an_ni_error(ni):
-    with grpc.insecure_channel(ni.serve().address) as channel, Task(grpc_options=GrpcSessionOptions(channel, "")) as task:
+    with (
+        grpc.insecure_channel(ni.serve().address) as channel,
+        Task(grpc_options=GrpcSessionOptions(channel, "")) as task,
+    ):
         with pytest.raises(DaqError, match="does not know the call CreateAICurrentChan"):
             task.ai_channels.add_ai_current_chan("Dev1/ai0")
         with pytest.raises(DaqError, match="does not have attribute 0x"):
@@ -188,12 +243,17 @@ def test_a_call_that_the_emulated_board_does_not_know_is_an_ni_error(ni):
 def test_no_server(ni):
     server = ni.serve()
     server.close()
-    with pytest.raises(DeviceNotFound, match=f"the server {server.address} does not answer .*refused.* gRPC device server runs there"):
+    with pytest.raises(
+        DeviceNotFound,
+        match=f"the server {server.address} does not answer .*refused.* gRPC device server runs there",
+    ):
         ni.connect(server.address).open()
 
 
 class Certificates:
-    """A server's key and certificate, made on the spot, and in a folder those of its authority and of another one."""
+    """A server's key and certificate, made on the spot, and in a folder those of its authority and
+    of another one.
+    """
 
     def __init__(self, folder):
         authority, self.folder = trustme.CA(), folder
@@ -218,19 +278,27 @@ def test_an_encrypted_connection(ni, certificates):
 
 @pytest.mark.parametrize(
     ("certificate", "sentence"),
-    [("other.pem", "CERTIFICATE_VERIFY_FAILED"), ("missing.pem", "can not be read .*correct `certificate`"), ("", "does not answer")],
+    [
+        ("other.pem", "CERTIFICATE_VERIFY_FAILED"),
+        ("missing.pem", "can not be read .*correct `certificate`"),
+        ("", "does not answer"),
+    ],
 )
 def test_a_server_that_is_not_vouched_for(ni, certificates, certificate, sentence):
     server = ni.serve(tls=certificates.server)
     with pytest.raises(DeviceNotFound, match=sentence):
-        ni.connect(server.address, certificate=certificate and str(certificates.folder / certificate)).open()
+        ni.connect(
+            server.address, certificate=certificate and str(certificates.folder / certificate)
+        ).open()
 
 
 @pytest.mark.parametrize("package", ["nidaqmx", "grpc"])
 def test_a_missing_package_names_what_to_install(ni, monkeypatch, package):
     monkeypatch.setitem(sys.modules, package, None)
     forces = ni.connect("127.0.0.1:1")
-    with pytest.raises(DeviceNotFound, match=rf"package {package} was asked.*pip install '\.\[ni\]'"):
+    with pytest.raises(
+        DeviceNotFound, match=rf"package {package} was asked.*pip install '\.\[ni\]'"
+    ):
         forces.open()
     with pytest.raises(DeviceError):
         forces.start(TRAIN)
@@ -242,5 +310,8 @@ def test_a_missing_package_names_what_to_install(ni, monkeypatch, package):
 
 
 def test_the_module_loads_no_vendor_library():
-    code = "import sys, drivers.ni_daq, drivers.emulators.ni\nassert not {'nidaqmx', 'grpc'} & set(sys.modules)"
+    code = (
+        "import sys, drivers.ni_daq, drivers.emulators.ni\nassert not {'nidaqmx', 'grpc'} &"
+        " set(sys.modules)"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -15,12 +15,21 @@ from drivers.scene import Scene
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.stored import StoredActuator, StoredCamera, StoredForces
 
-SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=60", "dic.threads=1")
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=60",
+    "dic.threads=1",
+)
 TRAIN = TriggerTrain(0, 100)
 
 
 class Tape:
-    """A recording made up: 900 samples with a gap, nine frames of which one was lost, a stage that goes 1 mm and stands."""
+    """A recording made up: 900 samples with a gap, nine frames of which one was lost, a stage that
+    goes 1 mm and stands.
+    """
 
     name = "tape"
     sample_rate_hz = 1000.0
@@ -35,7 +44,13 @@ class Tape:
         self.volts[gap[0] : gap[1]] = np.nan
 
     def image(self, index):
-        return None if index >= 9 else "it was lost" if index == 5 else np.full(self.shape, index, np.uint8)
+        return (
+            None
+            if index >= 9
+            else "it was lost"
+            if index == 5
+            else np.full(self.shape, index, np.uint8)
+        )
 
 
 def scene(**changes):
@@ -114,7 +129,9 @@ def test_a_lost_image_stays_lost_and_beyond_the_last_there_is_none():
     here.clock.start()
     here.clock.advance(2000)
     answers = [camera.read(1.0) for _ in range(11)]
-    assert [isinstance(a, Frame) for a in answers] == [True] * 5 + [False] + [True] * 3 + [False] * 2
+    assert [isinstance(a, Frame) for a in answers] == [True] * 5 + [False] + [True] * 3 + [
+        False
+    ] * 2
     assert isinstance(answers[5], LostFrame)
     assert "it was lost" in answers[5].reason
     with pytest.raises(OutOfLimits, match=r"set camera\.divisor"):
@@ -135,8 +152,14 @@ def recorded(tmp_path_factory):
 
 
 def again(path, recorded, *sources, sabotage=lambda run: None):
-    """The run of a bench that plays the recorded session in the sources named, as fast as it is analysed."""
-    overrides = [*SMALL, f"replay.session={recorded[0]}", *(f"{source}.source=replay" for source in sources)]
+    """The run of a bench that plays the recorded session in the sources named, as fast as it is
+    analysed.
+    """
+    overrides = [
+        *SMALL,
+        f"replay.session={recorded[0]}",
+        *(f"{source}.source=replay" for source in sources),
+    ]
     run = live.make_run(config.load(None, overrides), path, pace=None)
     sabotage(run)
     run.start()
@@ -159,7 +182,9 @@ def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
     assert outcome.summary.mu_s == pytest.approx(recorded[1].summary.mu_s, rel=0.01)
 
 
-def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(recorded, tmp_path, monkeypatch):
+def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(
+    recorded, tmp_path, monkeypatch
+):
     monkeypatch.setattr("app.engine.receiver.PATIENCE_S", 0.5)
     ahead = []
 
@@ -173,7 +198,9 @@ def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(recorded, tm
 
         run._pipeline.step = slowly
 
-    outcome = again(tmp_path / "slow.h5", recorded, "forces", "camera", "actuator", sabotage=slow_down)
+    outcome = again(
+        tmp_path / "slow.h5", recorded, "forces", "camera", "actuator", sabotage=slow_down
+    )
     assert (outcome.state, outcome.counts.frames_lost) == ("done", 0), outcome.reason
     assert max(ahead) < 20 * 125
 
@@ -186,7 +213,9 @@ def test_recorded_pictures_and_forces_with_a_simulated_stage(recorded, tmp_path)
 
 
 def test_recorded_forces_lead_the_simulated_world(recorded, tmp_path):
-    """The stage and the camera are simulated, the clock is the recording's: the world shows its contact at the samples that are played."""
+    """The stage and the camera are simulated, the clock is the recording's: the world shows its
+    contact at the samples that are played.
+    """
     outcome = again(tmp_path / "led.h5", recorded, "forces")
     assert outcome.state == "done", outcome.reason
     assert outcome.counts.frames_lost == 0
@@ -203,4 +232,10 @@ def test_a_session_that_is_not_there_is_one_sentence(tmp_path):
     from app.errors import UserError
 
     with pytest.raises((UserError, DeviceError), match="nothing"):
-        live.make_run(config.load(None, [f"replay.session={tmp_path / 'nothing.h5'}", "camera.source=replay"]), tmp_path / "x.h5", pace=1.0)
+        live.make_run(
+            config.load(
+                None, [f"replay.session={tmp_path / 'nothing.h5'}", "camera.source=replay"]
+            ),
+            tmp_path / "x.h5",
+            pace=1.0,
+        )

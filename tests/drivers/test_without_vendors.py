@@ -1,4 +1,6 @@
-"""On a computer without any vendor's package the program starts, runs the simulated bench, and says what is missing."""
+"""On a computer without any vendor's package the program starts, runs the simulated bench, and says
+what is missing.
+"""
 
 import subprocess
 import sys
@@ -34,7 +36,14 @@ def slipscope(*arguments):
 def test_no_driver_module_loads_a_vendor_library():
     names = [f"drivers.{path.stem}" for path in (ROOT / "drivers").glob("*.py")]
     code = f"import {', '.join(names)}, sys\nprint(sorted(set({VENDORS!r}) & sys.modules.keys()))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
     assert done.stdout.strip() == "[]"
 
 

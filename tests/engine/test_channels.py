@@ -1,4 +1,6 @@
-"""The two channels: what the disk gets is everything, what the analysis gets is the newest, and both say what they did."""
+"""The two channels: what the disk gets is everything, what the analysis gets is the newest, and
+both say what they did.
+"""
 
 import threading
 

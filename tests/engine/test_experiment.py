@@ -23,7 +23,9 @@ class Bench:
             self.sample += BLOCK
             self.travel_m += speed * BLOCK / 1000
             forces = np.tile([normal, shear], (BLOCK, 1))
-            phase = self.experiment.advance(Measured(self.sample, forces, self.travel_m, moving, reference))
+            phase = self.experiment.advance(
+                Measured(self.sample, forces, self.travel_m, moving, reference)
+            )
         return phase
 
     def to_drive(self):
@@ -86,7 +88,11 @@ def test_the_drive_waits_for_the_reference_and_not_for_ever():
 
 @pytest.mark.parametrize(
     ("normal", "shear", "words"),
-    [(1.95, 0.0, "normal force reached 1.950 N"), (0.5, -1.95, "shear force reached 1.950 N"), (0.5, float("nan"), "not a number")],
+    [
+        (1.95, 0.0, "normal force reached 1.950 N"),
+        (0.5, -1.95, "shear force reached 1.950 N"),
+        (0.5, float("nan"), "not a number"),
+    ],
 )
 def test_limits_end_the_run_by_name_in_any_phase(normal, shear, words):
     for prepare in (lambda b: None, Bench.to_drive):

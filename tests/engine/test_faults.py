@@ -1,4 +1,6 @@
-"""What goes wrong on a bench, one fault at a time: what the operator is told, what the actuator does, and what the file holds."""
+"""What goes wrong on a bench, one fault at a time: what the operator is told, what the actuator
+does, and what the file holds.
+"""
 
 import h5py
 import numpy as np
@@ -38,9 +40,20 @@ class Ended:
             self.state, self.reason = s.state, s.reason
         with h5py.File(path) as f:
             group = f["/entry/triggers"]
-            rows = zip(group["index"][:].tolist(), group["sample"][:].tolist(), group["reason"].asstr()[:], strict=True)
+            rows = zip(
+                group["index"][:].tolist(),
+                group["sample"][:].tolist(),
+                group["reason"].asstr()[:],
+                strict=True,
+            )
             self.triggers = {index: (sample, reason) for index, sample, reason in rows}
-            self.gaps = list(zip(f["/entry/gaps/first"][:].tolist(), f["/entry/gaps/count"][:].tolist(), strict=True))
+            self.gaps = list(
+                zip(
+                    f["/entry/gaps/first"][:].tolist(),
+                    f["/entry/gaps/count"][:].tolist(),
+                    strict=True,
+                )
+            )
 
     @property
     def lost(self):
@@ -57,7 +70,9 @@ def ended(tmp_path):
 
 
 def whole(e):
-    """Whether the file agrees with the account: every trigger once and in order, every sample or its gap."""
+    """Whether the file agrees with the account: every trigger once and in order, every sample or
+    its gap.
+    """
     assert list(e.triggers) == list(range(e.counts.triggers))
     assert len(e.frames) == e.counts.frames_recorded == e.counts.frames_received
     assert len(e.lost) == e.counts.frames_lost
@@ -68,7 +83,10 @@ def whole(e):
 
 @pytest.mark.parametrize(
     ("fault", "where", "words"),
-    [("lost-trigger 60 3", (60, 61, 62), "missed trigger"), ("lost-frame 70", (70,), "lost on its way")],
+    [
+        ("lost-trigger 60 3", (60, 61, 62), "missed trigger"),
+        ("lost-frame 70", (70,), "lost on its way"),
+    ],
 )
 def test_a_lost_image_is_a_named_loss_at_its_index_and_the_run_goes_on(ended, fault, where, words):
     e = ended(fault)
@@ -95,7 +113,11 @@ def test_a_corrupt_picture_is_kept_and_only_its_own_points_are_lost(ended, tmp_p
     assert whole(e)
     assert e.outcome.state == "done"
     with SessionReader(tmp_path / "faulty.h5") as s:
-        lost = {snapshot.frame: float((snapshot.status != 0).mean()) for snapshot in s.snapshots() if snapshot.status.size}
+        lost = {
+            snapshot.frame: float((snapshot.status != 0).mean())
+            for snapshot in s.snapshots()
+            if snapshot.status.size
+        }
     assert 0.3 < lost[60] < 0.7
     assert max(lost[59], lost[61], lost[62]) < 0.05
     assert e.frames[60][200:].std() > 2 * e.frames[59][200:].std()
@@ -121,7 +143,9 @@ def test_an_overflow_is_a_gap_with_its_length_and_ends_the_run(ended):
     assert e.counts.samples_lost == 300
     assert np.isnan(e.volts[DRIVE + 7 : DRIVE + 307]).all()
     assert np.isfinite(e.volts[: DRIVE + 7]).all()
-    assert next(event.text for event in e.events if event.kind == "gap").startswith("300 samples lost")
+    assert next(event.text for event in e.events if event.kind == "gap").startswith(
+        "300 samples lost"
+    )
     assert e.stands()
 
 
@@ -133,7 +157,8 @@ def test_a_run_may_go_on_after_an_overflow_and_nothing_is_shifted(ended, tmp_pat
     calm = Ended(tmp_path / "calm.h5", "late-trigger 999999")
     np.testing.assert_array_equal(e.volts[:DRIVE], calm.volts[:DRIVE])
     n = min(len(e.volts), len(calm.volts))
-    np.testing.assert_allclose(e.volts[DRIVE + 300 : n], calm.volts[DRIVE + 300 : n], atol=0.03)  # the drive began at another block
+    # the drive began at another block
+    np.testing.assert_allclose(e.volts[DRIVE + 300 : n], calm.volts[DRIVE + 300 : n], atol=0.03)
     assert e.outcome.summary.mu_s == pytest.approx(calm.outcome.summary.mu_s, rel=0.01)
 
 
@@ -186,13 +211,24 @@ def test_a_cut_line_ends_the_run_and_says_that_the_stop_was_not_confirmed(ended)
 
 
 def test_a_line_that_is_not_there_can_not_be_noisy(ended, tmp_path):
-    run = live.make_run(config.load(None, [*SMALL, "sim.faults=['noisy-line 5']"]), tmp_path / "x.h5", pace=None)
+    run = live.make_run(
+        config.load(None, [*SMALL, "sim.faults=['noisy-line 5']"]), tmp_path / "x.h5", pace=None
+    )
     run.start()
     assert "it has no line that could be noisy" in run.wait(TIMEOUT).reason
 
 
 @pytest.mark.parametrize(
-    "text", ["", "lost-tirgger 4", "lost-trigger", "lost-trigger x", "lost-trigger -1", "lost-trigger 1 2 3", "stall nan"]
+    "text",
+    [
+        "",
+        "lost-tirgger 4",
+        "lost-trigger",
+        "lost-trigger x",
+        "lost-trigger -1",
+        "lost-trigger 1 2 3",
+        "stall nan",
+    ],
 )
 def test_what_is_no_fault_is_refused(text, tmp_path):
     with pytest.raises(ValueError, match=r"no fault is called|write 'KIND AT'"):

@@ -1,4 +1,6 @@
-"""A frame finds the forces of its exposure, the stage's travel and its phase, whatever else has happened since."""
+"""A frame finds the forces of its exposure, the stage's travel and its phase, whatever else has
+happened since.
+"""
 
 import math
 
@@ -70,8 +72,13 @@ def test_a_long_run_takes_no_more_memory_than_a_short_one_and_says_the_same():
     assert len(long._means) <= MOST_MEANS < 15_000
     assert len(long._positions) <= 2 * KEPT_SECONDS * 10 + 2
     now = long.conditions(150_000 - 30)
-    assert (now.normal_force_n, now.travel_m) == (150_000 - 30 + 1.5, pytest.approx(1e-6 * (150_000 - 28 - 10), rel=1e-12))
-    assert long.conditions(150_000 - 5990).travel_m == pytest.approx(1e-6 * (150_000 - 5988 - 10), rel=1e-12)
+    assert (now.normal_force_n, now.travel_m) == (
+        150_000 - 30 + 1.5,
+        pytest.approx(1e-6 * (150_000 - 28 - 10), rel=1e-12),
+    )
+    assert long.conditions(150_000 - 5990).travel_m == pytest.approx(
+        1e-6 * (150_000 - 5988 - 10), rel=1e-12
+    )
     samples, normal, shear = long.block_means(2000)
     assert (samples[0], len(samples)) == (5, pytest.approx(2500, abs=1500))
     assert set(np.diff(samples)) == {np.diff(samples)[0]}

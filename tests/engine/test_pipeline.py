@@ -33,8 +33,14 @@ def recorded(tmp_path_factory):
     run.start()
     assert run.wait(100).state == "done"
     with SessionReader(path) as session:
-        conditions = {s.frame: Conditions(s.phase, s.time_s, s.normal_force_n, s.shear_force_n, s.travel_m) for s in session.snapshots()}
-        return used, [(index, sample, image.copy(), conditions[index]) for index, sample, image in session.frames()]
+        conditions = {
+            s.frame: Conditions(s.phase, s.time_s, s.normal_force_n, s.shear_force_n, s.travel_m)
+            for s in session.snapshots()
+        }
+        return used, [
+            (index, sample, image.copy(), conditions[index])
+            for index, sample, image in session.frames()
+        ]
 
 
 def analysed(used, frames):
@@ -49,9 +55,13 @@ def whole(recorded):
     return analysed(*recorded)[0]
 
 
-@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(st.data())
-def test_skipped_frames_change_other_fields_by_less_than_a_tenth_of_their_uncertainty(recorded, whole, data):
+def test_skipped_frames_change_other_fields_by_less_than_a_tenth_of_their_uncertainty(
+    recorded, whole, data
+):
     used, frames = recorded
     driven = [f[0] for f in frames if f[3].phase is Phase.DRIVE]
     skipped = data.draw(st.sets(st.sampled_from(driven), min_size=1, max_size=3))
@@ -117,7 +127,9 @@ def test_the_lens_displacement_counts_from_the_reference(recorded, whole):
     reference = next(now.shear_force_n for _, _, _, now in frames if now.phase is Phase.REFERENCE)
     for index, _, _, now in frames:
         if whole[index].ux_px.size:
-            assert whole[index].lens_m == pytest.approx(0.68e-6 * (now.shear_force_n - reference), abs=1e-15)
+            assert whole[index].lens_m == pytest.approx(
+                0.68e-6 * (now.shear_force_n - reference), abs=1e-15
+            )
         else:
             assert math.isnan(whole[index].lens_m)
 

@@ -1,4 +1,6 @@
-"""A replay in the operator's hands: it stands, steps, changes its pace, shows any frame, and gives the same bits all the same."""
+"""A replay in the operator's hands: it stands, steps, changes its pace, shows any frame, and gives
+the same bits all the same.
+"""
 
 import threading
 import time
@@ -11,7 +13,14 @@ from app.playback import Playback
 from app.replay import difference, make_replay
 from app.session.reader import SessionReader
 
-SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=30", "dic.threads=1")
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=30",
+    "dic.threads=1",
+)
 PATIENCE_S = 60.0
 
 
@@ -101,7 +110,9 @@ def test_any_frame_is_shown_as_it_was_recorded_and_the_replay_is_the_same_to_the
             replay.browser.show(number)
             assert (replay.place, replay.is_browsing) == (number, True)
             assert difference(replay.browsed(), recorded.snapshot(number)) == ""
-            np.testing.assert_array_equal(replay.latest_image(), recorded.frame(recorded.snapshot(number).frame)[2])
+            np.testing.assert_array_equal(
+                replay.latest_image(), recorded.frame(recorded.snapshot(number).frame)[2]
+            )
     assert len(replay.snapshots_since(0)) == 3
     replay.browser.show(None)
     replay.playback.resume()

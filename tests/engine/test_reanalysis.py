@@ -1,4 +1,6 @@
-"""A session analysed once more: the same settings give the same bits, others a second file that tells where it comes from."""
+"""A session analysed once more: the same settings give the same bits, others a second file that
+tells where it comes from.
+"""
 
 import hashlib
 import math
@@ -20,8 +22,18 @@ from app.session.receipt import verify
 from app.session.repair import repair
 from app.session.writer import SessionWriter
 
-SMALL = ("camera.width=320", "camera.height=240", "camera.pixel=16", "run.normal_force=0.1", "run.travel=15", "dic.threads=1")
-FAULTS = ('sim.faults=["lost-trigger 40 2", "lost-trigger 61 9", "daq-overflow 5500 60"]', "forces.on_overflow=continue")
+SMALL = (
+    "camera.width=320",
+    "camera.height=240",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=15",
+    "dic.threads=1",
+)
+FAULTS = (
+    'sim.faults=["lost-trigger 40 2", "lost-trigger 61 9", "daq-overflow 5500 60"]',
+    "forces.on_overflow=continue",
+)
 PATIENCE_S = 60.0
 
 
@@ -55,7 +67,9 @@ def session(recorded, tmp_path):
 
 def analysed(session, name, *overrides, **options):
     """The outcome of another analysis, and its file."""
-    analysis = Reanalysis(session, session.with_name(name), pace=None, overrides=overrides, **options)
+    analysis = Reanalysis(
+        session, session.with_name(name), pace=None, overrides=overrides, **options
+    )
     analysis.start()
     return analysis.wait(PATIENCE_S), analysis.output
 
@@ -118,7 +132,10 @@ def test_forces_follow_the_constants_of_the_sensors(session):
     with SessionReader(session) as old:
         forces = config.from_record(old.config_toml, "").forces
         before = old.forces()[2]
-    twice = [f"forces.stiffness_{name}={2 * getattr(forces, f'stiffness_{name}')}" for name in ("normal", "shear")]
+    twice = [
+        f"forces.stiffness_{name}={2 * getattr(forces, f'stiffness_{name}')}"
+        for name in ("normal", "shear")
+    ]
     _, path = analysed(session, "stiff.h5", *twice)
     with SessionReader(path) as new:
         np.testing.assert_allclose(new.forces()[2], 2 * before, rtol=1e-12)
@@ -142,13 +159,27 @@ def test_frames_that_were_not_analysed_in_the_run_are_now(session, tmp_path):
     outcome, path = analysed(session, "all.h5")
     with SessionReader(session) as old, SessionReader(path) as new:
         assert len(old.analysed_frames()) == 10
-        assert new.analysed_frames() == [int(n) for n in old.triggers()["index"][old.triggers()["received"]]]
+        assert new.analysed_frames() == [
+            int(n) for n in old.triggers()["index"][old.triggers()["received"]]
+        ]
     assert outcome.counts.frames_skipped == 0
 
 
-@pytest.mark.parametrize("setting", ["run.travel=3", "camera.divisor=250", "forces.sample_rate=2000", "sim.seed=7", "limits.travel=1000"])
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "run.travel=3",
+        "camera.divisor=250",
+        "forces.sample_rate=2000",
+        "sim.seed=7",
+        "limits.travel=1000",
+    ],
+)
 def test_what_was_measured_can_not_be_changed(session, setting):
-    with pytest.raises(ConfigError, match=f"--set: {setting.split('=')[0]} is .* in the session, as it was measured"):
+    with pytest.raises(
+        ConfigError,
+        match=f"--set: {setting.split('=')[0]} is .* in the session, as it was measured",
+    ):
         analysed(session, "b.h5", setting)
     assert not session.with_name("b.h5").exists()
 
@@ -167,12 +198,16 @@ def test_it_lies_beside_its_session(session, tmp_path):
         Reanalysis(session, tmp_path / "elsewhere/b.h5", pace=None)
 
 
-def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(session, other, tmp_path):
+def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(
+    session, other, tmp_path
+):
     session.rename(tmp_path / "moved.h5")
     with Session(other) as analysis:
         assert len(analysis.results) > 20
         assert analysis.fields[-1].ux_m.shape
-        with pytest.raises(UserError, match=r"b\.h5: its images are in a\.h5, which does not lie beside it"):
+        with pytest.raises(
+            UserError, match=r"b\.h5: its images are in a\.h5, which does not lie beside it"
+        ):
             analysis.frames[0]
     for use in (lambda: make_replay(other, pace=None), lambda: verify(other)):
         with pytest.raises(UserError, match="does not lie beside it") as refused:
@@ -192,7 +227,9 @@ def test_an_image_that_has_changed_is_not_taken_for_the_one_that_was_analysed(se
         file["entry/instrument/camera/data"][7, 100, 100] += 1
     with SessionReader(other) as reader:
         reader.frame(6)
-        with pytest.raises(UserError, match="the image of trigger 7 is not the one that was analysed"):
+        with pytest.raises(
+            UserError, match="the image of trigger 7 is not the one that was analysed"
+        ):
             reader.frame(7)
 
 
@@ -202,7 +239,10 @@ def test_a_strangers_analysis_leads_to_no_file_elsewhere(session, other, name):
     other = other.rename(session.parent / "in" / "b.h5")
     with h5py.File(other, "r+") as file:
         file["entry/source/session"][()] = name
-    with SessionReader(other) as reader, pytest.raises(UserError, match=r"does not lie beside it|is damaged|is not the session"):
+    with (
+        SessionReader(other) as reader,
+        pytest.raises(UserError, match=r"does not lie beside it|is damaged|is not the session"),
+    ):
         reader.frame(0)
 
 
@@ -252,7 +292,11 @@ def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
 
 
 def test_one_that_was_cut_short_is_repaired(session, tmp_path, monkeypatch):
-    monkeypatch.setattr(SessionWriter, "close", lambda writer: [f.close() for f in (writer._file, writer._on_disk, writer._journal)])
+    monkeypatch.setattr(
+        SessionWriter,
+        "close",
+        lambda writer: [f.close() for f in (writer._file, writer._on_disk, writer._journal)],
+    )
     monkeypatch.setattr(SessionWriter, "finish", lambda writer, outcome: writer.flush())
     analysed(session, "b.h5")
     monkeypatch.undo()

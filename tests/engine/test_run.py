@@ -1,4 +1,6 @@
-"""Whole runs on the simulated bench: what is recorded, what is repeated to the bit, and how a run ends when something breaks."""
+"""Whole runs on the simulated bench: what is recorded, what is repeated to the bit, and how a run
+ends when something breaks.
+"""
 
 import threading
 from dataclasses import fields
@@ -65,17 +67,40 @@ def same(a, b):
 
 
 def alike(a, b, share):
-    """Whether all that was not measured in the image is the same, and u_x differs by less than that share of its uncertainty."""
-    bench = ("frame", "sample", "phase", "time_s", "normal_force_n", "shear_force_n", "travel_m", "lens_m", "status")
-    equal = all(np.array_equal(getattr(a, n), getattr(b, n), equal_nan=isinstance(getattr(a, n), float)) for n in bench)
-    return equal and (not a.ux_px.size or np.sqrt(np.nanmean(((a.ux_px - b.ux_px) / a.ux_std_px) ** 2)) < share)
+    """Whether all that was not measured in the image is the same, and u_x differs by less than that
+    share of its uncertainty.
+    """
+    bench = (
+        "frame",
+        "sample",
+        "phase",
+        "time_s",
+        "normal_force_n",
+        "shear_force_n",
+        "travel_m",
+        "lens_m",
+        "status",
+    )
+    equal = all(
+        np.array_equal(getattr(a, n), getattr(b, n), equal_nan=isinstance(getattr(a, n), float))
+        for n in bench
+    )
+    return equal and (
+        not a.ux_px.size or np.sqrt(np.nanmean(((a.ux_px - b.ux_px) / a.ux_std_px) ** 2)) < share
+    )
 
 
 def test_a_run_ends_done_with_every_trigger_and_sample_accounted_for(session):
     path, outcome = session
     assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
     counts = outcome.counts
-    assert counts.triggers == counts.frames_received == counts.frames_recorded == counts.frames_analysed > 80
+    assert (
+        counts.triggers
+        == counts.frames_received
+        == counts.frames_recorded
+        == counts.frames_analysed
+        > 80
+    )
     assert counts.frames_lost == counts.frames_skipped == counts.samples_lost == 0
     recorded = content(path)
     assert len(recorded["volts"]) == counts.samples
@@ -94,7 +119,9 @@ def test_the_summary_is_the_simulated_truth(session):
 
 
 def test_two_runs_are_equal_whatever_the_pace(session, tmp_path):
-    """Pace 40 stands for real time: the clock on the wall decides when blocks come and so which frames are skipped, and nothing else."""
+    """Pace 40 stands for real time: the clock on the wall decides when blocks come and so which
+    frames are skipped, and nothing else.
+    """
     first = content(session[0])
     _, outcome = run_to(tmp_path / "b.h5", pace=40.0)
     second = content(tmp_path / "b.h5")
@@ -123,11 +150,15 @@ def test_replay_gives_the_live_results_to_the_bit(session):
 
 
 def test_replay_skips_what_the_live_run_skipped(session, tmp_path):
-    """The fields depend on the frames before, in their last digits: the same frames give the same bits."""
+    """The fields depend on the frames before, in their last digits: the same frames give the same
+    bits.
+    """
 
     def sabotage(run):
         wait_for = run._history.wait_for
-        run._history.wait_for = lambda sample: (sample // 125 < 60 or sample // 125 % 3 > 0) and wait_for(sample)
+        run._history.wait_for = lambda sample: (
+            (sample // 125 < 60 or sample // 125 % 3 > 0) and wait_for(sample)
+        )
 
     _, outcome = run_to(tmp_path / "x.h5", sabotage=sabotage)
     assert outcome.counts.frames_skipped > 10
@@ -139,15 +170,27 @@ def test_replay_skips_what_the_live_run_skipped(session, tmp_path):
 
 
 def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(tmp_path):
-    """Its settings name no method, its fields have no uncertainties: it was measured by the direct search."""
-    new = ("method", "order", "interpolant", "precision", "tolerance", "max_saturated", "full_scale")
+    """Its settings name no method, its fields have no uncertainties: it was measured by the direct
+    search.
+    """
+    new = (
+        "method",
+        "order",
+        "interpolant",
+        "precision",
+        "tolerance",
+        "max_saturated",
+        "full_scale",
+    )
     new += ("update", "update_every", "update_below")
     _, outcome = run_to(tmp_path / "old.h5", "dic.method=direct", "dic.search=16")
     with h5py.File(tmp_path / "old.h5", "r+") as file:
         file.attrs["slipscope_format"] = 1
         del file["/entry/fields/ux_errors"], file["/entry/fields/uy_errors"]
         toml = file["/entry/settings/toml"]
-        toml[()] = "\n".join(line for line in toml.asstr()[()].splitlines() if line.partition(" = ")[0] not in new)
+        toml[()] = "\n".join(
+            line for line in toml.asstr()[()].splitlines() if line.partition(" = ")[0] not in new
+        )
     replay = replayed(tmp_path / "old.h5")
     assert (replay.config.dic.method, replay.config.dic.search) == ("direct", 16)
     assert replay.comparison().all_identical, replay.comparison()
@@ -203,7 +246,9 @@ def stopped_by_itself(journal):
     return "stop" in journal.calls[journal.calls.index("move_to") :]
 
 
-@pytest.mark.parametrize("culprit", ["forces.read", "forces.backlog", "camera.read", "actuator.position_m"])
+@pytest.mark.parametrize(
+    "culprit", ["forces.read", "forces.backlog", "camera.read", "actuator.position_m"]
+)
 def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path):
     device, method = culprit.split(".")
     journals = []
@@ -228,7 +273,9 @@ def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path
         (lambda run: setattr(run._pipeline, "step", broken("pipeline")), "it went away"),
         (
             lambda run: setattr(
-                run._workers.recorder._sink, "append_samples", lambda *a: (_ for _ in ()).throw(OSError(28, "No space left"))
+                run._workers.recorder._sink,
+                "append_samples",
+                lambda *a: (_ for _ in ()).throw(OSError(28, "No space left")),
             ),
             "No space left",
         ),
@@ -301,7 +348,11 @@ def test_a_lost_frame_keeps_its_index_and_shifts_nothing(session, tmp_path):
 
         def lossy(timeout):
             answer = read(timeout)
-            return LostFrame(answer.index, answer.sample, "cable") if answer.index in (40, 41) else answer
+            return (
+                LostFrame(answer.index, answer.sample, "cable")
+                if answer.index in (40, 41)
+                else answer
+            )
 
         run._bench.camera.read = lossy
 
@@ -309,7 +360,10 @@ def test_a_lost_frame_keeps_its_index_and_shifts_nothing(session, tmp_path):
     assert (outcome.state, outcome.counts.frames_lost) == ("done", 2)
     whole, holed = content(session[0]), content(tmp_path / "x.h5")
     assert [f for f in whole["frames"] if f[0] not in (40, 41)] == holed["frames"]
-    assert all(same(whole["snapshots"][n], s) if n < 40 else alike(whole["snapshots"][n], s, 0.1) for n, s in holed["snapshots"].items())
+    assert all(
+        same(whole["snapshots"][n], s) if n < 40 else alike(whole["snapshots"][n], s, 0.1)
+        for n, s in holed["snapshots"].items()
+    )
 
 
 def test_a_run_starts_once(tmp_path):

@@ -1,4 +1,6 @@
-"""The results of a long run in little memory: every number, the rings of enough frames, the fields of the newest."""
+"""The results of a long run in little memory: every number, the rings of enough frames, the fields
+of the newest.
+"""
 
 import dataclasses
 
@@ -17,10 +19,25 @@ def snapshot(n, *, is_inverted=True):
     numbers = dict(zip(DOUBLES, rng.random(len(DOUBLES)).tolist(), strict=True))
     if not is_inverted:
         numbers["stress_force_n"] = np.nan
-    fields = dict.fromkeys(("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "stress_field_pa"), field)
-    names = ("ring_radius_m", "ring_ux_m", "ring_sd_m", "stress_radius_m", "stress_pa", "stress_sd_pa")
+    fields = dict.fromkeys(
+        ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "stress_field_pa"), field
+    )
+    names = (
+        "ring_radius_m",
+        "ring_ux_m",
+        "ring_sd_m",
+        "stress_radius_m",
+        "stress_pa",
+        "stress_sd_pa",
+    )
     return Snapshot(
-        n, 125 * n, list(Phase)[n % 5], status=field.astype(np.uint8), **fields, **numbers, **dict(zip(names, rings, strict=True))
+        n,
+        125 * n,
+        list(Phase)[n % 5],
+        status=field.astype(np.uint8),
+        **fields,
+        **numbers,
+        **dict(zip(names, rings, strict=True)),
     )
 
 
@@ -37,7 +54,10 @@ def test_every_number_comes_back_and_the_newest_is_whole():
         assert [getattr(a, name) for name in DOUBLES] == [getattr(b, name) for name in DOUBLES]
         for name in ("ring_radius_m", "ring_ux_m", "ring_sd_m"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-    assert all(a.ux_px.size == a.status.size == a.stress_pa.size == a.stress_field_pa.size == 0 for a in found[:-1])
+    assert all(
+        a.ux_px.size == a.status.size == a.stress_pa.size == a.stress_field_pa.size == 0
+        for a in found[:-1]
+    )
 
 
 @pytest.mark.parametrize("count", [MOST_RINGS, MOST_RINGS + 1, 2 * MOST_RINGS + 1, 5 * MOST_RINGS])
@@ -53,4 +73,6 @@ def test_rings_are_kept_of_evenly_chosen_frames_of_those_that_were_inverted(coun
     assert kept[0] == 10
     every = kept[1] - kept[0]
     assert kept == list(range(10, 9 + count, every))
-    assert every == {MOST_RINGS: 1, MOST_RINGS + 1: 2, 2 * MOST_RINGS + 1: 4, 5 * MOST_RINGS: 8}[count]
+    assert (
+        every == {MOST_RINGS: 1, MOST_RINGS + 1: 2, 2 * MOST_RINGS + 1: 4, 5 * MOST_RINGS: 8}[count]
+    )

@@ -1,7 +1,8 @@
-"""A bench under stress: a disk that is too slow, or for a while, or full, and an analysis that lags. Nothing measured is lost.
+"""A bench under stress: a disk that is too slow, or for a while, or full, and an analysis that
+lags. Nothing measured is lost.
 
-The stress follows the simulated clock, which waits for all that is not under stress: "0.43 of the data rate" is exact, however busy the
-machine.
+The stress follows the simulated clock, which waits for all that is not under stress: "0.43 of the
+data rate" is exact, however busy the machine.
 """
 
 import shutil
@@ -17,7 +18,14 @@ from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from drivers.errors import DeviceFault
 
-SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "run.travel=60", "dic.threads=1")
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.travel=60",
+    "dic.threads=1",
+)
 DIVISOR = 125
 PACE = 1e6  # not None: the bench does not wait for the disk, nor for the analysis
 TIMEOUT = 100
@@ -61,15 +69,23 @@ class Stressed:
         return self.run._history.phase_start(Phase.DRIVE) is not None
 
     def rest_keeps_up(self):
-        """Whether the camera has answered, and disk and analysis, where they are not held up, have nothing to do."""
+        """Whether the camera has answered, and disk and analysis, where they are not held up, have
+        nothing to do.
+        """
         run, workers = self.run, self.run._workers
         due = run._train.count_before(self.world.now - run._exposure + 1)
         is_analysed = self.is_driving() or not run._to_analysis._items
-        in_step = workers.receiver.answered >= due and is_analysed and (self.is_held or not workers.recorder.fill)
+        in_step = (
+            workers.receiver.answered >= due
+            and is_analysed
+            and (self.is_held or not workers.recorder.fill)
+        )
         return in_step or run._ending.is_called.is_set()
 
     def until(self, sample):
-        """Wait until the bench is at that sample, or the run is called to its end: then nobody may read, and the clock stands."""
+        """Wait until the bench is at that sample, or the run is called to its end: then nobody may
+        read, and the clock stands.
+        """
         while self.world.now < sample and not self.run._ending.is_called.is_set():
             self.world.wait_for(lambda: self.world.now >= sample, 0.05)
 
@@ -89,10 +105,14 @@ class Stressed:
         """Sample of the last command to the stage, which left it standing."""
         assert self.world._moves[-1].speed == 0
         drive = self.run._history.phase_start(Phase.DRIVE)
-        return next(move.sample for move in self.world._moves if move.sample > drive and not move.speed)
+        return next(
+            move.sample for move in self.world._moves if move.sample > drive and not move.speed
+        )
 
     def file_holds(self, frames):
-        """Whether that many frames, and every sample that the board gave, are in the file, bit for bit, and the receipt says so."""
+        """Whether that many frames, and every sample that the board gave, are in the file, bit for
+        bit, and the receipt says so.
+        """
         volts = np.concatenate([block.volts for block in self.blocks])
         camera, half = self.run._bench.camera, self.run._exposure // 2
         with SessionReader(self.path) as session:
@@ -100,7 +120,9 @@ class Stressed:
             assert [index for index, _, _ in session.frames()] == list(range(frames))
             for index, sample, image in session.frames():
                 assert sample == DIVISOR * index
-                assert np.array_equal(image, camera._renderer.image(self.world.state(sample + half), index))
+                assert np.array_equal(
+                    image, camera._renderer.image(self.world.state(sample + half), index)
+                )
             assert np.array_equal(session.forces()[1], volts[: len(session.forces()[1])])
             samples = len(session.forces()[1])
         assert self.outcome.resources["receipt"].startswith(f"{frames:,} frames")
@@ -108,15 +130,28 @@ class Stressed:
         return samples
 
     def nothing_is_lost(self):
-        """Whether each trigger has its frame, and each sample up to the last that the board gave is there, in the account and the file."""
+        """Whether each trigger has its frame, and each sample up to the last that the board gave is
+        there, in the account and the file.
+        """
         counts = self.counts
-        assert counts.triggers == counts.frames_received == counts.frames_recorded == counts.frames_analysed + counts.frames_skipped
-        assert (counts.frames_lost, counts.samples_lost, counts.samples) == (0, 0, self.blocks[-1].end)
+        assert (
+            counts.triggers
+            == counts.frames_received
+            == counts.frames_recorded
+            == counts.frames_analysed + counts.frames_skipped
+        )
+        assert (counts.frames_lost, counts.samples_lost, counts.samples) == (
+            0,
+            0,
+            self.blocks[-1].end,
+        )
         return self.file_holds(counts.triggers) == counts.samples
 
 
 def test_a_disk_slower_than_the_data_ends_the_run_by_name_and_loses_nothing(tmp_path):
-    """20 MB/s against 46: the queue fills, the operator can see it, and what was measured until everything stood is in the file."""
+    """20 MB/s against 46: the queue fills, the operator can see it, and what was measured until
+    everything stood is in the file.
+    """
     writes = []
 
     def throttle(s):
@@ -129,7 +164,10 @@ def test_a_disk_slower_than_the_data_ends_the_run_by_name_and_loses_nothing(tmp_
 
     s = Stressed(tmp_path / "slow.h5", throttle, "recording.queue=2")
     assert s.outcome.state == "failed"
-    assert s.outcome.reason.startswith("recorder: the disk is slower than the data, 2 s of it wait and the queue holds no more; record to ")
+    assert s.outcome.reason.startswith(
+        "recorder: the disk is slower than the data, 2 s of it wait and the queue holds no more;"
+        " record to "
+    )
     assert s.nothing_is_lost()
     running = np.array([health.state == "running" for health in s.healths])
     assert {round(10 * fill) for fill in s.fills[running]} >= {3, 5, 7, 9}  # it is seen to fill
@@ -205,7 +243,9 @@ def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_p
 
 @pytest.mark.parametrize("ending", ["by itself", "by a fault of the stage"])
 def test_what_the_board_holds_when_the_run_ends_is_read(tmp_path, ending):
-    """A program that is seconds behind its board knows where the stage is now, and reads what was sampled until it stood."""
+    """A program that is seconds behind its board knows where the stage is now, and reads what was
+    sampled until it stood.
+    """
     ends = []
 
     def fall_behind(s):

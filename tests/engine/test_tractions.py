@@ -27,7 +27,9 @@ def test_force_far_displacement_profile_and_largest_traction():
         found = tractions.of(rings_of(Q))
         assert found["stress_force_n"] == pytest.approx(Q, rel=3e-3)
         assert found["block_m"] == pytest.approx(D, abs=5e-8)
-        error = found["stress_pa"] - cattaneo_mindlin.traction(found["stress_radius_m"], Q, MU, P, A)
+        error = found["stress_pa"] - cattaneo_mindlin.traction(
+            found["stress_radius_m"], Q, MU, P, A
+        )
         assert np.sqrt(np.mean(error**2)) < 0.02 * MU * hertz.peak_pressure(P, A)
         c = float(cattaneo_mindlin.stick_radius(Q, MU * P, A))
         assert c - 0.02 * A < found["peak_radius_m"] < c + 0.1 * A  # the cusp is rounded outwards

@@ -1,7 +1,9 @@
-"""A sheared contact with the law sigma = mu p (1 - exp(-s/(mu L))), solved by Abel's integrals on Chebyshev points: the tests' own truth.
+"""A sheared contact with the law sigma = mu p (1 - exp(-s/(mu L))), solved by Abel's integrals on
+Chebyshev points: the tests' own truth.
 
-``int sigma / distance = 4 int_0^min(r,a) S(t) / sqrt(r^2 - t^2) dt`` with ``S(t) = int_t^a s sigma(s) / sqrt(s^2 - t^2) ds`` (Copson
-1947). The unknown is the slip on Chebyshev points of r^2: both integrals of a polynomial times sqrt(a^2 - r^2) are exact.
+``int sigma / distance = 4 int_0^min(r,a) S(t) / sqrt(r^2 - t^2) dt`` with ``S(t) = int_t^a s
+sigma(s) / sqrt(s^2 - t^2) ds`` (Copson 1947). The unknown is the slip on Chebyshev points of r^2:
+both integrals of a polynomial times sqrt(a^2 - r^2) are exact.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ def _to_abel(t: np.ndarray) -> np.ndarray:
 
 @cache
 def _displacement_matrix(inside: bool) -> tuple[np.ndarray, np.ndarray]:
-    """From coefficients of f to the integral of sqrt(1 - s^2) f / distance, and the radii where: contact of unit radius."""
+    """From coefficients of f to the integral of sqrt(1 - s^2) f / distance, and the radii where:
+    contact of unit radius.
+    """
     if inside:
         r = np.sqrt((1 - np.cos((np.arange(N) + 0.5) * np.pi / N)) / 2)
         angle = np.broadcast_to((np.arange(M) + 0.5) * np.pi / (2 * M), (N, M))
@@ -93,8 +97,15 @@ class State:
 class World:
     """Sphere on plane under a normal force P; L = 0 is not possible here."""
 
-    def __init__(self, P: float, mu: float = MU, L: float = L, E: float = E, nu: float = NU) -> None:
-        self.P, self.mu, self.L, self.a = P, mu, L, float(np.cbrt(3 * P * R * (1 - nu**2) / (4 * E)))
+    def __init__(
+        self, P: float, mu: float = MU, L: float = L, E: float = E, nu: float = NU
+    ) -> None:
+        self.P, self.mu, self.L, self.a = (
+            P,
+            mu,
+            L,
+            float(np.cbrt(3 * P * R * (1 - nu**2) / (4 * E))),
+        )
         self.peak_pressure = 3 * P / (2 * np.pi * self.a**2)
         self.scale = (1 + nu) / (np.pi * E) * mu * self.peak_pressure * self.a
         self.nu = nu
@@ -118,7 +129,9 @@ class World:
         """States at growing displacements of the block."""
         states, s, last = [], np.zeros(N), 0.0
         for D in distances:
-            for stop in np.linspace(last, D, int(np.ceil((D - last) / (4 * self.mu * self.L))) + 1)[1:]:
+            for stop in np.linspace(last, D, int(np.ceil((D - last) / (4 * self.mu * self.L))) + 1)[
+                1:
+            ]:
                 s = self.slip(float(stop), s)
             last = D
             states.append(self._state(float(D), s))
@@ -137,19 +150,38 @@ class World:
         mean = np.divide(2 * swept, DENSE**2, out=g0.copy(), where=DENSE > 0)
         g2 = self.nu / 2 / (1 - self.nu / 2) * (mean - g0)
         root = np.sin(z * np.pi / 2)  # r/a, crowded at the edge
-        sigma = self.mu * self.peak_pressure * np.cos(z * np.pi / 2) * chebyshev.chebval(2 * root**2 - 1, f)
+        sigma = (
+            self.mu
+            * self.peak_pressure
+            * np.cos(z * np.pi / 2)
+            * chebyshev.chebval(2 * root**2 - 1, f)
+        )
         node, weight = np.polynomial.legendre.leggauss(N)
         angle = (node + 1) * np.pi / 4
         rim = np.cos(angle) ** 2 * np.sin(angle) * chebyshev.chebval(2 * np.sin(angle) ** 2 - 1, f)
         Q = 2 * np.pi * self.a**2 * self.mu * self.peak_pressure * float(weight @ rim) * np.pi / 4
         angle_of = CubicSpline(z, sigma)
-        return State(self.P, D, Q, self.a, lambda r: angle_of(np.arcsin(np.minimum(np.asarray(r) / self.a, 1)) * 2 / np.pi), g0, g2)
+        return State(
+            self.P,
+            D,
+            Q,
+            self.a,
+            lambda r: angle_of(np.arcsin(np.minimum(np.asarray(r) / self.a, 1)) * 2 / np.pi),
+            g0,
+            g2,
+        )
 
 
 def noise(sd: float, rng: np.random.Generator, *, shared: bool) -> np.ndarray:
-    """White noise on the grid, or that of boxes of two pitches, of which neighbours share a half; metres."""
+    """White noise on the grid, or that of boxes of two pitches, of which neighbours share a half;
+    metres.
+    """
     white = rng.normal(0, sd, (NY + 1, NX + 1))
-    return (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2 if shared else white[1:, 1:]
+    return (
+        (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
+        if shared
+        else white[1:, 1:]
+    )
 
 
 def rings_of(field: np.ndarray) -> Rings:
@@ -159,8 +191,12 @@ def rings_of(field: np.ndarray) -> Rings:
 @cache
 def ring_noise(count: int, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
     """Means and standard errors of rings of `count` fields of unit noise; shape (count, rings)."""
-    rings = [rings_of(noise(1.0, np.random.default_rng(seed), shared=shared)) for seed in range(count)]
-    return np.array([ring.mean for ring in rings]), np.array([ring.standard_error for ring in rings])
+    rings = [
+        rings_of(noise(1.0, np.random.default_rng(seed), shared=shared)) for seed in range(count)
+    ]
+    return np.array([ring.mean for ring in rings]), np.array(
+        [ring.standard_error for ring in rings]
+    )
 
 
 @dataclass(frozen=True)
@@ -178,8 +214,12 @@ class Run:
     def peak(self) -> np.ndarray:
         return np.array([state.peak for state in self.states])
 
-    def measured(self, sd: float, seed: int, shared: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """u_x, its standard error and Q: image noise of every frame and of the reference, which all share, and 1 mN."""
+    def measured(
+        self, sd: float, seed: int, shared: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """u_x, its standard error and Q: image noise of every frame and of the reference, which all
+        share, and 1 mN.
+        """
         mean, error = ring_noise(128, shared=shared)
         rng = np.random.default_rng(seed)
         pick = rng.permutation(len(mean))[: len(self.Q) + 1]
@@ -188,12 +228,25 @@ class Run:
 
 
 @cache
-def drive(P: float, frames: int, speed: float = 5e-6, compliance: float = 1 / 9579 + 0.68e-6) -> Run:
-    """Frames evenly spaced in time, from rest to 1.3 times the distance at which the contact slides."""
+def drive(
+    P: float, frames: int, speed: float = 5e-6, compliance: float = 1 / 9579 + 0.68e-6
+) -> Run:
+    """Frames evenly spaced in time, from rest to 1.3 times the distance at which the contact
+    slides.
+    """
     world = World(P)
     D = np.linspace(0, 1.4 * world.full, 80)[1:]
     stage = np.append(0.0, D + compliance * np.array([state.Q for state in world.run(D)]))
     slides = world.full + compliance * MU * P
-    states = world.run(np.interp(1.3 * slides * np.arange(1, frames + 1) / frames, stage, np.append(0.0, D)))
+    states = world.run(
+        np.interp(1.3 * slides * np.arange(1, frames + 1) / frames, stage, np.append(0.0, D))
+    )
     rings = [state.rings() for state in states]
-    return Run(world, states, rings[0].radius, rings[0].count, np.array([ring.mean for ring in rings]), np.array([s.Q for s in states]))
+    return Run(
+        world,
+        states,
+        rings[0].radius,
+        rings[0].count,
+        np.array([ring.mean for ring in rings]),
+        np.array([s.Q for s in states]),
+    )

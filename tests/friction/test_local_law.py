@@ -1,4 +1,6 @@
-"""mu, L and E from runs whose truth is solved by Abel's integrals, not by the loading solution that is fitted."""
+"""mu, L and E from runs whose truth is solved by Abel's integrals, not by the loading solution that
+is fitted.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +24,9 @@ def run() -> world.Run:
 def test_the_two_solutions_of_the_contact_agree():
     contact = world.World(0.5)
     state = contact.run(np.array([25e-6]))[0]
-    found = AxisymmetricLoading(Contact(0.5, world.E, world.NU, world.R, world.MU, world.L)).at_block(25e-6)
+    found = AxisymmetricLoading(
+        Contact(0.5, world.E, world.NU, world.R, world.MU, world.L)
+    ).at_block(25e-6)
     np.testing.assert_allclose(found.Q, state.Q, rtol=1e-11)
     np.testing.assert_allclose(found.displacement(world.DENSE)[0], state.g0, atol=1e-15)
     np.testing.assert_allclose(found.displacement(world.DENSE)[1], state.g2, atol=1e-12)
@@ -30,13 +34,21 @@ def test_the_two_solutions_of_the_contact_agree():
 
 
 def test_boxes_and_rings_average_the_model_as_the_picture_does(run):
-    state = AxisymmetricLoading(Contact(0.5, world.E, world.NU, world.R, world.MU, world.L)).at_block(run.states[9].D)
+    state = AxisymmetricLoading(
+        Contact(0.5, world.E, world.NU, world.R, world.MU, world.L)
+    ).at_block(run.states[9].D)
     full = run.count > 12
-    np.testing.assert_allclose(displacement_in_rings(state, run.radius, world.BOX, world.PITCH)[full], run.ux[9][full], atol=1e-8)
+    np.testing.assert_allclose(
+        displacement_in_rings(state, run.radius, world.BOX, world.PITCH)[full],
+        run.ux[9][full],
+        atol=1e-8,
+    )
 
 
 def test_a_run_without_noise_gives_mu_L_E_and_h(run):
-    law = fit_local_law(run.radius, run.ux, 1e-8 / np.sqrt(run.count) + 0 * run.ux, 0.5, run.Q, **KNOWN)
+    law = fit_local_law(
+        run.radius, run.ux, 1e-8 / np.sqrt(run.count) + 0 * run.ux, 0.5, run.Q, **KNOWN
+    )
     np.testing.assert_allclose([law.mu, law.E], [world.MU, world.E], rtol=3e-4)
     np.testing.assert_allclose([law.L, law.h], [world.L, world.L * 2 / 3], rtol=3e-3)
     np.testing.assert_allclose(law.D, [state.D for state in run.states], atol=3e-8)
@@ -92,8 +104,12 @@ def test_what_cannot_be_told_is_not(run):
 
 
 def test_exact_stress_over_pressure_is_the_master_curve(run):
-    sigma = np.array([np.where(run.radius < run.world.a, state.sigma(run.radius), 0.0) for state in run.states])
-    slip = np.array([state.D - np.interp(run.radius, world.DENSE, state.g0) for state in run.states])
+    sigma = np.array(
+        [np.where(run.radius < run.world.a, state.sigma(run.radius), 0.0) for state in run.states]
+    )
+    slip = np.array(
+        [state.D - np.interp(run.radius, world.DENSE, state.g0) for state in run.states]
+    )
     small = np.full(slip.shape, 1e-9)
     curve = master_curve(run.radius, slip, small, sigma, small * 1e11, 0.5, run.world.a)
     np.testing.assert_allclose([curve.mu, curve.L], [world.MU, world.L], rtol=1e-4)
@@ -109,11 +125,23 @@ def test_inverted_stress_gives_the_master_curve_within_its_smoothing(run):
     ux, error, Q = run.measured(50e-9, 6)
     a = run.world.a
     invert = AxisymmetricInversion(
-        world.X, world.Y, world.PITCH, a + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH, world.E, world.NU, edge=a, box=world.BOX
+        world.X,
+        world.Y,
+        world.PITCH,
+        a + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH,
+        world.E,
+        world.NU,
+        edge=a,
+        box=world.BOX,
     )
-    solved = [invert.solve(Rings(run.radius, u, sd, run.count)) for u, sd in zip(ux, error, strict=True)]
+    solved = [
+        invert.solve(Rings(run.radius, u, sd, run.count)) for u, sd in zip(ux, error, strict=True)
+    ]
     n = len(run.radius)
-    sigma, sigma_sd = (np.array([v[:n] for v in column]) for column in zip(*((s.sigma, s.sigma_sd) for s in solved), strict=True))
+    sigma, sigma_sd = (
+        np.array([v[:n] for v in column])
+        for column in zip(*((s.sigma, s.sigma_sd) for s in solved), strict=True)
+    )
     sigma[3, 4] *= 5
     curve = master_curve(run.radius, ux, error, sigma, sigma_sd, np.full(len(Q), 0.5), a)
     assert abs(curve.mu / world.MU - 1) < 0.005
@@ -136,6 +164,8 @@ def test_an_interface_too_stiff_to_be_told_is_said_to_be_so() -> None:
     g = np.array([cattaneo_mindlin.radial_displacement(r, Q, mu, P, a, E, nu)[0] for Q in forces])
     D = cattaneo_mindlin.shift(forces, mu, P, a, E, nu)
     ux = D[:, None] - g + np.random.default_rng(2).normal(0, 3e-9, g.shape)
-    law = fit_local_law(r, ux, np.full(ux.shape, 3e-9), np.full(41, P), forces, E=E, nu=nu, R=R, Q_sd=1e-4)
+    law = fit_local_law(
+        r, ux, np.full(ux.shape, 3e-9), np.full(41, P), forces, E=E, nu=nu, R=R, Q_sd=1e-4
+    )
     assert np.isnan(law.L)
     assert "too short to be told" in law.notes[0]

@@ -27,7 +27,8 @@ def test_no_bias_and_the_stated_uncertainty(integral_sd, force_sd):
         modulus = balance_modulus(integral, integral_sd, Q, SUPPOSED, Q_sd=force_sd)
         found.append((modulus.E - E, modulus.E_sd))
     error, stated = np.array(found).T
-    assert abs(error.mean()) < 3 * error.std() / np.sqrt(300)  # noise of the integral alone would flatten a plain line
+    # noise of the integral alone would flatten a plain line
+    assert abs(error.mean()) < 3 * error.std() / np.sqrt(300)
     assert 0.60 < np.mean(np.abs(error) < stated) < 0.78
 
 
@@ -61,16 +62,30 @@ def test_inverted_displacements_give_the_modulus():
     ux, error, Q = run.measured(232e-9, 0)
     a = run.world.a
     invert = AxisymmetricInversion(
-        world.X, world.Y, world.PITCH, a + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH, SUPPOSED, world.NU, edge=a, box=world.BOX
+        world.X,
+        world.Y,
+        world.PITCH,
+        a + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH,
+        SUPPOSED,
+        world.NU,
+        edge=a,
+        box=world.BOX,
     )
-    solved = [invert.solve(Rings(run.radius, u, sd, run.count)) for u, sd in zip(ux, error, strict=True)]
+    solved = [
+        invert.solve(Rings(run.radius, u, sd, run.count)) for u, sd in zip(ux, error, strict=True)
+    ]
     modulus = balance_modulus([s.Q for s in solved], [s.Q_sd for s in solved], Q, SUPPOSED)
     assert abs(modulus.E / world.E - 1) < 0.015
     assert abs(modulus.E - world.E) < 4 * modulus.E_sd
 
 
 @pytest.mark.parametrize(
-    ("integral", "Q", "words"), [(TRUE_Q[:5], TRUE_Q[:5], "5 frames"), (0 * TRUE_Q, 0 * TRUE_Q, "varies"), (-TRUE_Q, TRUE_Q, "opposite")]
+    ("integral", "Q", "words"),
+    [
+        (TRUE_Q[:5], TRUE_Q[:5], "5 frames"),
+        (0 * TRUE_Q, 0 * TRUE_Q, "varies"),
+        (-TRUE_Q, TRUE_Q, "opposite"),
+    ],
 )
 def test_what_cannot_be_told_is_not(integral, Q, words):
     modulus = balance_modulus(integral, 1e-3, Q, SUPPOSED)

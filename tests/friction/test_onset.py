@@ -1,4 +1,6 @@
-"""Onset of sliding on a Cattaneo-Mindlin contact in series with a cantilever, whose onset is known in closed form."""
+"""Onset of sliding on a Cattaneo-Mindlin contact in series with a cantilever, whose onset is known
+in closed form.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ NOISE_U, NOISE_F = 2e-8, 3e-4
 
 
 def _run(normal, end, rate=8.0, rounding=0.0):
-    """time, central u_x, Q of a drive, without noise, and t_s; `rounding` (m) is an elastic length of the interface."""
+    """time, central u_x, Q of a drive, without noise, and t_s; `rounding` (m) is an elastic length
+    of the interface.
+    """
     a = (3 * normal * R * (1 - NU**2) / (4 * E)) ** (1 / 3)
     shift = 3 * MU * normal * (2 - NU) * 2 * (1 + NU) / (16 * E * a)
     share = np.linspace(0, 1, 100001)
@@ -26,10 +30,17 @@ def _run(normal, end, rate=8.0, rounding=0.0):
 def _noisy(run, normal, seed):
     t, u, q, _ = run
     rng = np.random.default_rng(seed)
-    return sliding_onset(t, u + rng.normal(0, NOISE_U, t.size), q + rng.normal(0, NOISE_F, t.size), normal + rng.normal(0, NOISE_F, t.size))
+    return sliding_onset(
+        t,
+        u + rng.normal(0, NOISE_U, t.size),
+        q + rng.normal(0, NOISE_F, t.size),
+        normal + rng.normal(0, NOISE_F, t.size),
+    )
 
 
-@pytest.mark.parametrize(("normal", "end", "rate"), [(0.1, 12, 8.0), (0.5, 26, 8.0), (0.5, 38, 8.0), (1.4, 75, 4.0)])
+@pytest.mark.parametrize(
+    ("normal", "end", "rate"), [(0.1, 12, 8.0), (0.5, 26, 8.0), (0.5, 38, 8.0), (1.4, 75, 4.0)]
+)
 @pytest.mark.parametrize("rounding", [0.0, 0.8e-6])
 def test_onset_of_a_cattaneo_mindlin_contact(normal, end, rate, rounding):
     run = _run(normal, end, rate, rounding)
@@ -72,7 +83,9 @@ def test_a_run_that_did_not_reach_sliding_says_so(end, rounding):
     run = _run(0.5, end, rounding=rounding)
     for seed in range(5):
         onset = _noisy(run, 0.5, seed)
-        assert np.isnan([onset.time, onset.static_force, onset.mu_s, onset.mu_d, *onset.mu_d_range]).all()
+        assert np.isnan(
+            [onset.time, onset.static_force, onset.mu_s, onset.mu_d, *onset.mu_d_range]
+        ).all()
         assert "drive further" in onset.notes[0]
 
 
@@ -92,7 +105,9 @@ def test_frames_that_are_lost_are_ignored():
     kept[[3, 100, 180]] = False
     holes = u.copy()
     holes[~kept] = np.nan
-    assert sliding_onset(t, holes, q, 0.5) == sliding_onset(t[kept], u[kept], q[kept], np.full(kept.sum(), 0.5))
+    assert sliding_onset(t, holes, q, 0.5) == sliding_onset(
+        t[kept], u[kept], q[kept], np.full(kept.sum(), 0.5)
+    )
 
 
 def test_static_and_dynamic_friction_differ_where_the_force_drops():

@@ -1,4 +1,6 @@
-"""Stick radius against Cattaneo-Mindlin displacements summed numerically from the traction, through the Green's function."""
+"""Stick radius against Cattaneo-Mindlin displacements summed numerically from the traction, through
+the Green's function.
+"""
 
 from functools import cache
 from itertools import pairwise
@@ -30,11 +32,15 @@ X, WEIGHT = (X + 1) / 2, WEIGHT / 2
 
 def _traction(s, share):
     sigma = np.sqrt(np.maximum(1 - (s / A) ** 2, 0))
-    return Q0 * (sigma - share * np.sqrt(np.maximum(1 - (s / (share * A)) ** 2, 0)) if share > 0 else sigma)
+    return Q0 * (
+        sigma - share * np.sqrt(np.maximum(1 - (s / (share * A)) ** 2, 0)) if share > 0 else sigma
+    )
 
 
 def _ring_mean(r, share):
-    """Azimuthal mean of G*sigma: the azimuth is summed in closed form (an elliptic integral), the radius numerically."""
+    """Azimuthal mean of G*sigma: the azimuth is summed in closed form (an elliptic integral), the
+    radius numerically.
+    """
     corners = sorted({0.0, A, *(p for p in (r, share * A) if 0 < p < A)})
     total = 0.0
     for low, high in pairwise(corners):
@@ -99,7 +105,10 @@ def test_the_correlation_box_biases_by_less_than_half_a_percent(share):
 
 
 def test_where_c_is_lost_the_uncertainty_says_so():
-    fits = [fit_stick_radius(RADII, _summed(0.0) + np.random.default_rng(s).normal(0, SD), SD, A) for s in range(40)]
+    fits = [
+        fit_stick_radius(RADII, _summed(0.0) + np.random.default_rng(s).normal(0, SD), SD, A)
+        for s in range(40)
+    ]
     values, stated = np.array([(f.stick_radius / A, f.stick_radius_sd / A) for f in fits]).T
     assert values.max() < 0.12
     assert 0.01 < np.median(stated) < 0.1
@@ -141,7 +150,9 @@ def test_too_few_rings_are_no_profile():
 def test_units_of_length_and_the_zero_of_displacement_do_not_matter(length, height, zero):
     u = _summed(0.5)
     plain = fit_stick_radius(RADII, u, SD, A)
-    scaled = fit_stick_radius(RADII * length, u * height + zero * 1e-5 * height, SD * height, A * length)
+    scaled = fit_stick_radius(
+        RADII * length, u * height + zero * 1e-5 * height, SD * height, A * length
+    )
     np.testing.assert_allclose(scaled.stick_radius, plain.stick_radius * length, rtol=1e-5)
     np.testing.assert_allclose(scaled.stick_radius_sd, plain.stick_radius_sd * length, rtol=1e-3)
 
@@ -149,15 +160,21 @@ def test_units_of_length_and_the_zero_of_displacement_do_not_matter(length, heig
 def test_the_profile_is_the_summed_one():
     for share in (0.0, 0.5):
         expected = 30e-6 - _summed(share)
-        found = Q0 * (1 - NU / 2) / (2 * np.pi * G) * cattaneo_mindlin_profile(RADII, [share * A], A)[0]
+        found = (
+            Q0 * (1 - NU / 2) / (2 * np.pi * G) * cattaneo_mindlin_profile(RADII, [share * A], A)[0]
+        )
         np.testing.assert_allclose(found, expected, rtol=2e-6)
 
 
 @cache
 def _pictured(share, P=0.5):
-    """u_x as measured: Cattaneo and Mindlin's field on the grid, averaged over boxes, its rings; and their points."""
+    """u_x as measured: Cattaneo and Mindlin's field on the grid, averaged over boxes, its rings;
+    and their points.
+    """
     a = world.hertz_radius(P)
-    g0, g2 = cattaneo_mindlin.radial_displacement(world.DENSE, MU * P * (1 - share**3), MU, P, a, E, NU)
+    g0, g2 = cattaneo_mindlin.radial_displacement(
+        world.DENSE, MU * P * (1 - share**3), MU, P, a, E, NU
+    )
     rings = world.State(P, 30e-6, 0.0, a, np.zeros_like, g0, g2).rings()
     return rings.radius, rings.mean, a
 
@@ -188,7 +205,10 @@ def test_noise_of_overlapping_boxes_scatters_little_and_is_stated(P, sd, most):
     scores = []
     for share in (0.2, 0.5, 0.8, 0.95):
         r, u, a = _pictured(share, P)
-        fits = [fit_stick_radius(r, u + sd * m, sd * e, a, box=world.BOX, width=PITCH) for m, e in zip(mean[:80], error, strict=False)]
+        fits = [
+            fit_stick_radius(r, u + sd * m, sd * e, a, box=world.BOX, width=PITCH)
+            for m, e in zip(mean[:80], error, strict=False)
+        ]
         errors = np.array([fit.stick_radius / a - share for fit in fits])
         assert abs(errors.mean()) < 0.002
         assert errors.std() < most

@@ -26,10 +26,15 @@ def test_a_parabola_gives_its_vertex():
 @pytest.mark.parametrize("shares_errors", [False, True])
 def test_the_stated_uncertainty_is_the_scatter(shares_errors):
     distance = R[:, None] - R
-    covariance = 2e-3**2 * (np.exp(-((distance / 1e-4) ** 2) / 2) if shares_errors else np.eye(len(R)))
+    covariance = 2e-3**2 * (
+        np.exp(-((distance / 1e-4) ** 2) / 2) if shares_errors else np.eye(len(R))
+    )
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(R)))
     rng = np.random.default_rng(0)
-    peaks = [stress_peak(R, GAUSS + root @ rng.normal(size=len(R)), covariance, reach=0.25e-3) for _ in range(300)]
+    peaks = [
+        stress_peak(R, GAUSS + root @ rng.normal(size=len(R)), covariance, reach=0.25e-3)
+        for _ in range(300)
+    ]
     error = np.array([peak.radius for peak in peaks]) - 1.2e-3
     assert abs(error.mean()) < 0.3 * error.std()
     assert 0.60 < np.mean(np.abs(error) < [peak.radius_sd for peak in peaks]) < 0.76
@@ -81,7 +86,14 @@ def test_an_estimate_that_does_not_follow_c_calibrates_nothing():
 
 def _inverted_peak():
     invert = AxisymmetricInversion(
-        world.X, world.Y, world.PITCH, A + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH, world.E, world.NU, edge=A, box=world.BOX
+        world.X,
+        world.Y,
+        world.PITCH,
+        A + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH,
+        world.E,
+        world.NU,
+        edge=A,
+        box=world.BOX,
     )
     run = world.drive(P, 24)
     typical = SD * np.sqrt(np.mean(world.ring_noise(128, shared=True)[1] ** 2, axis=0))
@@ -91,14 +103,18 @@ def _inverted_peak():
         return stress_peak(solved.radius, solved.sigma, solved.covariance, reach=0.1 * A).radius
 
     def live(ux: np.ndarray) -> float:
-        return fit_stick_radius(run.radius, ux, typical, A, box=world.BOX, width=world.PITCH).stick_radius
+        return fit_stick_radius(
+            run.radius, ux, typical, A, box=world.BOX, width=world.PITCH
+        ).stick_radius
 
     return run, peak, live
 
 
 def _scores(estimate, calibration, profiles, truth):
     noise = SD * world.ring_noise(128, shared=True)[0][40:70]
-    corrected = np.array([[calibration.corrected(estimate(u + e)) for e in noise] for u in profiles])
+    corrected = np.array(
+        [[calibration.corrected(estimate(u + e)) for e in noise] for u in profiles]
+    )
     error = corrected[..., 0] - np.asarray(truth)[:, None]
     bias, scatter = error.mean(axis=1) / A, error.std(axis=1) / A
     return bias, scatter, float(np.mean(np.abs(error) < corrected[..., 1]))
@@ -107,7 +123,9 @@ def _scores(estimate, calibration, profiles, truth):
 def test_both_estimates_of_c_are_brought_to_the_maximum_of_the_true_stress():
     run, peak, live = _inverted_peak()
     loading = AxisymmetricLoading(Contact(P, world.E, world.NU, world.R, world.MU, world.L))
-    states = [loading.at_force(world.MU * P * (1 - share**3)) for share in np.linspace(0.2, 0.98, 20)]
+    states = [
+        loading.at_force(world.MU * P * (1 - share**3)) for share in np.linspace(0.2, 0.98, 20)
+    ]
     model = [displacement_in_rings(state, run.radius, world.BOX, world.PITCH) for state in states]
     peaks = [state.peak_radius for state in states]
     noise = SD * world.ring_noise(128, shared=True)[0][:20]
@@ -117,7 +135,9 @@ def test_both_estimates_of_c_are_brought_to_the_maximum_of_the_true_stress():
     assert plain.min() < -0.03 * A  # what there is to correct
     for estimate, worst in ((live, 0.003), (peak, 0.008)):
         calibration = calibrate(estimate, model, peaks, noise)
-        bias, scatter, coverage = _scores(estimate, calibration, run.ux[chosen][::2], run.peak[chosen][::2])
+        bias, scatter, coverage = _scores(
+            estimate, calibration, run.ux[chosen][::2], run.peak[chosen][::2]
+        )
         assert np.abs(bias).max() < worst
         assert scatter.max() < 1.5 * worst
         assert 0.5 < coverage < 0.85
@@ -129,11 +149,21 @@ def test_the_maximum_of_the_stress_is_brought_to_cattaneo_and_mindlins_c():
     def profile(c: float) -> np.ndarray:
         Q = world.MU * P * (1 - c**3)
         return -seen_in_rings(
-            lambda r: cattaneo_mindlin.radial_displacement(r, Q, world.MU, P, A, world.E, world.NU)[0], run.radius, world.BOX, world.PITCH
+            lambda r: cattaneo_mindlin.radial_displacement(r, Q, world.MU, P, A, world.E, world.NU)[
+                0
+            ],
+            run.radius,
+            world.BOX,
+            world.PITCH,
         )
 
     shares = np.linspace(0.15, 0.98, 20)
-    calibration = calibrate(peak, [profile(c) for c in shares], A * shares, SD * world.ring_noise(128, shared=True)[0][:20])
+    calibration = calibrate(
+        peak,
+        [profile(c) for c in shares],
+        A * shares,
+        SD * world.ring_noise(128, shared=True)[0][:20],
+    )
     truth = np.array([0.33, 0.62, 0.87])
     bias, scatter, coverage = _scores(peak, calibration, [profile(c) for c in truth], A * truth)
     assert np.abs(bias).max() < 0.005

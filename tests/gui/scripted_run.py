@@ -1,4 +1,6 @@
-"""A run made of closed forms: Cattaneo and Mindlin's contact pulled through a spring, frame by frame, without devices or threads."""
+"""A run made of closed forms: Cattaneo and Mindlin's contact pulled through a spring, frame by
+frame, without devices or threads.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,13 @@ PERIOD = 125
 class ScriptedRun:
     """`at(frame)` says how far the run has gone; everything else follows from it."""
 
-    def __init__(self, width: int = 1600, height: int = 1200, frames: int = 330, title: str = "simulated bench") -> None:
+    def __init__(
+        self,
+        width: int = 1600,
+        height: int = 1200,
+        frames: int = 330,
+        title: str = "simulated bench",
+    ) -> None:
         self.config = Config()
         self.title = title
         self.pixel_m = 7.04e-6
@@ -38,7 +46,11 @@ class ScriptedRun:
         self._r = np.hypot(x - self.centre_px[0], y - self.centre_px[1]) * np.float32(self.pixel_m)
         speckle = rng.normal(size=(height, width)).astype(np.float32)
         light = 70 - 20 * ((x - width / 2) / width) ** 2 * 4
-        bright = (rng.random((height, width)) > 0.93) * np.sqrt(np.clip(1 - (self._r / self.radius_m) ** 2, 0, 1)) * 110
+        bright = (
+            (rng.random((height, width)) > 0.93)
+            * np.sqrt(np.clip(1 - (self._r / self.radius_m) ** 2, 0, 1))
+            * 110
+        )
         self.free = np.clip(light + 14 * speckle, 0, 255).astype(np.uint8)
         self.pressed = np.clip(light + 14 * speckle + bright, 0, 255).astype(np.uint8)
         self._snapshots = [self._snapshot(n) for n in range(frames)]
@@ -48,7 +60,13 @@ class ScriptedRun:
         return self
 
     def _snapshot(self, n: int) -> Snapshot:
-        phase = Phase.BACKGROUND if n < BACKGROUND else Phase.CONTACT if n < REFERENCE - 4 else Phase.REFERENCE
+        phase = (
+            Phase.BACKGROUND
+            if n < BACKGROUND
+            else Phase.CONTACT
+            if n < REFERENCE - 4
+            else Phase.REFERENCE
+        )
         phase = Phase.DRIVE if n >= REFERENCE else phase
         sample, t = n * PERIOD, (n - REFERENCE) * PERIOD / 1000
         travel = max(0.0, t) * 4.85e-6
@@ -59,12 +77,16 @@ class ScriptedRun:
         if n >= REFERENCE:
             r = self._r[10:-10:10, 10:-10:10][: len(self.grid_y_px), : len(self.grid_x_px)]
             shift = travel - shear / 9579
-            ux = (shift * (1 - np.exp(-((np.clip(r - c, 0, None) / 1.2e-3) ** 1.2))) + 0.68e-6 * shear) / self.pixel_m
+            ux = (
+                shift * (1 - np.exp(-((np.clip(r - c, 0, None) / 1.2e-3) ** 1.2))) + 0.68e-6 * shear
+            ) / self.pixel_m
             ux = (ux + np.random.default_rng(n).normal(0, 0.033, r.shape)).astype(np.float32)
             ux[::17, ::13] = np.nan
         rings = np.linspace(0, 3e-3, 30)
         known = n > REFERENCE + 8 and c > 0.05 * self.radius_m
-        stick, stick_sd = (c, 3e-5 + 1e-6 * (self.radius_m / c) ** 3) if known else (math.nan, math.nan)
+        stick, stick_sd = (
+            (c, 3e-5 + 1e-6 * (self.radius_m / c) ** 3) if known else (math.nan, math.nan)
+        )
         time_s = (sample + 5 - REFERENCE * PERIOD) / 1000 if n >= REFERENCE else math.nan
         normal, status = 0.0 if n < BACKGROUND else P, np.zeros(ux.shape, np.uint8)
         return Snapshot(
@@ -92,7 +114,9 @@ class ScriptedRun:
         )
 
     def _stress(self, c: float, shape: tuple[int, int]) -> dict[str, Any]:
-        """Cattaneo and Mindlin's traction of that c with a peak of 30 kPa at full slip, 2 kPa too high everywhere."""
+        """Cattaneo and Mindlin's traction of that c with a peak of 30 kPa at full slip, 2 kPa too
+        high everywhere.
+        """
         radii = np.linspace(0, 3e-3, 61)
 
         def hertz_like(r: float) -> Any:
@@ -131,10 +155,22 @@ class ScriptedRun:
         counts = Counts(n, n, max(0, n - 1), 0, max(0, n - 3), 2 if n > 4 else 0, n * PERIOD, 0)
         state = "idle" if not self.started else "done" if self.outcome() else "running"
         phase = str(self._snapshots[min(n, self.frames - 1)].phase) if self.started else ""
-        return Health(state, self.reason, phase, counts, 0.06, 4.0, 182_000_000_000, n * PERIOD, n / self.frames)
+        return Health(
+            state,
+            self.reason,
+            phase,
+            counts,
+            0.06,
+            4.0,
+            182_000_000_000,
+            n * PERIOD,
+            n / self.frames,
+        )
 
     def latest_image(self) -> np.ndarray | None:
-        return None if not self.frame else self.free if self.frame < BACKGROUND + 4 else self.pressed
+        return (
+            None if not self.frame else self.free if self.frame < BACKGROUND + 4 else self.pressed
+        )
 
     def snapshots_since(self, n: int) -> list[Snapshot]:
         return self._snapshots[n : self.frame]
@@ -142,7 +178,9 @@ class ScriptedRun:
     def contact(self) -> ContactResult | None:
         if self.frame <= REFERENCE:
             return None
-        return ContactResult(self.centre_px, self.radius_m, 3e-5, (0.0, 0.0), np.empty(0), np.empty(0))
+        return ContactResult(
+            self.centre_px, self.radius_m, 3e-5, (0.0, 0.0), np.empty(0), np.empty(0)
+        )
 
     def force_history(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         samples = np.arange(0, self.frame * PERIOD, 50)[-n:]
@@ -157,7 +195,23 @@ class ScriptedRun:
         if not self.stopped and self.frame < self.frames:
             return None
         summary = Summary(
-            P, self.radius_m, 3e-5, self.radius_m * 0.98, 20.43, 0.12, 0.4638, 0.9276, 0.0021, 0.9301, (0.926, 0.934), 4.85e-6
+            P,
+            self.radius_m,
+            3e-5,
+            self.radius_m * 0.98,
+            20.43,
+            0.12,
+            0.4638,
+            0.9276,
+            0.0021,
+            0.9301,
+            (0.926, 0.934),
+            4.85e-6,
         )
         complete = self.frame >= self.frames
-        return Outcome("done", self.reason or "the drive of 190 um is complete", Counts(), summary if complete else None)
+        return Outcome(
+            "done",
+            self.reason or "the drive of 190 um is complete",
+            Counts(),
+            summary if complete else None,
+        )

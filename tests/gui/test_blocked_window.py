@@ -1,4 +1,6 @@
-"""A window that stands still for ten seconds in the middle of a live run: the bench, the disk and the analysis go on without it."""
+"""A window that stands still for ten seconds in the middle of a live run: the bench, the disk and
+the analysis go on without it.
+"""
 
 import time
 
@@ -12,8 +14,20 @@ from app.session.reader import SessionReader
 
 BLOCKED_S = 10.0
 DIVISOR = 125
-QUICK = ("run.background_time=0.2", "sim.press_time=0.3", "run.settle_time=0.2", "run.reference_time=0.4", "run.travel=60")
-SMALL = ("camera.width=480", "camera.height=360", "camera.pixel=16", "run.normal_force=0.1", "dic.threads=1")
+QUICK = (
+    "run.background_time=0.2",
+    "sim.press_time=0.3",
+    "run.settle_time=0.2",
+    "run.reference_time=0.4",
+    "run.travel=60",
+)
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "dic.threads=1",
+)
 
 
 def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtbot, tmp_path):
@@ -41,14 +55,25 @@ def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtb
 
     before, after = seen
     assert (before.state, after.state) == ("running", "running")
-    assert after.sample - before.sample == pytest.approx(1000 * BLOCKED_S, abs=1000)  # the bench went on in real time
+    # the bench went on in real time
+    assert after.sample - before.sample == pytest.approx(1000 * BLOCKED_S, abs=1000)
     for name in ("frames_received", "frames_recorded"):
-        assert getattr(after.counts, name) - getattr(before.counts, name) >= 0.85 * 1000 * BLOCKED_S / DIVISOR, name
+        assert (
+            getattr(after.counts, name) - getattr(before.counts, name)
+            >= 0.85 * 1000 * BLOCKED_S / DIVISOR
+        ), name
     assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
     counts = outcome.counts
-    assert counts.triggers == counts.frames_received == counts.frames_recorded > 1000 * BLOCKED_S / DIVISOR
+    assert (
+        counts.triggers
+        == counts.frames_received
+        == counts.frames_recorded
+        > 1000 * BLOCKED_S / DIVISOR
+    )
     assert (counts.frames_lost, counts.samples_lost, counts.samples) == (0, 0, blocks[-1].end)
     with SessionReader(tmp_path / "x.h5") as session:
-        assert np.array_equal(session.forces()[1], np.concatenate([block.volts for block in blocks]))
+        assert np.array_equal(
+            session.forces()[1], np.concatenate([block.volts for block in blocks])
+        )
         assert [index for index, _, _ in session.frames()] == list(range(counts.triggers))
     assert view.curves.seen == counts.frames_analysed  # and the window has caught up

@@ -23,7 +23,10 @@ def test_no_display_is_named(linux: pytest.MonkeyPatch) -> None:
     assert display.display_problem() is not None
 
 
-@pytest.mark.parametrize(("name", "value"), [("QT_QPA_PLATFORM", "offscreen"), ("DISPLAY", ":0"), ("WAYLAND_DISPLAY", "wayland-0")])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("QT_QPA_PLATFORM", "offscreen"), ("DISPLAY", ":0"), ("WAYLAND_DISPLAY", "wayland-0")],
+)
 def test_a_named_display_is_enough(linux: pytest.MonkeyPatch, name: str, value: str) -> None:
     linux.setenv(name, value)
     assert display.display_problem() is None
@@ -35,7 +38,10 @@ def test_a_missing_library_names_its_package(linux: pytest.MonkeyPatch) -> None:
     assert display.display_problem() is None  # only the X11 platform needs it
     linux.setenv("QT_QPA_PLATFORM", "")
     linux.setenv("DISPLAY", ":0")
-    assert "libxcb-cursor.so.0 not found on this system; install with: apt install libxcb-cursor0" in str(display.display_problem())
+    assert (
+        "libxcb-cursor.so.0 not found on this system; install with: apt install libxcb-cursor0"
+        in str(display.display_problem())
+    )
 
 
 def test_a_library_that_is_not_there_does_not_load() -> None:

@@ -1,4 +1,6 @@
-"""What the window shows, decided without Qt: checked against the script of the run, by hand-worked numbers."""
+"""What the window shows, decided without Qt: checked against the script of the run, by hand-worked
+numbers.
+"""
 
 import math
 import subprocess
@@ -31,7 +33,10 @@ def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
 
 
 def test_deciding_what_is_shown_loads_no_qt() -> None:
-    code = "import sys, app.gui.view_state, app.gui.display; sys.exit(any('PySide6' in m or 'pyqtgraph' in m for m in sys.modules))"
+    code = (
+        "import sys, app.gui.view_state, app.gui.display; sys.exit(any('PySide6' in m or"
+        " 'pyqtgraph' in m for m in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -59,7 +64,8 @@ def test_curves_grow_by_what_is_new_and_equal_one_look_at_all(run: ScriptedRun) 
 def test_curves_follow_the_closed_forms(run: ScriptedRun) -> None:
     curves = look(run.at(200)).curves
     assert curves.travel_um[-1] == pytest.approx((199 - REFERENCE) * 0.125 * 4.85)
-    assert len(curves.travel_um) == 200 - (REFERENCE - 4)  # nothing of the free block and of the contact being made
+    # nothing of the free block and of the contact being made
+    assert len(curves.travel_um) == 200 - (REFERENCE - 4)
     expected = run.radius_m * 1e3 * np.cbrt(1 - curves.stick_shear_n / (MU * P))
     np.testing.assert_allclose(curves.stick_mm, expected, rtol=1e-12)
 
@@ -85,7 +91,8 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
 def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> None:
     stress = look(run.at(200)).stress
     assert stress is not None
-    np.testing.assert_allclose((stress.stress_kpa - stress.model_kpa), 2.0, atol=1e-9)  # what the scripted run adds to the model
+    # what the scripted run adds to the model
+    np.testing.assert_allclose((stress.stress_kpa - stress.model_kpa), 2.0, atol=1e-9)
     assert stress.peak_mm == pytest.approx(stress.stick_mm + 0.05)
     assert stress.caption.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
     assert look(run.at(REFERENCE + 2)).stress is None
@@ -94,7 +101,11 @@ def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> N
 def test_both_radii_called_c_are_drawn_over_q(run: ScriptedRun) -> None:
     curves = look(run.at(120)).curves
     assert len(curves.peak_mm) > 20
-    np.testing.assert_allclose(curves.peak_mm - np.interp(curves.peak_shear_n, curves.stick_shear_n, curves.stick_mm), 0.05, atol=1e-3)
+    np.testing.assert_allclose(
+        curves.peak_mm - np.interp(curves.peak_shear_n, curves.stick_shear_n, curves.stick_mm),
+        0.05,
+        atol=1e-3,
+    )
 
 
 def test_the_traction_of_every_point_is_a_field_of_its_own(run: ScriptedRun) -> None:
@@ -124,11 +135,14 @@ def test_wide_images_are_thinned_and_keep_their_place() -> None:
     view = image_view(full)
     assert view.caption == "display 1:2, data full"
     np.testing.assert_array_equal(view.pixels, full[::2, ::2])
-    assert view.rect_px == (-1.0, -1.0, 1600.0, 1200.0)  # shown pixel (i, j) is centred on camera pixel (2i, 2j)
+    # shown pixel (i, j) is centred on camera pixel (2i, 2j)
+    assert view.rect_px == (-1.0, -1.0, 1600.0, 1200.0)
     assert image_view(full[:600, :800]).caption == "display 1:1"
 
 
-@pytest.mark.parametrize(("top", "limit"), [(0.2, 1), (1.2, 1.5), (53, 60), (60, 60), (81, 100), (101, 150)])
+@pytest.mark.parametrize(
+    ("top", "limit"), [(0.2, 1), (1.2, 1.5), (53, 60), (60, 60), (81, 100), (101, 150)]
+)
 def test_colour_scale_ends_on_a_round_number(top: float, limit: float) -> None:
     values = np.array([-top, top, np.nan, 0.0], dtype=np.float32)
     values = np.concatenate([values, np.full(400, np.float32(-top))])
@@ -174,13 +188,23 @@ def test_a_filling_queue_changes_colour(run: ScriptedRun, fill: float, tone: Ton
     cell = queue_cell(replace(run.health(), queue_fill=fill))
     assert (cell.tone, cell.value) == (tone, f"{4 * fill:.1f} of 4.0")
     reading = read(run.at(50), 0)
-    sentence = resolve(scene_of(run), replace(reading, health=replace(reading.health, queue_fill=fill)), None).sentence
-    assert (f"the recorder is {4 * fill:.1f} of 4.0 s behind" in sentence) is (tone is not Tone.GOOD)
+    sentence = resolve(
+        scene_of(run), replace(reading, health=replace(reading.health, queue_fill=fill)), None
+    ).sentence
+    assert (f"the recorder is {4 * fill:.1f} of 4.0 s behind" in sentence) is (
+        tone is not Tone.GOOD
+    )
 
 
-@pytest.mark.parametrize(("skipped", "detail", "tone"), [(0, "", Tone.NEUTRAL), (20, "20%", Tone.NEUTRAL), (60, "60%", Tone.WARN)])
+@pytest.mark.parametrize(
+    ("skipped", "detail", "tone"),
+    [(0, "", Tone.NEUTRAL), (20, "20%", Tone.NEUTRAL), (60, "60%", Tone.WARN)],
+)
 def test_an_analysis_that_lags_is_told(skipped: int, detail: str, tone: Tone) -> None:
-    cell = {cell.name: cell for cell in health_cells(Counts(frames_received=100, frames_skipped=skipped))}["skipped live"]
+    cell = {
+        cell.name: cell
+        for cell in health_cells(Counts(frames_received=100, frames_skipped=skipped))
+    }["skipped live"]
     assert (cell.detail, cell.tone) == (detail, tone)
 
 
@@ -198,4 +222,9 @@ def test_numbers_are_rounded_to_their_uncertainty() -> None:
     assert measured("a", math.nan, 0.1, 2, "mm").value == "–"
     assert number(-1.25, 1) == "−1.2"
     assert grouped(1234567) == "1\u202f234\u202f567"
-    assert [disk_text(n) for n in (182_000_000_000, 1_500_000_000_000, 40_000_000, -1)] == ["182 GB", "1.5 TB", "40 MB", "–"]
+    assert [disk_text(n) for n in (182_000_000_000, 1_500_000_000_000, 40_000_000, -1)] == [
+        "182 GB",
+        "1.5 TB",
+        "40 MB",
+        "–",
+    ]

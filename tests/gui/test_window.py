@@ -75,19 +75,27 @@ def window(open_window: Open, run: ScriptedRun) -> MainWindow:
 def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
     window.begin()
     run.at(frame)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == frame and not window._parts)
+    qtbot.waitUntil(
+        lambda: window._view is not None and window._view.curves.seen == frame and not window._parts
+    )
 
 
 def test_the_qt_binding_counts_its_references() -> None:
-    """PySide6 6.12.0 takes a reference of None with every call on Python before 3.12, which ends the program within minutes."""
+    """PySide6 6.12.0 takes a reference of None with every call on Python before 3.12, which ends
+    the program within minutes.
+    """
     thing = QObject()
     before = sys.getrefcount(None)
     for _ in range(1000):
         thing.setObjectName("x")
-    assert sys.getrefcount(None) > before - 500, "this PySide6 crashes this Python; install a version that pyproject.toml allows"
+    assert sys.getrefcount(None) > before - 500, (
+        "this PySide6 crashes this Python; install a version that pyproject.toml allows"
+    )
 
 
-def test_everything_the_run_gives_is_drawn(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_everything_the_run_gives_is_drawn(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     begin(qtbot, window, run, 50)
     travel, shear = window.curves.loading_curve.getData()
     snapshots = run.snapshots_since(20)
@@ -95,13 +103,19 @@ def test_everything_the_run_gives_is_drawn(qtbot: QtBot, window: MainWindow, run
     np.testing.assert_allclose(shear, [s.shear_force_n for s in snapshots])
     np.testing.assert_array_equal(window.interface.image.image, run.pressed)
     x, y = window.interface.apparent.getData()
-    np.testing.assert_allclose(np.hypot(x - run.centre_px[0], y - run.centre_px[1]), run.radius_m / 7.04e-6)
-    assert window.interface.image.mapRectToView(window.interface.image.boundingRect()).getRect() == (-0.5, -0.5, 320, 240)
+    np.testing.assert_allclose(
+        np.hypot(x - run.centre_px[0], y - run.centre_px[1]), run.radius_m / 7.04e-6
+    )
+    assert window.interface.image.mapRectToView(
+        window.interface.image.boundingRect()
+    ).getRect() == (-0.5, -0.5, 320, 240)
     assert window.top.badge.text() == "RUNNING"
     assert {v.name.text(): v.value.text() for v in window.health.cells}["frames received"] == "50"
 
 
-def test_the_overlay_shows_the_traction_on_request(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_the_overlay_shows_the_traction_on_request(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     begin(qtbot, window, run, 50)
     assert window.interface.which.isVisible()
     window.interface.which.setCurrentIndex(1)
@@ -110,7 +124,9 @@ def test_the_overlay_shows_the_traction_on_request(qtbot: QtBot, window: MainWin
     assert not np.allclose(window.interface.overlay.image, 12)
 
 
-def test_the_overlay_can_be_hidden_and_made_opaque(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_the_overlay_can_be_hidden_and_made_opaque(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     begin(qtbot, window, run, 50)
     window.interface.opacity.setValue(80)
     assert window.interface.overlay.opacity() == pytest.approx(0.8)
@@ -120,7 +136,9 @@ def test_the_overlay_can_be_hidden_and_made_opaque(qtbot: QtBot, window: MainWin
     assert not window.interface.stick.isVisible()
 
 
-def test_start_and_end_by_button_and_key(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_start_and_end_by_button_and_key(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     assert not window.top.stop.isEnabled()
     qtbot.keyClick(window, Qt.Key.Key_F5)
     assert run.started
@@ -136,7 +154,11 @@ def test_start_and_end_by_button_and_key(qtbot: QtBot, window: MainWindow, run: 
 @pytest.mark.parametrize("way", ["click", "Esc"])
 @pytest.mark.parametrize("kind", [ScriptedRun, Raising, Hanging])
 def test_stop_motion_works_whatever_the_run_does(
-    qtbot: QtBot, open_window: Open, monkeypatch: pytest.MonkeyPatch, way: str, kind: type[ScriptedRun]
+    qtbot: QtBot,
+    open_window: Open,
+    monkeypatch: pytest.MonkeyPatch,
+    way: str,
+    kind: type[ScriptedRun],
 ) -> None:
     monkeypatch.setattr(window_module, "SILENT_S", 0.0)
     Hanging.release = threading.Event()
@@ -157,7 +179,9 @@ def test_stop_motion_works_whatever_the_run_does(
     Hanging.release.set()
 
 
-def test_stop_motion_works_while_the_window_can_not_draw(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_stop_motion_works_while_the_window_can_not_draw(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     def broken(view: object) -> None:
         raise ValueError("no such colour")
 
@@ -168,7 +192,9 @@ def test_stop_motion_works_while_the_window_can_not_draw(qtbot: QtBot, window: M
     assert run.called.wait(5)
 
 
-def test_a_stop_that_failed_stays_on_the_screen(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_a_stop_that_failed_stays_on_the_screen(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     def fails() -> None:
         raise OSError("actuator: no answer")
 
@@ -182,10 +208,15 @@ def test_a_stop_that_failed_stays_on_the_screen(qtbot: QtBot, window: MainWindow
     qtbot.waitUntil(lambda: window._reported)
     run.health = health  # type: ignore[method-assign]
     qtbot.waitUntil(lambda: not window._reported)
-    assert window.notice.text.text() == "STOP MOTION FAILED, cut the actuator's power: actuator: no answer"
+    assert (
+        window.notice.text.text()
+        == "STOP MOTION FAILED, cut the actuator's power: actuator: no answer"
+    )
 
 
-def test_a_window_that_could_not_stop_the_motion_stays_open(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_a_window_that_could_not_stop_the_motion_stays_open(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     def fails() -> None:
         raise OSError("actuator: no answer")
 
@@ -207,7 +238,9 @@ def test_a_run_stopped_before_it_began_is_replaced(qtbot: QtBot, open_window: Op
     assert [run.started for run in runs] == [False, True]
 
 
-def test_a_passing_trouble_is_taken_back(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_a_passing_trouble_is_taken_back(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     window.begin()
     health, run.health = run.health, lambda: 1 / 0  # type: ignore[method-assign, assignment]
     qtbot.waitUntil(lambda: "division by zero" in window.notice.text.text())
@@ -230,10 +263,15 @@ def test_after_a_run_start_makes_the_next(qtbot: QtBot, open_window: Open) -> No
     qtbot.waitUntil(lambda: window.top.title.text() == "run 1" and window._view is not None)
     assert [run.started for run in runs] == [True, True]
     assert window.outcome() is None
-    assert window.curves.loading_curve.getData()[0] is None or len(window.curves.loading_curve.getData()[0]) == 0
+    assert (
+        window.curves.loading_curve.getData()[0] is None
+        or len(window.curves.loading_curve.getData()[0]) == 0
+    )
 
 
-def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(qtbot: QtBot, open_window: Open) -> None:
+def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(
+    qtbot: QtBot, open_window: Open
+) -> None:
     def none() -> ScriptedRun:
         raise ValueError("camera: no such driver 'redlak'")
 
@@ -249,7 +287,9 @@ def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(qtbot: QtBot, op
     assert "The run did not start: run: start was asked" in other.notice.text.text()
 
 
-def test_closing_during_a_run_asks_in_the_window_and_stops_first(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+def test_closing_during_a_run_asks_in_the_window_and_stops_first(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
     begin(qtbot, window, run, 30)
     window.close()
     assert window.isVisible()
@@ -270,9 +310,16 @@ def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:
     assert text == "x 100 px, y 50 px  ·  0.70 mm, 0.35 mm"
 
 
-def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(qapp: QApplication, tmp_path: Path) -> None:
+def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(
+    qapp: QApplication, tmp_path: Path
+) -> None:
     run = make_run()
-    outcome = run_window(lambda: run, autostart=True, on_ready=lambda _: run.at(60) and None, screenshot=tmp_path / "w.png")
+    outcome = run_window(
+        lambda: run,
+        autostart=True,
+        on_ready=lambda _: run.at(60) and None,
+        screenshot=tmp_path / "w.png",
+    )
     assert outcome is not None
     assert outcome.state == "done"
     assert QImage(str(tmp_path / "w.png")).width() >= 1200
@@ -284,7 +331,9 @@ def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(qapp:
 def test_ctrl_c_stops_the_motion_and_closes(qapp: QApplication) -> None:
     run = make_run()
     before = signal.getsignal(signal.SIGINT)
-    outcome = run_window(lambda: run, autostart=True, on_ready=lambda _: signal.raise_signal(signal.SIGINT))
+    outcome = run_window(
+        lambda: run, autostart=True, on_ready=lambda _: signal.raise_signal(signal.SIGINT)
+    )
     assert run.calls == ["stop_motion"]
     assert outcome is not None
     assert outcome.reason == "STOP MOTION was pressed"

@@ -1,7 +1,9 @@
-"""Displacement fields of a sheared sphere-on-plane contact whose stress is known exactly: no grid operator, no basis of the inversion.
+"""Displacement fields of a sheared sphere-on-plane contact whose stress is known exactly: no grid
+operator, no basis of the inversion.
 
-The interface law sigma = mu p (1 - exp(-s/(mu L))) with Hertz's p is solved in even Legendre polynomials of xi = sqrt(1 - r^2/a^2),
-in which the potential of the disc is diagonal (Popov); outside the disc the potential is a sum over rings of elliptic integrals.
+The interface law sigma = mu p (1 - exp(-s/(mu L))) with Hertz's p is solved in even Legendre
+polynomials of xi = sqrt(1 - r^2/a^2), in which the potential of the disc is diagonal (Popov);
+outside the disc the potential is a sum over rings of elliptic integrals.
 """
 
 from dataclasses import dataclass
@@ -18,9 +20,14 @@ K = (1 + NU) / (np.pi * E)  # 1 / (2 pi G)
 
 
 def points(shape=SHAPE, pitch=PITCH, centre=(0.0, 0.0)):
-    """Coordinates x, y of the grid's points from the contact's centre; `centre` is the contact's place from the middle of the grid."""
+    """Coordinates x, y of the grid's points from the contact's centre; `centre` is the contact's
+    place from the middle of the grid.
+    """
     ny, nx = shape
-    return np.meshgrid((np.arange(nx) - (nx - 1) / 2) * pitch - centre[0], (np.arange(ny) - (ny - 1) / 2) * pitch - centre[1])
+    return np.meshgrid(
+        (np.arange(nx) - (nx - 1) / 2) * pitch - centre[0],
+        (np.arange(ny) - (ny - 1) / 2) * pitch - centre[1],
+    )
 
 
 def hertz_radius(P):
@@ -29,10 +36,16 @@ def hertz_radius(P):
 
 
 def noise(seed, box=0.0, shape=SHAPE, pitch=PITCH, level=NOISE):
-    """White noise, or that of means over overlapping boxes: each point is the scaled mean of the white cells in its box."""
+    """White noise, or that of means over overlapping boxes: each point is the scaled mean of the
+    white cells in its box.
+    """
     rng, side = np.random.default_rng(seed), max(round(box / pitch), 1)
     white = rng.normal(size=(shape[0] + side - 1, shape[1] + side - 1))
-    return level * np.lib.stride_tricks.sliding_window_view(white, (side, side)).sum(axis=(2, 3)) / side
+    return (
+        level
+        * np.lib.stride_tricks.sliding_window_view(white, (side, side)).sum(axis=(2, 3))
+        / side
+    )
 
 
 @dataclass(frozen=True)
@@ -61,7 +74,11 @@ class Contact:
         potential = np.concatenate(
             [
                 sum(
-                    np.pi**2 * self.a * c * eval_legendre(2 * n, 0) ** 2 * eval_legendre(2 * n, np.sqrt(1 - (r[r <= self.a] / self.a) ** 2))
+                    np.pi**2
+                    * self.a
+                    * c
+                    * eval_legendre(2 * n, 0) ** 2
+                    * eval_legendre(2 * n, np.sqrt(1 - (r[r <= self.a] / self.a) ** 2))
                     for n, c in enumerate(self.coefficients)
                 ),
                 (4 / (out + s) * ellipk(4 * out * s / (out + s) ** 2)) @ strength,
@@ -94,7 +111,14 @@ def loaded(P, share, length=L):
     xi, w = t[t > 0], w[t > 0]
     table = np.array([eval_legendre(2 * n, xi) for n in range(MODES)])
     analysis = (4 * np.arange(MODES) + 1)[:, None] * table * (w * xi)
-    green = K * (1 - NU / 2) * np.pi**2 * a * (table.T * eval_legendre(2 * np.arange(MODES), 0) ** 2) @ analysis
+    green = (
+        K
+        * (1 - NU / 2)
+        * np.pi**2
+        * a
+        * (table.T * eval_legendre(2 * np.arange(MODES), 0) ** 2)
+        @ analysis
+    )
     force = 2 * np.pi * a**2 * w * xi
     full = peak * xi
 
@@ -102,13 +126,22 @@ def loaded(P, share, length=L):
         s = np.full(xi.size, min(D, 1e-3 * L))
         for _ in range(200):
             e = np.exp(-np.maximum(s, -5 * length) / (MU * length))
-            step = np.linalg.solve(np.eye(xi.size) + green * (full * e / (MU * length)), D - green @ (full * (1 - e)) - s)
-            s = s + np.clip(step, -length, None) * min(1.0, 2 * length / max(np.abs(step).max(), 1e-30))
+            step = np.linalg.solve(
+                np.eye(xi.size) + green * (full * e / (MU * length)),
+                D - green @ (full * (1 - e)) - s,
+            )
+            s = s + np.clip(step, -length, None) * min(
+                1.0, 2 * length / max(np.abs(step).max(), 1e-30)
+            )
             if np.abs(step).max() < 1e-13 * length + 1e-15 * D:
                 break
         return full * (1 - np.exp(-s / (MU * length)))
 
     limit = MU * P
-    D = 2e-4 if share >= 1 else brentq(lambda D: force @ stress(D) - share * limit, 1e-9, 4e-4, xtol=1e-14)
+    D = (
+        2e-4
+        if share >= 1
+        else brentq(lambda D: force @ stress(D) - share * limit, 1e-9, 4e-4, xtol=1e-14)
+    )
     sigma = full if share >= 1 else stress(D)
     return Contact(a, float(force @ sigma), D, peak, analysis @ sigma)

@@ -20,7 +20,9 @@ RADIUS, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
 @cache
 def inversion(P, mask=None, **settings):
     settings = {"edge": world.hertz_radius(P), "box": world.BOX, "noise_box": 0.0} | settings
-    limit = mask_radius(P, world.E, world.NU, world.R, world.H, world.PITCH) if mask is None else mask
+    limit = (
+        mask_radius(P, world.E, world.NU, world.R, world.H, world.PITCH) if mask is None else mask
+    )
     return AxisymmetricInversion(X, Y, world.PITCH, limit, world.E, world.NU, **settings)
 
 
@@ -39,7 +41,10 @@ def noisy(P, share):
     return contact, u + world.noise(0)
 
 
-@pytest.mark.parametrize(("P", "share", "profile", "field"), [(0.5, 0.3, 0.014, 0.014), (0.5, 1, 0.014, 0.014), (0.1, 0.6, 0.03, 0.03)])
+@pytest.mark.parametrize(
+    ("P", "share", "profile", "field"),
+    [(0.5, 0.3, 0.014, 0.014), (0.5, 1, 0.014, 0.014), (0.1, 0.6, 0.03, 0.03)],
+)
 @pytest.mark.parametrize("edge_at", [1.0, 1.03, None])
 def test_stress_force_and_far_displacement_of_a_noisy_field(P, share, profile, field, edge_at):
     contact, u = noisy(P, share)
@@ -47,7 +52,9 @@ def test_stress_force_and_far_displacement_of_a_noisy_field(P, share, profile, f
     found = solver.solve(rings(u))
     error = (found.sigma - contact.stress(found.radius))[found.radius < contact.a] / contact.peak
     assert np.sqrt(np.mean(error**2)) < profile
-    error = (solver.stress(RADIUS, found.coefficients) - contact.stress(RADIUS))[contact.a > RADIUS] / contact.peak
+    error = (solver.stress(RADIUS, found.coefficients) - contact.stress(RADIUS))[
+        contact.a > RADIUS
+    ] / contact.peak
     assert np.sqrt(np.mean(error**2)) < field
     assert abs(found.Q / contact.Q - 1) < (2e-3 if P > 0.1 else 6e-3)
     assert abs(found.D - contact.D) < 0.05e-6
@@ -61,10 +68,15 @@ def test_stated_uncertainties_cover_the_errors(box):
     contact, u = clean(0.5, 0.6)
     solver = inversion(0.5, edge=None, noise_box=box)
     found = [solver.solve(rings(u + world.noise(seed, box))) for seed in range(12)]
-    for error in ([(f.Q - contact.Q) / f.Q_sd for f in found], [(f.D - contact.D) / f.D_sd for f in found]):
+    for error in (
+        [(f.Q - contact.Q) / f.Q_sd for f in found],
+        [(f.D - contact.D) / f.D_sd for f in found],
+    ):
         assert 0.5 < np.sqrt(np.mean(np.square(error))) < 1.6
     inside = found[0].radius < contact.a
-    covered = [np.abs(f.sigma - contact.stress(f.radius))[inside] < f.sigma_sd[inside] for f in found]
+    covered = [
+        np.abs(f.sigma - contact.stress(f.radius))[inside] < f.sigma_sd[inside] for f in found
+    ]
     assert 0.55 < np.mean(covered) < 0.9
     assert np.mean([f.chi2 for f in found]) == pytest.approx(1, abs=0.2)
 
@@ -105,7 +117,9 @@ def test_a_field_with_a_hole_over_the_contact_is_not_covered():
 def test_the_thickness_of_the_block_is_in_the_operator():
     contact, _ = clean(0.5, 0.6)
     thick = 8e-3
-    green = SurfaceGreen(world.SHAPE, world.PITCH, world.E, world.NU, box=world.BOX, thickness=thick)
+    green = SurfaceGreen(
+        world.SHAPE, world.PITCH, world.E, world.NU, box=world.BOX, thickness=thick
+    )
     given = rings(contact.D - green.apply(contact.stress(RADIUS)))
     right, half_space = inversion(0.5, thickness=thick).solve(given), inversion(0.5).solve(given)
     assert abs(right.Q / contact.Q - 1) < 1e-3
@@ -121,7 +135,9 @@ def test_noise_of_overlapping_boxes_is_correlated_as_stated():
     expected = shared_noise(unit, world.PITCH, world.BOX)
     assert expected[50, 59:62] == pytest.approx([0.5, 1, 0.5])
     assert expected[49, 61] == pytest.approx(0.25)
-    assert rows.reshape(world.SHAPE)[48:53, 58:63] == pytest.approx(expected[48:53, 58:63], abs=0.45)
+    assert rows.reshape(world.SHAPE)[48:53, 58:63] == pytest.approx(
+        expected[48:53, 58:63], abs=0.45
+    )
 
 
 @pytest.mark.parametrize(

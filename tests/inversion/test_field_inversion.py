@@ -1,4 +1,6 @@
-"""Stress fields from displacement fields: conjugate gradients, Van-Cittert, the regularised method, and their flags."""
+"""Stress fields from displacement fields: conjugate gradients, Van-Cittert, the regularised method,
+and their flags.
+"""
 
 import numpy as np
 import pytest
@@ -25,7 +27,9 @@ def problem():
 
 @pytest.fixture(scope="module")
 def regularised():
-    return RegularisedInversion(X, Y, LIMIT, world.E, world.NU, edge=world.hertz_radius(P), box=world.BOX, noise_box=0.0)
+    return RegularisedInversion(
+        X, Y, LIMIT, world.E, world.NU, edge=world.hertz_radius(P), box=world.BOX, noise_box=0.0
+    )
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +53,9 @@ def test_conjugate_gradients_warm_from_the_previous_frames(problem):
     for n in range(3):
         contact = world.loaded(P, 0.86 + 0.02 * n)
         u = contact.displacement(X, Y) + world.noise(n)
-        last = conjugate_gradient(problem, u, world.NOISE, start=last and last.sigma, iterations=5 if last else 50)
+        last = conjugate_gradient(
+            problem, u, world.NOISE, start=last and last.sigma, iterations=5 if last else 50
+        )
     assert last.is_converged
     assert last.iterations <= 5
     assert field_error(last, contact) < 0.026
@@ -100,7 +106,9 @@ def test_van_cittert_reaches_the_noise_and_says_so(problem, contact, clean):
 
 
 def test_van_cittert_over_the_whole_field_as_in_the_paper(contact, clean):
-    whole = InversionProblem(np.ones(world.SHAPE, np.bool_), world.PITCH, world.E, world.NU, box=world.BOX)
+    whole = InversionProblem(
+        np.ones(world.SHAPE, np.bool_), world.PITCH, world.E, world.NU, box=world.BOX
+    )
     found = van_cittert(whole, clean + world.noise(1), world.NOISE, D=contact.D)
     assert found.stopped is Stopped.DISCREPANCY
     assert not found.is_covered  # the mask reaches the rim
@@ -127,7 +135,9 @@ def test_van_cittert_converges_on_any_grid_mask_and_unit():
         ny, nx = rng.integers(3, 9, 2)
         pitch, E, nu = 10 ** rng.uniform(-6, -2), 10 ** rng.uniform(3, 10), rng.uniform(0, 0.5)
         y, x = np.ogrid[:ny, :nx]
-        mask = np.hypot(x - rng.integers(nx), (y - rng.integers(ny)) * rng.uniform(0.5, 2)) < rng.uniform(0.5, 8)
+        mask = np.hypot(
+            x - rng.integers(nx), (y - rng.integers(ny)) * rng.uniform(0.5, 2)
+        ) < rng.uniform(0.5, 8)
         problem = InversionProblem(mask, pitch, E, nu, box=rng.choice([0, 0, 0, pitch]))
         image = problem.green.apply(np.where(mask, E, 0.0))
         D, sd = rng.normal() * pitch, 0.01 * image.std() + 1e-3 * image.mean()
@@ -146,7 +156,11 @@ def test_regularised_field_of_a_round_contact(regularised, contact, clean):
     assert abs(found.D - contact.D) < 0.05e-6
     assert abs(found.Q / (found.sigma.sum() * world.PITCH**2) - 1) < 2e-3
     inside = contact.a > RADIUS
-    assert 0.4 < np.mean((np.abs(found.sigma - contact.stress(RADIUS)) < found.sigma_sd)[inside]) < 0.95
+    assert (
+        0.4
+        < np.mean((np.abs(found.sigma - contact.stress(RADIUS)) < found.sigma_sd)[inside])
+        < 0.95
+    )
     assert found.is_converged
 
 
@@ -166,9 +180,13 @@ def test_bootstrap_agrees_with_the_scatter_of_the_method(problem, contact, clean
         return conjugate_gradient(problem, u, world.NOISE)
 
     scatter = np.std([invert(clean + world.noise(seed, world.BOX)).Q for seed in range(12)], ddof=1)
-    found = bootstrap(invert, problem, invert(clean + world.noise(20, world.BOX)), world.NOISE, repeats=12)
+    found = bootstrap(
+        invert, problem, invert(clean + world.noise(20, world.BOX)), world.NOISE, repeats=12
+    )
     assert 0.4 < found.Q_sd / scatter < 2.5
-    assert found.sigma_sd[contact.a > RADIUS].mean() / contact.peak == pytest.approx(0.02, abs=0.015)
+    assert found.sigma_sd[contact.a > RADIUS].mean() / contact.peak == pytest.approx(
+        0.02, abs=0.015
+    )
     with pytest.raises(ValueError, match="two or more"):
         bootstrap(invert, problem, found, world.NOISE, repeats=1)
 
@@ -181,7 +199,9 @@ def test_a_contact_at_the_rim_is_not_covered(contact):
     assert "widen the field" in found.notes[0]
 
 
-@pytest.mark.parametrize("mask", [np.zeros((8, 8), np.bool_), np.ones(8, np.bool_), np.ones((1, 1), np.bool_)])
+@pytest.mark.parametrize(
+    "mask", [np.zeros((8, 8), np.bool_), np.ones(8, np.bool_), np.ones((1, 1), np.bool_)]
+)
 def test_masks_and_grids_of_no_use_are_refused(mask):
     with pytest.raises(ValueError, match=r"a mask of shape|two or more"):
         InversionProblem(mask, 1e-4, 1e6, 0.5)

@@ -1,4 +1,6 @@
-"""Cattaneo-Mindlin against quadrature of the Green's tensor, and against the conditions the solution must meet."""
+"""Cattaneo-Mindlin against quadrature of the Green's tensor, and against the conditions the
+solution must meet.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,9 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(120)
 
 
 def chord_points(x, y, radius, angle):
-    """Along each ray from (x, y): distances and weights of nodes in the disc, graded for the square root at its ends."""
+    """Along each ray from (x, y): distances and weights of nodes in the disc, graded for the square
+    root at its ends.
+    """
     b = x * np.cos(angle) + y * np.sin(angle)
     root = np.sqrt(np.maximum(b * b - (x * x + y * y - radius * radius), 0.0))
     start, end = np.maximum(-b - root, 0.0), np.maximum(-b + root, 0.0)
@@ -26,7 +30,9 @@ def chord_points(x, y, radius, angle):
 
 
 def by_quadrature(x, y, radius, q0, nu):
-    """G*sigma of q0 sqrt(1 - r^2/radius^2) at one point: polar coordinates about that point take the kernel's 1/r away."""
+    """G*sigma of q0 sqrt(1 - r^2/radius^2) at one point: polar coordinates about that point take
+    the kernel's 1/r away.
+    """
     r = np.hypot(x, y)
     if r < radius:
         angle = 2 * np.pi * np.arange(400) / 400
@@ -70,7 +76,9 @@ def test_displacement_is_the_greens_tensor_summed_over_the_traction(nu, part):
         expected = np.array(by_quadrature(x, y, a, q0, nu))
         if c > 0:
             expected -= np.array(by_quadrature(x, y, c, q0 * c / a, nu))
-        np.testing.assert_allclose(cm.displacement(x, y, Q, MU, P, a, E, nu), expected, rtol=1e-8, atol=1e-10 * scale)
+        np.testing.assert_allclose(
+            cm.displacement(x, y, Q, MU, P, a, E, nu), expected, rtol=1e-8, atol=1e-10 * scale
+        )
 
 
 @pytest.mark.parametrize("nu", NUS)
@@ -82,7 +90,9 @@ def test_the_stick_zone_moves_as_one_with_the_shift(nu):
         r = np.linspace(0, c, 20)
         g0, g2 = cm.radial_displacement(r, Q, MU, P, a, E, nu)
         delta = float(cm.shift(Q, MU, P, a, E, nu))
-        np.testing.assert_allclose(g0, delta, rtol=1e-12, atol=1e-14 * cm.full_shift(MU, P, a, E, nu))
+        np.testing.assert_allclose(
+            g0, delta, rtol=1e-12, atol=1e-14 * cm.full_shift(MU, P, a, E, nu)
+        )
         np.testing.assert_allclose(g2, 0, atol=1e-15 * cm.full_shift(MU, P, a, E, nu))
 
 
@@ -110,10 +120,19 @@ def test_the_traction_adds_up_to_the_shear_force_and_slips_at_friction(part):
     a = 2e-3
     Q = part * LIMIT
     c = float(cm.stick_radius(Q, LIMIT, a))
-    total = quad(lambda r: 2 * np.pi * r * cm.traction(r, Q, MU, P, a), 0, a, points=[c] if 0 < c < a else None, epsabs=1e-12, limit=200)[0]
+    total = quad(
+        lambda r: 2 * np.pi * r * cm.traction(r, Q, MU, P, a),
+        0,
+        a,
+        points=[c] if 0 < c < a else None,
+        epsabs=1e-12,
+        limit=200,
+    )[0]
     assert total == pytest.approx(Q, abs=1e-9)
     slipping = np.linspace(c, a, 9)
-    np.testing.assert_allclose(cm.traction(slipping, Q, MU, P, a), MU * hertz.pressure(slipping, P, a))
+    np.testing.assert_allclose(
+        cm.traction(slipping, Q, MU, P, a), MU * hertz.pressure(slipping, P, a)
+    )
     sticking = np.linspace(0, c, 9)[:-1]
     assert (cm.traction(sticking, Q, MU, P, a) <= MU * hertz.pressure(sticking, P, a)).all()
 
@@ -121,8 +140,14 @@ def test_the_traction_adds_up_to_the_shear_force_and_slips_at_friction(part):
 @given(st.floats(1e-15, 1.0), st.sampled_from(NUS))
 def test_shift_and_shear_force_undo_each_other_down_to_the_smallest_force(part, nu):
     delta = cm.shift(part * LIMIT, MU, P, 2e-3, E, nu)
-    # close to full slip the shift hardly says anything about the force: its error is bounded in newtons
-    np.testing.assert_allclose(cm.shear_force(delta, MU, P, 2e-3, E, nu), part * LIMIT, rtol=1e-13, atol=1e-13 * LIMIT if part > 0.5 else 0)
+    # close to full slip the shift hardly says anything about the force: its error is bounded in
+    # newtons
+    np.testing.assert_allclose(
+        cm.shear_force(delta, MU, P, 2e-3, E, nu),
+        part * LIMIT,
+        rtol=1e-13,
+        atol=1e-13 * LIMIT if part > 0.5 else 0,
+    )
     assert cm.shear_force(-delta, MU, P, 2e-3, E, nu) == -cm.shear_force(delta, MU, P, 2e-3, E, nu)
 
 
@@ -137,16 +162,21 @@ def test_beyond_friction_there_is_no_shift_and_no_more_force():
 def test_initial_stiffness_of_the_contact():
     a, nu = 2e-3, 0.5
     G = E / (2 * (1 + nu))
-    assert 1e-9 / float(cm.shift(1e-9, MU, P, a, E, nu)) == pytest.approx(8 * G * a / (2 - nu), rel=1e-8)
+    assert 1e-9 / float(cm.shift(1e-9, MU, P, a, E, nu)) == pytest.approx(
+        8 * G * a / (2 - nu), rel=1e-8
+    )
 
 
-@example(part=0.99609375, compliance=1.0)  # the slowest to converge: all in the spring, nearly sliding
+# the slowest to converge: all in the spring, nearly sliding
+@example(part=0.99609375, compliance=1.0)
 @given(part=st.floats(0, 1), compliance=st.sampled_from([0.0, 1e-9, 1.05e-4, 1.0]))
 def test_the_driven_contact_carries_the_force_that_its_springs_carry(part, compliance):
     a, nu = 2e-3, 0.5
     Q = part * LIMIT
     distance = float(cm.shift(Q, MU, P, a, E, nu)) + compliance * Q
-    assert float(cm.driven_shear_force(distance, compliance, MU, P, a, E, nu)) == pytest.approx(Q, abs=1e-12)
+    assert float(cm.driven_shear_force(distance, compliance, MU, P, a, E, nu)) == pytest.approx(
+        Q, abs=1e-12
+    )
 
 
 def test_the_driven_contact_slides_at_friction_and_rests_before_the_drive():

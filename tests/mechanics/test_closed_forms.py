@@ -27,13 +27,17 @@ def exact_share(Q):
 def radii(Q):
     """From the centre to 100 a, on both sides of c and a, and between them however close they are."""
     share = float(exact_share(Q))
-    return A * np.unique([0, 1e-3, 0.4, share * 0.999, (1 + share) / 2, 1, 1 + 1e-9, 1.3, 2.9, 10, 100])
+    return A * np.unique(
+        [0, 1e-3, 0.4, share * 0.999, (1 + share) / 2, 1, 1 + 1e-9, 1.3, 2.9, 10, 100]
+    )
 
 
 def summed(r, Q):
-    """Sum over the contact of the traction sqrt(a^2 - s^2) - sqrt(c^2 - s^2) by its distance, plain and times cos of twice the direction.
+    """Sum over the contact of the traction sqrt(a^2 - s^2) - sqrt(c^2 - s^2) by its distance, plain
+    and times cos of twice the direction.
 
-    In polar coordinates about the point the kernel leaves the traction itself; along a chord of half length h its sum is pi h^2/2.
+    In polar coordinates about the point the kernel leaves the traction itself; along a chord of
+    half length h its sum is pi h^2/2.
     """
     a, c, r = mp.mpf(A), A * exact_share(Q), mp.mpf(float(r))
     ends = sorted({mp.mpf(0), mp.pi / 2} | {mp.asin(e / r) for e in (a, c) if e < r})
@@ -55,16 +59,25 @@ def test_displacement_inside_and_outside_to_ten_digits(part):
     x, y = np.array([[1.0], [0.96]]) * radii(Q), np.array([[0.0], [0.28]]) * radii(Q)
     r = np.hypot(x, y)
     exact = np.array([summed(value, Q) for value in r.ravel()])
-    double_angle = [2 * mp.atan2(mp.mpf(v), mp.mpf(u)) for u, v in zip(x.ravel(), y.ravel(), strict=True)]
+    double_angle = [
+        2 * mp.atan2(mp.mpf(v), mp.mpf(u)) for u, v in zip(x.ravel(), y.ravel(), strict=True)
+    ]
     for nu in NUS:
-        scale = 3 * mp.mpf(LIMIT) / (2 * mp.pi * mp.mpf(A) ** 3) * (1 + mp.mpf(nu)) / (mp.pi * mp.mpf(E))
+        scale = (
+            3
+            * mp.mpf(LIMIT)
+            / (2 * mp.pi * mp.mpf(A) ** 3)
+            * (1 + mp.mpf(nu))
+            / (mp.pi * mp.mpf(E))
+        )
         mean, double = scale * (1 - mp.mpf(nu) / 2) * exact[:, 0], scale * nu / 2 * exact[:, 1]
         g0, g2 = (g.ravel() for g in cm.radial_displacement(r, Q, MU, P, A, E, nu))
         gx, gy = (g.ravel() for g in cm.displacement(x, y, Q, MU, P, A, E, nu))
         for i, angle in enumerate(double_angle):
             assert relative(g0[i], mean[i]) < RTOL
             assert relative(gx[i], mean[i] + double[i] * mp.cos(angle)) < RTOL
-            if nu == 0 or mp.mpf(r.ravel()[i]) <= A * exact_share(Q):  # nothing to turn; in the stick zone nothing turns
+            # nothing to turn; in the stick zone nothing turns
+            if nu == 0 or mp.mpf(r.ravel()[i]) <= A * exact_share(Q):
                 assert g2[i] == gy[i] == 0
             else:
                 assert relative(g2[i], double[i]) < RTOL
@@ -98,7 +111,9 @@ def test_traction_stick_radius_shift_and_force_to_ten_digits(part):
         if part < 1 - 1e-5:
             assert relative(cm.shear_force(delta, MU, P, A, E, nu), mp.mpf(Q)) < RTOL
             distance = float(delta) + 1e-4 * Q
-            assert relative(cm.driven_shear_force(distance, 1e-4, MU, P, A, E, nu), mp.mpf(Q)) < RTOL
+            assert (
+                relative(cm.driven_shear_force(distance, 1e-4, MU, P, A, E, nu), mp.mpf(Q)) < RTOL
+            )
 
 
 @pytest.mark.parametrize("part", [0.4, 1.0])
@@ -113,7 +128,9 @@ def test_the_ring_mean_of_the_displacement_is_its_isotropic_part(part, share):
 def test_what_is_pushed_the_other_way_goes_the_other_way():
     r = radii(0.3 * LIMIT)
     for force in (cm.traction, lambda r, *rest: cm.radial_displacement(r, *rest, E, 0.4)[1]):
-        np.testing.assert_array_equal(force(r, -0.3 * LIMIT, MU, P, A), -np.asarray(force(r, 0.3 * LIMIT, MU, P, A)))
+        np.testing.assert_array_equal(
+            force(r, -0.3 * LIMIT, MU, P, A), -np.asarray(force(r, 0.3 * LIMIT, MU, P, A))
+        )
 
 
 def test_a_contact_without_force_is_at_rest():

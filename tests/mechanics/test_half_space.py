@@ -1,4 +1,6 @@
-"""The surface operator: against quadrature, direct sums, closed forms of sphere contacts and the layer's equations of equilibrium."""
+"""The surface operator: against quadrature, direct sums, closed forms of sphere contacts and the
+layer's equations of equilibrium.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,10 @@ def integrated(x, y, nu, pitch):
         return nu * (x - a) * (y - b) / math.hypot(x - a, y - b) ** 3 / (2 * math.pi * G)
 
     half = pitch[0] / 2, pitch[1] / 2
-    return [integrate.dblquad(f, -half[0], half[0], -half[1], half[1], epsabs=1e-13)[0] for f in (along, across)]
+    return [
+        integrate.dblquad(f, -half[0], half[0], -half[1], half[1], epsabs=1e-13)[0]
+        for f in (along, across)
+    ]
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
@@ -82,8 +87,17 @@ def test_a_sheared_sphere_contact_converges_to_its_closed_form() -> None:
         pitch = 2.6 * a / n
         x, y = np.meshgrid(*2 * [(np.arange(n) - (n - 1) / 2) * pitch])
         parts = [(k - 1.5) / 4 * pitch for k in range(4)]
-        sigma = np.mean([cattaneo_mindlin.traction(np.hypot(x + dx, y + dy), 0.25, 0.93, P, a) for dx in parts for dy in parts], axis=0)
-        u = SurfaceGreen((n, n), pitch, E, NU, coupled=True).apply(np.stack([sigma, np.zeros_like(sigma)]))
+        sigma = np.mean(
+            [
+                cattaneo_mindlin.traction(np.hypot(x + dx, y + dy), 0.25, 0.93, P, a)
+                for dx in parts
+                for dy in parts
+            ],
+            axis=0,
+        )
+        u = SurfaceGreen((n, n), pitch, E, NU, coupled=True).apply(
+            np.stack([sigma, np.zeros_like(sigma)])
+        )
         truth = np.stack(cattaneo_mindlin.displacement(x, y, 0.25, 0.93, P, a, E, NU))
         errors.append(np.sqrt(np.mean((u - truth) ** 2)) / truth.max())
     assert errors[1] < 5e-4
@@ -110,20 +124,35 @@ def kernel_xx(x, y, pitch, nu):
         for j in (-0.5, 0.5):
             a, b = x + i * pitch, y + j * pitch
             r = math.hypot(a, b)
-            total += 4 * i * j * ((1 - nu) * (a * math.log(b + r) + b * math.log(a + r)) + nu * b * math.log(a + r))
+            total += (
+                4
+                * i
+                * j
+                * (
+                    (1 - nu) * (a * math.log(b + r) + b * math.log(a + r))
+                    + nu * b * math.log(a + r)
+                )
+            )
     return total * (1 + nu) / (math.pi * E)
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
 def test_a_layer_moves_as_its_equations_of_equilibrium_say(nu: float) -> None:
-    """Displacement under a sinusoidal traction, by the matrix exponential of the plane-strain equations, back by Bessel functions."""
+    """Displacement under a sinusoidal traction, by the matrix exponential of the plane-strain
+    equations, back by Bessel functions.
+    """
     G, H = 1.0, 1.0
     lam = 2 * G * nu / (1 - 2 * nu)
 
     def compliance(q):
         k = lam / (lam + 2 * G)
         step = np.array(
-            [[0, -q, 1 / G, 0], [k * q, 0, 0, 1 / (lam + 2 * G)], [q * q * (lam + 2 * G) - q * q * lam * k, 0, 0, -q * k], [0, 0, q, 0]]
+            [
+                [0, -q, 1 / G, 0],
+                [k * q, 0, 0, 1 / (lam + 2 * G)],
+                [q * q * (lam + 2 * G) - q * q * lam * k, 0, 0, -q * k],
+                [0, 0, q, 0],
+            ]
         )
         across = expm(step * H)[:, 2:]  # from the stresses on the plate; no displacement there
         stress = np.linalg.solve(across[2:], [1.0, 0.0])
@@ -131,7 +160,9 @@ def test_a_layer_moves_as_its_equations_of_equilibrium_say(nu: float) -> None:
 
     def of_bessel(order, r, sign):
         def integrand(q):
-            return (q * compliance(q) - (1 - nu) / G + sign * (np.tanh(q * H) - 1) / G) * jv(order, q * r)
+            return (q * compliance(q) - (1 - nu) / G + sign * (np.tanh(q * H) - 1) / G) * jv(
+                order, q * r
+            )
 
         return sign * integrate.quad(integrand, 1e-9, 12, limit=200, epsabs=1e-9)[0] / (4 * math.pi)
 
@@ -141,7 +172,9 @@ def test_a_layer_moves_as_its_equations_of_equilibrium_say(nu: float) -> None:
     assert double == pytest.approx([of_bessel(2, x, -1) for x in r], rel=1e-5, abs=1e-9)
 
 
-def test_a_thick_layer_moves_less_by_nearly_the_same_everywhere_and_tends_to_the_half_space() -> None:
+def test_a_thick_layer_moves_less_by_nearly_the_same_everywhere_and_tends_to_the_half_space() -> (
+    None
+):
     near, _ = layer_correction(np.array([0.0, 2e-3]), E, NU, 15e-3)
     assert near[0] == pytest.approx(-4.82e-6, rel=2e-3)
     assert near[1] == pytest.approx(near[0], rel=6e-3)
@@ -172,9 +205,23 @@ def test_a_wide_load_on_a_thin_layer_shears_it_like_a_slab() -> None:
     ],
 )
 def test_what_can_not_be_is_refused_in_a_sentence(change: dict, word: str) -> None:
-    asked = {"shape": (4, 4), "pitch": 1e-4, "E": E, "nu": NU, "thickness": math.inf, "box": 0.0} | change
+    asked = {
+        "shape": (4, 4),
+        "pitch": 1e-4,
+        "E": E,
+        "nu": NU,
+        "thickness": math.inf,
+        "box": 0.0,
+    } | change
     with pytest.raises(ValueError, match=word):
-        SurfaceGreen(asked["shape"], asked["pitch"], asked["E"], asked["nu"], thickness=asked["thickness"], box=asked["box"])
+        SurfaceGreen(
+            asked["shape"],
+            asked["pitch"],
+            asked["E"],
+            asked["nu"],
+            thickness=asked["thickness"],
+            box=asked["box"],
+        )
 
 
 def test_masks_and_fields_of_another_shape_are_refused() -> None:

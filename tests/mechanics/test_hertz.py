@@ -1,4 +1,6 @@
-"""Hertz against the equations it solves: the pressure carries P, and pushes the surface onto the sphere."""
+"""Hertz against the equations it solves: the pressure carries P, and pushes the surface onto the
+sphere.
+"""
 
 import numpy as np
 import pytest
@@ -13,12 +15,19 @@ E, R = 3.43e6, 128.8e-3
 
 
 def normal_displacement(r, P, a, nu):
-    """u_z at r: rings of pressure, each moving the surface by 4 (1 - nu^2)/(pi E) p s K(k) / (r + s) ds (Johnson, section 3.8)."""
+    """u_z at r: rings of pressure, each moving the surface by 4 (1 - nu^2)/(pi E) p s K(k) / (r +
+    s) ds (Johnson, section 3.8).
+    """
 
     def ring(s):
-        return hertz.pressure(s, P, a) * s / (r + s) * ellipkm1(max(((r - s) / (r + s)) ** 2, 1e-300))
+        return (
+            hertz.pressure(s, P, a) * s / (r + s) * ellipkm1(max(((r - s) / (r + s)) ** 2, 1e-300))
+        )
 
-    total = quad(ring, 0, r, limit=200, epsabs=0, epsrel=1e-10)[0] + quad(ring, r, a, limit=200, epsabs=0, epsrel=1e-10)[0]
+    total = (
+        quad(ring, 0, r, limit=200, epsabs=0, epsrel=1e-10)[0]
+        + quad(ring, r, a, limit=200, epsabs=0, epsrel=1e-10)[0]
+    )
     return 4 * (1 - nu**2) / (np.pi * E) * total
 
 
@@ -35,8 +44,13 @@ def test_the_pressed_surface_is_the_sphere(nu, share):
 @given(P=st.floats(1e-3, 10), nu=st.floats(0, 0.5))
 def test_the_pressure_carries_the_normal_force(P, nu):
     a = hertz.contact_radius(P, E, nu, R)
-    depth, weights = np.polynomial.legendre.leggauss(40)  # in sqrt(1 - r^2/a^2), in which the integrand is smooth
-    carried = np.pi * a**2 * np.sum(weights * np.abs(depth) * hertz.pressure(a * np.sqrt(1 - depth**2), P, a))
+    # in sqrt(1 - r^2/a^2), in which the integrand is smooth
+    depth, weights = np.polynomial.legendre.leggauss(40)
+    carried = (
+        np.pi
+        * a**2
+        * np.sum(weights * np.abs(depth) * hertz.pressure(a * np.sqrt(1 - depth**2), P, a))
+    )
     assert carried == pytest.approx(P, rel=1e-12)
     assert hertz.pressure(0.0, P, a) == pytest.approx(hertz.peak_pressure(P, a), rel=1e-15)
 

@@ -1,4 +1,6 @@
-"""The interface law against a crowd of springs that are moved one by one, and against what the law must satisfy."""
+"""The interface law against a crowd of springs that are moved one by one, and against what the law
+must satisfy.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ SPRINGS = 200_000
 
 
 class Crowd:
-    """Springs by the pressure at which they touch; slow, and nothing else than Coulomb's law for each."""
+    """Springs by the pressure at which they touch; slow, and nothing else than Coulomb's law for
+    each.
+    """
 
     def __init__(self, highest: float) -> None:
         self.touch = (np.arange(SPRINGS) + 0.5) * highest / SPRINGS
@@ -79,7 +83,10 @@ def test_stiffness_is_the_slope_and_displacement_the_inverse():
     np.testing.assert_allclose(LAW.stiffness(s, p)[apart], slope[apart], rtol=1e-5)
     assert LAW.stiffness(0.0, p) == pytest.approx(p / L)
     np.testing.assert_allclose(LAW.displacement(LAW.traction(s, p), p), s, rtol=1e-10, atol=1e-20)
-    np.testing.assert_array_equal(LAW.displacement([MU * p, -MU * p, 1.01 * MU * p, 0], [p, p, p, 0]), [np.inf, -np.inf, np.nan, 0])
+    np.testing.assert_array_equal(
+        LAW.displacement([MU * p, -MU * p, 1.01 * MU * p, 0], [p, p, p, 0]),
+        [np.inf, -np.inf, np.nan, 0],
+    )
 
 
 def test_a_rigid_interface_is_coulombs():
@@ -95,7 +102,9 @@ def test_elastic_length_of_the_papers_surface():
     assert elastic_length(0.595e-6, 0.5) == pytest.approx(0.89e-6, rel=5e-3)
 
 
-@pytest.mark.parametrize(("mu", "length"), [(0.0, L), (-1.0, L), (np.nan, L), (MU, -1e-9), (MU, np.inf)])
+@pytest.mark.parametrize(
+    ("mu", "length"), [(0.0, L), (-1.0, L), (np.nan, L), (MU, -1e-9), (MU, np.inf)]
+)
 def test_bad_interfaces_are_refused(mu, length):
     with pytest.raises(ValueError, match=r"^interface: "):
         Interface(mu, length)

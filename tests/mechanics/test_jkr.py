@@ -1,4 +1,6 @@
-"""JKR against what defines it: the pressure carries P, the edge opens by the work of adhesion, energy is kept, less force tears it off."""
+"""JKR against what defines it: the pressure carries P, the edge opens by the work of adhesion,
+energy is kept, less force tears it off.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from analysis.mechanics import hertz, jkr
 E, NU, R, W = 3.43e6, 0.5, 128.8e-3, 0.05
 SAMPLE = (E, NU, R)
 STIFF = E / (1 - NU * NU)
-DEPTH, WEIGHT = np.polynomial.legendre.leggauss(60)  # in sqrt(1 - r^2/a^2), where the pressure's root becomes a power
+# in sqrt(1 - r^2/a^2), where the pressure's root becomes a power
+DEPTH, WEIGHT = np.polynomial.legendre.leggauss(60)
 
 
 @given(st.floats(-0.03, 2.0), st.floats(1e-6, 1.0))
@@ -28,17 +31,26 @@ def test_radius_force_and_work_of_adhesion_agree(P, w):
 
 def test_no_contact_holds_more_than_the_pull_off_force():
     least = minimize_scalar(
-        lambda a: float(jkr.normal_force(a, W, *SAMPLE)), bounds=(1e-5, 2e-3), method="bounded", options={"xatol": 1e-12}
+        lambda a: float(jkr.normal_force(a, W, *SAMPLE)),
+        bounds=(1e-5, 2e-3),
+        method="bounded",
+        options={"xatol": 1e-12},
     )
     assert least.fun == pytest.approx(jkr.pull_off_force(W, R), rel=1e-9)
-    assert jkr.contact_radius(jkr.pull_off_force(W, R) * (1 - 1e-12), W, *SAMPLE) == pytest.approx(least.x, rel=1e-4)
+    assert jkr.contact_radius(jkr.pull_off_force(W, R) * (1 - 1e-12), W, *SAMPLE) == pytest.approx(
+        least.x, rel=1e-4
+    )
     assert np.isnan(jkr.contact_radius(1.0001 * jkr.pull_off_force(W, R), W, *SAMPLE))
 
 
 @pytest.mark.parametrize("P", [-0.02, 0.0, 0.5])
 def test_the_pressure_carries_the_force_and_opens_the_edge(P):
     a = float(jkr.contact_radius(P, W, *SAMPLE))
-    carried = np.pi * a**2 * np.sum(WEIGHT * np.abs(DEPTH) * jkr.pressure(a * np.sqrt(1 - DEPTH**2), a, W, *SAMPLE))
+    carried = (
+        np.pi
+        * a**2
+        * np.sum(WEIGHT * np.abs(DEPTH) * jkr.pressure(a * np.sqrt(1 - DEPTH**2), a, W, *SAMPLE))
+    )
     assert carried == pytest.approx(P, abs=1e-11)
     distance = 1e-9 * a
     intensity = -jkr.pressure(a - distance, a, W, *SAMPLE) * np.sqrt(2 * np.pi * distance)
@@ -49,15 +61,22 @@ def test_the_pressure_carries_the_force_and_opens_the_edge(P):
 
 @pytest.mark.parametrize("P", [0.1, 1.4])
 def test_the_force_does_the_work_of_indentation_less_that_of_adhesion(P):
-    """At a fixed radius the block answers as a flat punch, dP = 2 a E* d delta; along equilibrium, both change."""
+    """At a fixed radius the block answers as a flat punch, dP = 2 a E* d delta; along equilibrium,
+    both change.
+    """
     a, da = float(jkr.contact_radius(P, W, *SAMPLE)), 1e-7
 
     def energy(radius):  # of strain: loaded as Hertz to that radius, then pulled back as a punch
-        full, force = float(jkr.normal_force(radius, 0.0, *SAMPLE)), float(jkr.normal_force(radius, W, *SAMPLE))
+        full, force = (
+            float(jkr.normal_force(radius, 0.0, *SAMPLE)),
+            float(jkr.normal_force(radius, W, *SAMPLE)),
+        )
         return 8 * STIFF * radius**5 / (15 * R**2) - (full**2 - force**2) / (4 * STIFF * radius)
 
     work = P * float(jkr.indentation(a + da, W, *SAMPLE) - jkr.indentation(a - da, W, *SAMPLE))
-    assert energy(a + da) - energy(a - da) - work == pytest.approx(W * np.pi * 4 * a * da, rel=1e-6, abs=0)
+    assert energy(a + da) - energy(a - da) - work == pytest.approx(
+        W * np.pi * 4 * a * da, rel=1e-6, abs=0
+    )
 
 
 @pytest.mark.parametrize("P", [0.01, 0.5])
@@ -67,7 +86,9 @@ def test_without_adhesion_it_is_hertz(P):
     assert jkr.contact_radius(P, 1e-12, *SAMPLE) == pytest.approx(a, rel=1e-4)
     assert jkr.indentation(a, 0.0, *SAMPLE) == pytest.approx(hertz.indentation(a, R), rel=1e-15)
     r = np.linspace(0, 1.2 * a, 13)
-    np.testing.assert_allclose(jkr.pressure(r, a, 0.0, *SAMPLE), hertz.pressure(r, P, a), rtol=1e-12, atol=1e-3)
+    np.testing.assert_allclose(
+        jkr.pressure(r, a, 0.0, *SAMPLE), hertz.pressure(r, P, a), rtol=1e-12, atol=1e-3
+    )
     assert np.isnan(jkr.contact_radius(-1e-6, 0.0, *SAMPLE))
     assert np.isnan(jkr.work_of_adhesion(0.99 * a, P, *SAMPLE))
 

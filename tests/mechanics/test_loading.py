@@ -1,4 +1,6 @@
-"""The loading solver against its equations at other radii, quadrature of Green's tensor, and closed forms in its limits."""
+"""The loading solver against its equations at other radii, quadrature of Green's tensor, and closed
+forms in its limits.
+"""
 
 import itertools
 from dataclasses import replace
@@ -26,7 +28,9 @@ def test_every_radius_is_in_equilibrium(nu, thickness):
         state = loading.at_block(part * SHIFT)
         s = state.D - state.displacement(r)[0]
         expected = Interface(contact.mu, contact.L).traction(s, contact.pressure(r))
-        np.testing.assert_allclose(state.traction(r), expected, atol=1e-9 * contact.mu * contact.pressure(0.0))
+        np.testing.assert_allclose(
+            state.traction(r), expected, atol=1e-9 * contact.mu * contact.pressure(0.0)
+        )
         xi = np.linspace(0, 1, 2001)
         around = 2 * np.pi * contact.a**2 * xi * state.traction(contact.a * np.sqrt(1 - xi * xi))
         assert pytest.approx(np.trapezoid(around, xi), rel=1e-5) == state.Q
@@ -39,7 +43,8 @@ def test_displacement_is_the_greens_tensor_summed_over_the_traction(nu):
     a, G = contact.a, contact.G
     t, w = np.polynomial.legendre.leggauss(200)
     for x in np.array([0.0, 0.3, 0.9, 0.9999, 1.0001, 1.2, 3.0, 40.0]) * a:
-        # polar coordinates about (x, 0): the kernel's 1/r goes; square roots at the ends of each chord and of the opening go by a sine
+        # polar coordinates about (x, 0): the kernel's 1/r goes; square roots at the ends of each
+        # chord and of the opening go by a sine
         opening = np.pi if x < a else np.arcsin(a / x)
         angle = np.pi + opening * (t if x < a else np.sin(np.pi / 2 * t))
         weight = opening * w * (1 if x < a else np.pi / 2 * np.cos(np.pi / 2 * t))
@@ -47,12 +52,19 @@ def test_displacement_is_the_greens_tensor_summed_over_the_traction(nu):
         start, end = np.maximum(-x * np.cos(angle) - root, 0.0), -x * np.cos(angle) + root
         half = ((end - start) / 2)[:, None]
         d = start[:, None] + half * (1 + np.sin(np.pi / 2 * t))
-        sigma = state.traction(np.hypot(x + d * np.cos(angle)[:, None], d * np.sin(angle)[:, None]).ravel()).reshape(d.shape)
-        along = (sigma * half * np.pi / 2 * np.cos(np.pi / 2 * t) * w).sum(axis=1) * weight / (2 * np.pi * G)
+        sigma = state.traction(
+            np.hypot(x + d * np.cos(angle)[:, None], d * np.sin(angle)[:, None]).ravel()
+        ).reshape(d.shape)
+        along = (
+            (sigma * half * np.pi / 2 * np.cos(np.pi / 2 * t) * w).sum(axis=1)
+            * weight
+            / (2 * np.pi * G)
+        )
         even, cos2 = along.sum() * (1 - nu / 2), (along * np.cos(2 * angle)).sum() * nu / 2
         sides = (along * np.sin(angle) ** 2).sum()
         g0, g2 = state.displacement(x)
-        # at (x, 0) the tensor's xx part gives g0 + g2, its yy part (the traction turned by 90 degrees) g0 - g2
+        # at (x, 0) the tensor's xx part gives g0 + g2, its yy part (the traction turned by 90
+        # degrees) g0 - g2
         assert g0 + g2 == pytest.approx(even + cos2, rel=3e-6)
         assert g0 - g2 == pytest.approx(along.sum() * (1 - nu) + nu * sides, rel=3e-6)
 
@@ -69,7 +81,10 @@ def test_full_slip_has_the_closed_forms_displacement(nu):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_twice_the_modes_change_nothing(part):
-    few, many = LOADING.at_block(part * SHIFT), AxisymmetricLoading(CONTACT, 128).at_block(part * SHIFT)
+    few, many = (
+        LOADING.at_block(part * SHIFT),
+        AxisymmetricLoading(CONTACT, 128).at_block(part * SHIFT),
+    )
     assert pytest.approx(many.Q, rel=1e-12) == few.Q
     r = np.linspace(0, 3, 50) * CONTACT.a
     for g, g_many in zip(few.displacement(r), many.displacement(r), strict=True):
@@ -77,14 +92,20 @@ def test_twice_the_modes_change_nothing(part):
 
 
 def first_order(part):
-    """(D - D of Cattaneo-Mindlin)/L as L -> 0: slope in Q of the interface's complementary energy under Cattaneo-Mindlin's traction."""
+    """(D - D of Cattaneo-Mindlin)/L as L -> 0: slope in Q of the interface's complementary energy
+    under Cattaneo-Mindlin's traction.
+    """
     a, n = CONTACT.a, 20_000
 
     def energy(Q):
         r = (np.arange(n) + 0.5) / n * a
         p = CONTACT.mu * CONTACT.pressure(r)
         rest = 1 - cm.traction(r, Q, CONTACT.mu, CONTACT.P, a) / p
-        density = CONTACT.mu * p * (1 - rest + np.where(rest > 1e-12, rest * np.log(np.maximum(rest, 1e-12)), 0.0))
+        density = (
+            CONTACT.mu
+            * p
+            * (1 - rest + np.where(rest > 1e-12, rest * np.log(np.maximum(rest, 1e-12)), 0.0))
+        )
         return np.sum(2 * np.pi * r * density) * a / n
 
     step = 1e-3 * LIMIT
@@ -111,9 +132,14 @@ def test_the_three_ways_to_drive_agree_and_the_stiffness_is_the_slope():
         state = LOADING.at_force(part * LIMIT)
         assert pytest.approx(part * LIMIT, rel=1e-12) == state.Q
         assert pytest.approx(state.Q, rel=1e-12) == LOADING.at_block(state.D).Q
-        assert pytest.approx(state.Q, rel=1e-11) == LOADING.driven(state.D + compliance * state.Q, compliance).Q
+        assert (
+            pytest.approx(state.Q, rel=1e-11)
+            == LOADING.driven(state.D + compliance * state.Q, compliance).Q
+        )
         assert pytest.approx(-state.D, rel=1e-12) == LOADING.at_force(-state.Q).D
-        slope = (LOADING.at_block(1.0001 * state.D).Q - LOADING.at_block(0.9999 * state.D).Q) / (2e-4 * state.D)
+        slope = (LOADING.at_block(1.0001 * state.D).Q - LOADING.at_block(0.9999 * state.D).Q) / (
+            2e-4 * state.D
+        )
         assert state.stiffness == pytest.approx(slope, rel=1e-5)
     soft = [AxisymmetricLoading(replace(CONTACT, L=L)).rest.stiffness for L in (1e-8, 1e-9)]
     rigid = 8 * CONTACT.G * CONTACT.a / (2 - CONTACT.nu)
@@ -132,13 +158,21 @@ def test_table_is_a_first_loading_up_to_sliding():
 
 
 @pytest.mark.parametrize("part", [0.3, 0.9, 1.2])
-def test_a_reversal_repeats_the_first_loading_at_twice_its_size_and_a_closed_loop_is_forgotten(part):
+def test_a_reversal_repeats_the_first_loading_at_twice_its_size_and_a_closed_loop_is_forgotten(
+    part,
+):
     top = LOADING.at_block(part * SHIFT)
     for back in (0.8, 0.1, -0.7):
         down = LOADING.advance(top, back * top.D)
-        assert pytest.approx(top.Q - 2 * LOADING.at_block((top.D - down.D) / 2).Q, abs=1e-12 * LIMIT) == down.Q
+        assert (
+            pytest.approx(top.Q - 2 * LOADING.at_block((top.D - down.D) / 2).Q, abs=1e-12 * LIMIT)
+            == down.Q
+        )
         up = LOADING.advance(down, 0.9 * top.D)
-        assert pytest.approx(down.Q + 2 * LOADING.at_block((up.D - down.D) / 2).Q, abs=1e-12 * LIMIT) == up.Q
+        assert (
+            pytest.approx(down.Q + 2 * LOADING.at_block((up.D - down.D) / 2).Q, abs=1e-12 * LIMIT)
+            == up.Q
+        )
         beyond = LOADING.advance(up, 1.1 * top.D)
         assert pytest.approx(LOADING.at_block(1.1 * top.D).Q, rel=1e-11) == beyond.Q
         assert beyond.memory.slopes.tolist() == [1.0]
@@ -150,7 +184,9 @@ def test_unloading_tends_to_mindlin_and_deresiewiczs():
         loading = AxisymmetricLoading(replace(CONTACT, L=L))
         top = loading.at_force(0.8 * LIMIT)
         down = loading.advance(top, 0.2 * top.D)
-        sharp = cm.shear_force((top.D - down.D) / 2, CONTACT.mu, CONTACT.P, CONTACT.a, CONTACT.E, CONTACT.nu)
+        sharp = cm.shear_force(
+            (top.D - down.D) / 2, CONTACT.mu, CONTACT.P, CONTACT.a, CONTACT.E, CONTACT.nu
+        )
         errors.append(top.Q - 2 * float(sharp) - down.Q)
     assert abs(errors[2]) < 0.01 * LIMIT
     assert errors[2] == pytest.approx(errors[1] / 2, rel=0.1)
@@ -185,7 +221,9 @@ def test_any_history_stays_within_friction():
         state = LOADING.advance(state, stage, P=P, compliance=compliance)
         assert state.D + compliance * state.Q == pytest.approx(stage, rel=1e-12)
         assert (np.abs(state.sigma) <= CONTACT.mu * state.pressure * (1 + 1e-12)).all()
-        np.testing.assert_allclose(state.s + state.displacement(state.r)[0], state.D, atol=1e-9 * SHIFT)
+        np.testing.assert_allclose(
+            state.s + state.displacement(state.r)[0], state.D, atol=1e-9 * SHIFT
+        )
 
 
 def test_a_layer_moves_less_than_a_half_space():
@@ -202,7 +240,9 @@ def test_peak_of_the_traction_lies_above_cattaneo_and_mindlins_c():
         state = LOADING.at_force(part * LIMIT)
         assert 0.02 < (state.peak_radius - state.stick_radius) / CONTACT.a < 0.1
         r = np.linspace(0, CONTACT.a, 20001)
-        assert state.peak_radius == pytest.approx(r[np.argmax(state.traction(r))], abs=1e-4 * CONTACT.a)
+        assert state.peak_radius == pytest.approx(
+            r[np.argmax(state.traction(r))], abs=1e-4 * CONTACT.a
+        )
     assert LOADING.at_block(2 * SHIFT).peak_radius == 0
 
 

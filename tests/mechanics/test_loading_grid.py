@@ -1,4 +1,6 @@
-"""The grid solver against the axisymmetric one: two discretisations that share the interface law alone."""
+"""The grid solver against the axisymmetric one: two discretisations that share the interface law
+alone.
+"""
 
 from dataclasses import replace
 
@@ -24,10 +26,17 @@ def radius(loading):
 
 
 def pressure(P):
-    """Hertz's pressure under another normal force on the cells of GRID, by the mean over 20 x 20 points."""
+    """Hertz's pressure under another normal force on the cells of GRID, by the mean over 20 x 20
+    points.
+    """
     n, pitch = 20, GRID.green.pitch[0]
     at = (np.arange(CELLS * n) - (CELLS * n - 1) / 2) * pitch / n
-    p = replace(CONTACT, P=P).pressure(np.hypot(at[:, None], at)).reshape(CELLS, n, CELLS, n).mean(axis=(1, 3))
+    p = (
+        replace(CONTACT, P=P)
+        .pressure(np.hypot(at[:, None], at))
+        .reshape(CELLS, n, CELLS, n)
+        .mean(axis=(1, 3))
+    )
     return p * P / (p.sum() * pitch**2)
 
 
@@ -38,16 +47,24 @@ def close_to_balance(loading, state, stage):
     return np.sqrt(np.mean(rest**2)) < 2 * CLOSE * abs(stage)
 
 
-@pytest.mark.parametrize("contact", [replace(CONTACT, nu=0.0), CONTACT, replace(CONTACT, thickness=15e-3)], ids=["nu 0", "nu 0.5", "layer"])
+@pytest.mark.parametrize(
+    "contact",
+    [replace(CONTACT, nu=0.0), CONTACT, replace(CONTACT, thickness=15e-3)],
+    ids=["nu 0", "nu 0.5", "layer"],
+)
 def test_first_loadings_agree(contact):
     grid, exact = GridLoading.of_sphere(contact, CELLS), AxisymmetricLoading(contact)
     for part in (0.1, 0.5, 0.9, 1.3):
         state, true = grid.driven(part * SHIFT), exact.at_block(part * SHIFT)
         assert pytest.approx(true.Q, rel=2.5e-3) == state.Q
-        # nu turns the surface displacement by cos 2 theta, which the axisymmetric solver leaves to the mean
+        # nu turns the surface displacement by cos 2 theta, which the axisymmetric solver leaves to
+        # the mean
         error = state.sigma - true.traction(radius(grid))
         inside = radius(grid) < 0.95 * contact.a
-        assert np.sqrt(np.mean(error[inside] ** 2)) < (0.004 if contact.nu == 0 else 0.04) * true.sigma.max()
+        assert (
+            np.sqrt(np.mean(error[inside] ** 2))
+            < (0.004 if contact.nu == 0 else 0.04) * true.sigma.max()
+        )
         assert close_to_balance(grid, state, part * SHIFT)
 
 
@@ -58,9 +75,9 @@ def test_displacement_far_outside_agrees_in_both_components(thickness):
     at = (np.arange(n) - (n - 1) / 2) * pitch
     r, double = np.hypot(at[:, None], at), 2 * np.arctan2(at[:, None], at)
     sigma = state.traction(r)
-    gx, gy = SurfaceGreen((n, n), pitch, contact.E, contact.nu, thickness=thickness, coupled=True).apply(
-        [sigma * state.Q / (sigma.sum() * pitch**2), np.zeros((n, n))]
-    )
+    gx, gy = SurfaceGreen(
+        (n, n), pitch, contact.E, contact.nu, thickness=thickness, coupled=True
+    ).apply([sigma * state.Q / (sigma.sum() * pitch**2), np.zeros((n, n))])
     g0, g2 = state.displacement(r)
     outside = r > 1.5 * contact.a
     np.testing.assert_allclose(gx[outside], (g0 + g2 * np.cos(double))[outside], atol=3e-4 * SHIFT)
@@ -70,7 +87,10 @@ def test_displacement_far_outside_agrees_in_both_components(thickness):
 def test_finer_cells_come_closer():
     contact = replace(CONTACT, nu=0.0)
     Q = AxisymmetricLoading(contact).at_block(0.3 * SHIFT).Q
-    errors = [abs(GridLoading.of_sphere(contact, cells).driven(0.3 * SHIFT).Q - Q) for cells in (24, 48, 96)]
+    errors = [
+        abs(GridLoading.of_sphere(contact, cells).driven(0.3 * SHIFT).Q - Q)
+        for cells in (24, 48, 96)
+    ]
     assert errors[2] < errors[1] / 2 < errors[0] / 4
     assert errors[2] < 1e-3 * Q
 
@@ -78,7 +98,11 @@ def test_finer_cells_come_closer():
 def test_where_the_search_starts_does_not_matter():
     near = GRID.driven(0.3 * SHIFT)
     free = GridLoading(GRID.pressure, GRID.green, GRID.interface)
-    states = [GRID.driven(0.6 * SHIFT), GRID.driven(0.6 * SHIFT, near=near), free.driven(0.6 * SHIFT)]
+    states = [
+        GRID.driven(0.6 * SHIFT),
+        GRID.driven(0.6 * SHIFT, near=near),
+        free.driven(0.6 * SHIFT),
+    ]
     for state in states[1:]:
         assert pytest.approx(states[0].Q, rel=1e-6) == state.Q
         np.testing.assert_allclose(state.sigma, states[0].sigma, atol=1e-4 * states[0].sigma.max())
@@ -113,7 +137,10 @@ def test_a_step_of_nothing_changes_nothing():
 
 def test_without_poissons_ratio_both_components_are_one():
     contact = replace(CONTACT, nu=0.0)
-    one, both = (GridLoading.of_sphere(contact, CELLS, coupled=coupled).driven(0.6 * SHIFT) for coupled in (False, True))
+    one, both = (
+        GridLoading.of_sphere(contact, CELLS, coupled=coupled).driven(0.6 * SHIFT)
+        for coupled in (False, True)
+    )
     np.testing.assert_allclose(both.sigma[0], one.sigma, atol=1e-4 * one.sigma.max())
     assert np.abs(both.sigma[1]).max() < 1e-6 * one.sigma.max()
 

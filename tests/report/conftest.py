@@ -1,4 +1,6 @@
-"""A loading experiment in closed form (Cattaneo-Mindlin, then sliding), as the pipeline would have reported it."""
+"""A loading experiment in closed form (Cattaneo-Mindlin, then sliding), as the pipeline would have
+reported it.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,15 @@ class Loading:
 
 
 def potential(r: np.ndarray, a: float) -> np.ndarray:
-    """Azimuthal mean of the displacement of a traction sqrt(1 - r^2/a^2), times 2 pi G / ((1 - nu/2))."""
+    """Azimuthal mean of the displacement of a traction sqrt(1 - r^2/a^2), times 2 pi G / ((1 -
+    nu/2)).
+    """
     outside = np.maximum(r, a)
-    far = np.pi / (2 * a) * ((2 * a**2 - outside**2) * np.arcsin(a / outside) + a * np.sqrt(outside**2 - a**2))
+    far = (
+        np.pi
+        / (2 * a)
+        * ((2 * a**2 - outside**2) * np.arcsin(a / outside) + a * np.sqrt(outside**2 - a**2))
+    )
     return np.where(r <= a, np.pi**2 * (2 * a**2 - r**2) / (4 * a), far)
 
 
@@ -58,11 +66,15 @@ def loading() -> Loading:
     for frame, time in enumerate(np.arange(0.5, 38, 0.25)):
         travel = VELOCITY * time
         share = np.linspace(0, 1, 4000)
-        share = np.interp(travel, shift_cm * (1 - (1 - share) ** (2 / 3)) + MU * P_N * share / K_T, share)
+        share = np.interp(
+            travel, shift_cm * (1 - (1 - share) ** (2 / 3)) + MU * P_N * share / K_T, share
+        )
         c = HERTZ_M * np.cbrt(1 - share)
         slid = max(0.0, travel - VELOCITY * onset)
         force = share * MU * P_N
-        ux_m = radial_displacement(r, c) + slid + LENS_M_PER_N * force + rng.normal(0, 0.1e-6, r.shape)
+        ux_m = (
+            radial_displacement(r, c) + slid + LENS_M_PER_N * force + rng.normal(0, 0.1e-6, r.shape)
+        )
         ring_ux = radial_displacement(rings, c) + slid
         told = 0.1 < c / HERTZ_M < 0.97
         snapshots.append(
@@ -89,6 +101,19 @@ def loading() -> Loading:
                 2e-5 / max(c / HERTZ_M, 0.1) if told else np.nan,
             )
         )
-    summary = Summary(P_N, HERTZ_M + 2.7e-4, 4e-5, HERTZ_M, float(onset), 0.12, MU * P_N, MU, 0.004, MU, (MU - 0.006, MU + 0.008), VELOCITY)
+    summary = Summary(
+        P_N,
+        HERTZ_M + 2.7e-4,
+        4e-5,
+        HERTZ_M,
+        float(onset),
+        0.12,
+        MU * P_N,
+        MU,
+        0.004,
+        MU,
+        (MU - 0.006, MU + 0.008),
+        VELOCITY,
+    )
     contact = ContactResult(centre, HERTZ_M + 2.7e-4, 4e-5, (0.0, 0.0), np.zeros(0), np.zeros(0))
     return Loading(snapshots, contact, summary, x_px, y_px)

@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.report.figures import experiment_figure, experiment_picture, numbered_instants, stick_radius_cm
+from app.report.figures import (
+    experiment_figure,
+    experiment_picture,
+    numbered_instants,
+    stick_radius_cm,
+)
 from app.results import Phase, without_fields
 
 PIXEL_M = 7.04e-6
@@ -40,7 +45,9 @@ def panels(figure: Figure) -> list[Any]:
 
 
 def test_five_instants_lead_to_the_onset_and_one_slides(loading: Any) -> None:
-    chosen = [loading.snapshots[i].time_s for i in numbered_instants(loading.snapshots, loading.summary)]
+    chosen = [
+        loading.snapshots[i].time_s for i in numbered_instants(loading.snapshots, loading.summary)
+    ]
     onset = loading.summary.onset_time_s
     assert len(chosen) == 6
     assert all(t < onset for t in chosen[:5])
@@ -50,7 +57,10 @@ def test_five_instants_lead_to_the_onset_and_one_slides(loading: Any) -> None:
 
 def test_without_an_onset_the_instants_share_the_drive(loading: Any) -> None:
     early = loading.snapshots[:24]
-    chosen = [early[i].time_s for i in numbered_instants(early, replace(loading.summary, onset_time_s=math.nan))]
+    chosen = [
+        early[i].time_s
+        for i in numbered_instants(early, replace(loading.summary, onset_time_s=math.nan))
+    ]
     assert chosen[-1] == early[-1].time_s
     assert np.ptp(np.diff(chosen)) <= 0.5
     assert numbered_instants([replace(early[0], phase=Phase.REFERENCE)], None) == []
@@ -59,14 +69,20 @@ def test_without_an_onset_the_instants_share_the_drive(loading: Any) -> None:
 
 def test_the_curve_of_cattaneo_and_mindlin() -> None:
     # c^3 / a^3 = 1 - Q/(mu P), at 0, 7/8, 1 and beyond
-    np.testing.assert_allclose(stick_radius_cm(np.array([0.0, 0.875, 1.0, 1.5]) * 0.465, 2e-3, 0.93, 0.5), [2e-3, 1e-3, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(
+        stick_radius_cm(np.array([0.0, 0.875, 1.0, 1.5]) * 0.465, 2e-3, 0.93, 0.5),
+        [2e-3, 1e-3, 0, 0],
+        atol=1e-9,
+    )
 
 
 def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
     force = figure.subfigs[0].axes[0]
     numbers = {text.get_text(): text.xy for text in force.texts if text.get_text().isdigit()}
     assert sorted(numbers) == list("123456")
-    for shot, number in zip(numbered_instants(loading.snapshots, loading.summary), "123456", strict=True):
+    for shot, number in zip(
+        numbered_instants(loading.snapshots, loading.summary), "123456", strict=True
+    ):
         snapshot = loading.snapshots[shot]
         assert numbers[number] == (snapshot.travel_m * 1e6, snapshot.shear_force_n)
 
@@ -76,22 +92,37 @@ def test_the_measured_stick_radii_have_their_error_bars(figure: Figure, loading:
     told = [s for s in loading.snapshots if math.isfinite(s.stick_radius_m)]
     segments = axes.collections[0].get_segments()
     assert len(segments) == len(told)
-    np.testing.assert_allclose([s[1][1] - s[0][1] for s in segments], [2e3 * s.stick_radius_sd_m for s in told])
+    np.testing.assert_allclose(
+        [s[1][1] - s[0][1] for s in segments], [2e3 * s.stick_radius_sd_m for s in told]
+    )
 
 
-def test_the_fields_are_in_micrometres_with_the_lens_taken_off(figure: Figure, loading: Any) -> None:
-    for panel, i in zip(panels(figure), numbered_instants(loading.snapshots, loading.summary), strict=True):
+def test_the_fields_are_in_micrometres_with_the_lens_taken_off(
+    figure: Figure, loading: Any
+) -> None:
+    for panel, i in zip(
+        panels(figure), numbered_instants(loading.snapshots, loading.summary), strict=True
+    ):
         snapshot = loading.snapshots[i]
-        expected = (snapshot.ux_px.astype(float) * PIXEL_M - LENS_M_PER_N * snapshot.shear_force_n) * 1e6
+        expected = (
+            snapshot.ux_px.astype(float) * PIXEL_M - LENS_M_PER_N * snapshot.shear_force_n
+        ) * 1e6
         np.testing.assert_allclose(np.asarray(panel.images[0].get_array()), expected, atol=1e-6)
         # what sticks does not move once the lens is taken off
         assert abs(np.median(expected[28:31, 39:42]) - 1e6 * snapshot.centre_ux_m) < 0.15
 
 
-def test_the_circles_are_a_and_c_about_the_contact_in_millimetres(figure: Figure, loading: Any) -> None:
-    for panel, i in zip(panels(figure), numbered_instants(loading.snapshots, loading.summary), strict=True):
+def test_the_circles_are_a_and_c_about_the_contact_in_millimetres(
+    figure: Figure, loading: Any
+) -> None:
+    for panel, i in zip(
+        panels(figure), numbered_instants(loading.snapshots, loading.summary), strict=True
+    ):
         radii = [patch.get_radius() for patch in panel.patches]
-        wanted = [loading.contact.apparent_radius_m * 1e3, loading.snapshots[i].stick_radius_m * 1e3]
+        wanted = [
+            loading.contact.apparent_radius_m * 1e3,
+            loading.snapshots[i].stick_radius_m * 1e3,
+        ]
         np.testing.assert_allclose(radii, [r for r in wanted if math.isfinite(r)])
         left, right, bottom, top = panel.images[0].get_extent()
         assert left == pytest.approx((9.5 - 812) * PIXEL_M * 1e3)
@@ -106,7 +137,11 @@ def test_the_cut_is_read_on_the_colour_bar(figure: Figure, loading: Any) -> None
     cut = next(line for line in panel.lines if line.get_label() == "cut").get_ydata()
     ux = np.asarray(panel.images[0].get_array())
     middle = int(np.argmin(np.abs(loading.y_px - loading.contact.centre_px[1])))
-    np.testing.assert_allclose(low + (cut - bottom) / (top - bottom) * (high - low), ux[middle - 2 : middle + 3].mean(axis=0), atol=1e-6)
+    np.testing.assert_allclose(
+        low + (cut - bottom) / (top - bottom) * (high - low),
+        ux[middle - 2 : middle + 3].mean(axis=0),
+        atol=1e-6,
+    )
 
 
 def test_no_text_covers_another(figure: Figure) -> None:
@@ -114,13 +149,29 @@ def test_no_text_covers_another(figure: Figure) -> None:
     renderer = figure.canvas.get_renderer()
     texts = []
     for axes in [axes for half in figure.subfigs for axes in half.axes]:
-        ticks = [label for axis in (axes.xaxis, axes.yaxis) for label in axis.get_ticklabels() if _is_shown(label, axes)]
-        texts += [t for t in (axes.title, axes.xaxis.label, axes.yaxis.label, *ticks) if t.get_text() and t.get_visible()]
+        ticks = [
+            label
+            for axis in (axes.xaxis, axes.yaxis)
+            for label in axis.get_ticklabels()
+            if _is_shown(label, axes)
+        ]
+        texts += [
+            t
+            for t in (axes.title, axes.xaxis.label, axes.yaxis.label, *ticks)
+            if t.get_text() and t.get_visible()
+        ]
     boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts]
     assert len(boxes) > 50
-    assert [(a, b) for i, (a, one) in enumerate(boxes) for b, other in boxes[i + 1 :] if one.overlaps(other)] == []
+    assert [
+        (a, b)
+        for i, (a, one) in enumerate(boxes)
+        for b, other in boxes[i + 1 :]
+        if one.overlaps(other)
+    ] == []
     width, height = figure.canvas.get_width_height()
-    assert [name for name, box in boxes if box.x0 < 0 or box.y0 < 0 or box.x1 > width or box.y1 > height] == []
+    assert [
+        name for name, box in boxes if box.x0 < 0 or box.y0 < 0 or box.x1 > width or box.y1 > height
+    ] == []
 
 
 def _is_shown(label: Any, axes: Any) -> bool:
@@ -131,7 +182,10 @@ def _is_shown(label: Any, axes: Any) -> bool:
 
 
 def test_what_was_not_measured_is_not_drawn(loading: Any) -> None:
-    bare = [replace(s, stick_radius_m=math.nan, stick_radius_sd_m=math.nan) for s in loading.snapshots[:20]]
+    bare = [
+        replace(s, stick_radius_m=math.nan, stick_radius_sd_m=math.nan)
+        for s in loading.snapshots[:20]
+    ]
     unknown = replace(loading.contact, apparent_radius_m=math.nan)
     figure = draw(loading, snapshots=bare, contact=unknown, summary=None)
     assert all(not panel.patches for panel in panels(figure))
@@ -148,9 +202,13 @@ def test_lost_points_stay_blank(loading: Any) -> None:
     assert np.argwhere(np.ma.getmaskarray(np.ma.masked_invalid(image))).tolist() == [[5, 7]]
 
 
-def test_the_picture_needs_the_fields_of_its_six_instants_only(loading: Any, tmp_path: Path) -> None:
+def test_the_picture_needs_the_fields_of_its_six_instants_only(
+    loading: Any, tmp_path: Path
+) -> None:
     kept = set(numbered_instants(loading.snapshots, loading.summary))
     shots = [s if i in kept else without_fields(s) for i, s in enumerate(loading.snapshots)]
     path = tmp_path / "p.png"
-    experiment_picture(shots, loading.contact, loading.summary, loading.x_px, loading.y_px, PIXEL_M, path)
+    experiment_picture(
+        shots, loading.contact, loading.summary, loading.x_px, loading.y_px, PIXEL_M, path
+    )
     assert path.read_bytes().startswith(b"\x89PNG")

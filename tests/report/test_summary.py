@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.report.summary import measured_text, outcome_data, outcome_rows, plain, range_text, summary_rows
+from app.report.summary import (
+    measured_text,
+    outcome_data,
+    outcome_rows,
+    plain,
+    range_text,
+    summary_rows,
+)
 from app.results import Counts, Outcome, Phase, Summary
 
 NAN = math.nan
@@ -85,7 +92,9 @@ def test_the_summary_is_told_in_the_units_of_the_paper() -> None:
 
 def test_every_trigger_and_sample_is_accounted_for() -> None:
     counts = Counts(312, 311, 310, 1, 300, 11, 39000, 7)
-    outcome = Outcome("done", "", counts, None, {"peak_memory_mib": 612.4, "cpu_s": 60.0, "wall_s": 40.0})
+    outcome = Outcome(
+        "done", "", counts, None, {"peak_memory_mib": 612.4, "cpu_s": 60.0, "wall_s": 40.0}
+    )
     text = "\n".join(f"{row.label}: {row.value}" for row in outcome_rows(outcome))
     assert text.splitlines() == [
         "triggers: 312",
@@ -98,7 +107,9 @@ def test_every_trigger_and_sample_is_accounted_for() -> None:
 
 
 def test_machines_get_si_values_and_null_where_nothing_was_measured() -> None:
-    outcome = Outcome("failed", "why", Counts(triggers=3), replace(MEASURED, mu_s=NAN, mu_d_range=(NAN, 1.0)))
+    outcome = Outcome(
+        "failed", "why", Counts(triggers=3), replace(MEASURED, mu_s=NAN, mu_d_range=(NAN, 1.0))
+    )
     data = json.loads(json.dumps(outcome_data(outcome), allow_nan=False))
     assert data["summary"]["apparent_radius_m"] == 2.2046e-3
     assert data["summary"]["mu_s"] is None
@@ -107,5 +118,10 @@ def test_machines_get_si_values_and_null_where_nothing_was_measured() -> None:
 
 
 def test_any_result_becomes_plain() -> None:
-    mixed = {"a": np.array([1.0, np.nan]), "b": Phase.DRIVE, "c": Path("x.h5"), "d": (np.int64(3), True, None)}
+    mixed = {
+        "a": np.array([1.0, np.nan]),
+        "b": Phase.DRIVE,
+        "c": Path("x.h5"),
+        "d": (np.int64(3), True, None),
+    }
     assert plain(mixed) == {"a": [1.0, None], "b": "drive", "c": "x.h5", "d": [3, True, None]}

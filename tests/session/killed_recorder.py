@@ -1,7 +1,9 @@
-"""A program that records until it is killed: ``python killed_recorder.py SESSION.h5 FRAMES_PER_SECOND ROWS COLUMNS``.
+"""A program that records until it is killed: ``python killed_recorder.py SESSION.h5
+FRAMES_PER_SECOND ROWS COLUMNS``.
 
-Prints, for each frame that was handed to the recorder with its samples, its number and the time of the monotonic clock.
-What it records can be told from the number alone, so that `lost_by_kill` knows what there should be.
+Prints, for each frame that was handed to the recorder with its samples, its number and the time of
+the monotonic clock. What it records can be told from the number alone, so that `lost_by_kill` knows
+what there should be.
 """
 
 from __future__ import annotations
@@ -53,7 +55,14 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
         grid_y_px=np.arange(3.0),
         versions={},
     )
-    recorder = Recorder(writer, QUEUE_S, rate * shape[0] * shape[1], FLUSH_S, sender_waits=False, on_failure=sys.exit)
+    recorder = Recorder(
+        writer,
+        QUEUE_S,
+        rate * shape[0] * shape[1],
+        FLUSH_S,
+        sender_waits=False,
+        on_failure=sys.exit,
+    )
     threading.Thread(target=recorder.work, daemon=True).start()
     began = time.monotonic()
     for n in range(1 << 30):
@@ -66,7 +75,9 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """What a kill cost: frames sent, frames lost, seconds from the first lost one to the kill (0: none), and the repair's sentence."""
+    """What a kill cost: frames sent, frames lost, seconds from the first lost one to the kill (0:
+    none), and the repair's sentence.
+    """
 
     sent: int
     lost: int
@@ -75,7 +86,9 @@ class Kill:
 
 
 def lost_by_kill(path: Path, rate: float, shape: tuple[int, int], delay_s: float) -> Kill:
-    """Start a recording, kill it `delay_s` after its first frame, repair the session and compare all with what was sent."""
+    """Start a recording, kill it `delay_s` after its first frame, repair the session and compare
+    all with what was sent.
+    """
     command = [sys.executable, __file__, str(path), str(rate), str(shape[0]), str(shape[1])]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
@@ -96,11 +109,15 @@ def lost_by_kill(path: Path, rate: float, shape: tuple[int, int], delay_s: float
         _, volts, forces = session.forces()
         for n in range(len(forces) // DIVISOR):
             here = slice(n * DIVISOR, (n + 1) * DIVISOR)
-            assert np.array_equal(forces[here], forces_of(n)), f"the samples of frame {n} were altered"
+            assert np.array_equal(forces[here], forces_of(n)), (
+                f"the samples of frame {n} were altered"
+            )
             assert np.array_equal(volts[here], 2 * forces_of(n))
     there = kept & set(range(len(forces) // DIVISOR))
     lost = [n for n in sent if n not in there]
-    return Kill(len(sent), len(lost), max((killed - sent[n] for n in lost), default=0.0), str(found))
+    return Kill(
+        len(sent), len(lost), max((killed - sent[n] for n in lost), default=0.0), str(found)
+    )
 
 
 if __name__ == "__main__":

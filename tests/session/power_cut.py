@@ -1,7 +1,8 @@
 """What a power cut leaves of the files that a program was writing.
 
-Every write of a session and its journal is kept in order, with the moments at which the program had a file brought to the disk. A cut
-leaves all that was brought there, and of the rest each page of 4 KiB as it was at any moment since then; a file may be shorter than it was.
+Every write of a session and its journal is kept in order, with the moments at which the program had
+a file brought to the disk. A cut leaves all that was brought there, and of the rest each page of 4
+KiB as it was at any moment since then; a file may be shorter than it was.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class Disk:
     """The history of all writes; `record` fills it, `left_by_cut` looks back at it."""
 
     def __init__(self) -> None:
-        self.events: list[tuple[str, str, int, bytes]] = []  # name of the file; "write", "size" or "sync"; place; what
+        # name of the file; "write", "size" or "sync"; place; what
+        self.events: list[tuple[str, str, int, bytes]] = []
         self._places: dict[str, Path] = {}
 
     @contextmanager
@@ -51,7 +53,11 @@ class Disk:
                 return size
 
         def sync(number: int) -> None:
-            (name,) = [name for name, path in self._places.items() if os.path.samestat(os.fstat(number), path.stat())]
+            (name,) = [
+                name
+                for name, path in self._places.items()
+                if os.path.samestat(os.fstat(number), path.stat())
+            ]
             self.events.append((name, "sync", 0, b""))
 
         def open_file(path: Path, mode: str, **how: Any) -> h5py.File:
@@ -67,7 +73,9 @@ class Disk:
         """Write to `folder` what is left of each file by a cut before event number `instant`."""
         for name in {event[0] for event in self.events}:
             history = [event[1:] for event in self.events[:instant] if event[0] == name]
-            synced = max((n for n, (kind, _, _) in enumerate(history) if kind == "sync"), default=-1) + 1
+            synced = (
+                max((n for n, (kind, _, _) in enumerate(history) if kind == "sync"), default=-1) + 1
+            )
             content = bytearray()
             for event in history[:synced]:
                 _apply(content, *event)

@@ -18,10 +18,33 @@ GRID_X, GRID_Y = np.array([4.5, 8.5, 12.5]), np.array([3.5, 7.5])
 NAN = float("nan")
 TOML = "[run]\nnormal_force = 0.5  # µ, ü and 力\n"
 VERSIONS = {"slipscope": "0.1.0", "numpy": "2.0.0"}
-SUMMARY = Summary(0.5, 2e-3, 1e-5, 2.1e-3, 31.25, NAN, 0.47, 0.94, 0.01, NAN, (0.9, NAN), 4.8e-6, ("µ_d: too short", "second note"))
+SUMMARY = Summary(
+    0.5,
+    2e-3,
+    1e-5,
+    2.1e-3,
+    31.25,
+    NAN,
+    0.47,
+    0.94,
+    0.01,
+    NAN,
+    (0.9, NAN),
+    4.8e-6,
+    ("µ_d: too short", "second note"),
+)
 COUNTS = Counts(8, 7, 7, 1, 6, 1, 1000, 3)
-OUTCOME = Outcome("done", "the travel is done", COUNTS, SUMMARY, {"peak_memory_mib": 123.4, "cpu_s": 1.5})
-CONTACT = ContactResult((7.25, 5.125), 2.2e-3, NAN, (0.03, -0.01), np.array([1.0, 2.0, 3.5]), np.array([10.0, NAN, 12.0]))
+OUTCOME = Outcome(
+    "done", "the travel is done", COUNTS, SUMMARY, {"peak_memory_mib": 123.4, "cpu_s": 1.5}
+)
+CONTACT = ContactResult(
+    (7.25, 5.125),
+    2.2e-3,
+    NAN,
+    (0.03, -0.01),
+    np.array([1.0, 2.0, 3.5]),
+    np.array([10.0, NAN, 12.0]),
+)
 
 
 def make_writer(path: Path, **changed: Any) -> SessionWriter:
@@ -79,7 +102,10 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
         block_sd_m=1e-8,
         stress_force_n=0.11 * frame,
         stress_force_sd_n=NAN,
-        **{name: rng.normal(size=rings + 2 if field else 0) for name in ("stress_radius_m", "stress_pa", "stress_sd_pa")},
+        **{
+            name: rng.normal(size=rings + 2 if field else 0)
+            for name in ("stress_radius_m", "stress_pa", "stress_sd_pa")
+        },
     )
 
 
@@ -97,7 +123,9 @@ class Session:
 
 
 def record(path: Path, *, flush_each: bool = True) -> tuple[SessionWriter, Session]:
-    """A session of 8 triggers (3 is lost), 1000 samples with 3 missing, results of 6 frames, not yet finished."""
+    """A session of 8 triggers (3 is lost), 1000 samples with 3 missing, results of 6 frames, not
+    yet finished.
+    """
     rng = np.random.default_rng(7)
     written = Session(path, rng.normal(size=(1003, 2)), rng.normal(size=(1003, 2)), {}, [], [], [])
     written.volts[500:503] = written.forces[500:503] = np.nan
@@ -115,7 +143,9 @@ def record(path: Path, *, flush_each: bool = True) -> tuple[SessionWriter, Sessi
         written.images[frame] = rng.integers(0, 256, SHAPE, np.uint8)
         writer.append_frame(frame, 5 + 125 * frame, written.images[frame])
         if frame != 5:
-            written.snapshots.append(make_snapshot(frame, field=frame > 1, rings=0 if frame < 2 else 3 + frame % 3))
+            written.snapshots.append(
+                make_snapshot(frame, field=frame > 1, rings=0 if frame < 2 else 3 + frame % 3)
+            )
             writer.append_snapshot(written.snapshots[-1])
         written.events.append(Event(125 * frame, "phase", f"phase {frame} µ"))
         writer.append_event(written.events[-1])
@@ -128,8 +158,12 @@ def alter(path: Path, dataset: str, row: int) -> None:
     """Flip one bit of a row of a dataset where it lies on the disk."""
     with h5py.File(path) as file:
         column = file[dataset]
-        chunk = column.id.get_chunk_info_by_coord((row - row % column.chunks[0], *[0] * (column.ndim - 1)))
-        place = chunk.byte_offset + (row % column.chunks[0]) * column.dtype.itemsize * int(np.prod(column.chunks[1:]))
+        chunk = column.id.get_chunk_info_by_coord(
+            (row - row % column.chunks[0], *[0] * (column.ndim - 1))
+        )
+        place = chunk.byte_offset + (row % column.chunks[0]) * column.dtype.itemsize * int(
+            np.prod(column.chunks[1:])
+        )
     with path.open("r+b") as raw:
         raw.seek(place)
         (byte,) = raw.read(1)

@@ -1,4 +1,6 @@
-"""Sessions spoiled at random, by a seed: bytes as a bad disk or a torn copy leaves them, and structure as somebody of ill will makes it."""
+"""Sessions spoiled at random, by a seed: bytes as a bad disk or a torn copy leaves them, and
+structure as somebody of ill will makes it.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ def spoil(whole: Path, path: Path, seed: int) -> str:
     if how in STRUCTURE:
         with h5py.File(path, "r+", libver=("v108", "v108")) as file:
             for _ in range(rng.choice([1, 1, 1, 2, 5])):
-                with suppress(IndexError, ValueError, RuntimeError):  # nothing is left that could be spoiled so
+                # nothing is left that could be spoiled so
+                with suppress(IndexError, ValueError, RuntimeError):
                     STRUCTURE[how](file, rng)
     return how
 
@@ -101,7 +104,9 @@ def _forge_header(content: bytearray, rng: random.Random) -> None:
         start = at + 6 + (16 if flags & 32 else 0) + (4 if flags & 16 else 0)
         end = start + width + int.from_bytes(content[start : start + width], "little")
         for _ in range(rng.randint(1, 4)):
-            content[rng.randrange(start + width, end)] = rng.choice([0, 1, 2, 3, 4, 8, 16, 127, 128, 254, 255, rng.randrange(256)])
+            content[rng.randrange(start + width, end)] = rng.choice(
+                [0, 1, 2, 3, 4, 8, 16, 127, 128, 254, 255, rng.randrange(256)]
+            )
         content[end : end + 4] = struct.pack("<I", lookup3(bytes(content[at:end])))
 
 
@@ -135,8 +140,23 @@ def _remove(file: h5py.File, rng: random.Random) -> None:
 
 
 def _other_kind(file: h5py.File, rng: random.Random) -> None:
-    kinds = ["u1", "i4", ">f8", "f4", "S9", "c16", [("a", "f8"), ("b", "i4")], h5py.ref_dtype, h5py.string_dtype(), "f8", "i8"]
-    kind, shape = np.dtype(rng.choice(kinds)), rng.choice([(), (0,), (1,), (2,), (7,), (2, 3), (1, 1, 1), (4, 12, 16)])
+    kinds = [
+        "u1",
+        "i4",
+        ">f8",
+        "f4",
+        "S9",
+        "c16",
+        [("a", "f8"), ("b", "i4")],
+        h5py.ref_dtype,
+        h5py.string_dtype(),
+        "f8",
+        "i8",
+    ]
+    kind, shape = (
+        np.dtype(rng.choice(kinds)),
+        rng.choice([(), (0,), (1,), (2,), (7,), (2, 3), (1, 1, 1), (4, 12, 16)]),
+    )
     _put(file, rng, lambda path: file.create_dataset(path, shape, kind))
 
 
@@ -152,7 +172,17 @@ def _odd_value(file: h5py.File, rng: random.Random) -> None:
     if dataset.dtype.kind == "O":
         long = "x" * rng.choice([10, 10**5])
         value: object = rng.choice(
-            ["", "\x1b[2J\x07", "[run]\nnormal_force = -1", "{" * 900, '{"cpu_s": NaN}', "[1]", "drive", long, "\u202e"]
+            [
+                "",
+                "\x1b[2J\x07",
+                "[run]\nnormal_force = -1",
+                "{" * 900,
+                '{"cpu_s": NaN}',
+                "[1]",
+                "drive",
+                long,
+                "\u202e",
+            ]
         )
     elif dataset.dtype.kind == "f":
         value = rng.choice([float("nan"), float("inf"), -float("inf"), -1.0, 0.0, 1e308, 5e-324])
@@ -173,7 +203,13 @@ def _lengthen(file: h5py.File, rng: random.Random) -> None:
 
 def _link(file: h5py.File, rng: random.Random) -> None:
     target = rng.choice(
-        [h5py.SoftLink("/"), h5py.SoftLink("/entry"), h5py.SoftLink("/nowhere"), h5py.ExternalLink("/etc/hostname", "/"), file["/entry"]]
+        [
+            h5py.SoftLink("/"),
+            h5py.SoftLink("/entry"),
+            h5py.SoftLink("/nowhere"),
+            h5py.ExternalLink("/etc/hostname", "/"),
+            file["/entry"],
+        ]
     )
     path = rng.choice(_paths(file))
     path = rng.choice([path, path.rpartition("/")[0]])
@@ -183,13 +219,32 @@ def _link(file: h5py.File, rng: random.Random) -> None:
 
 
 def _compressed(file: h5py.File, rng: random.Random) -> None:
-    path = rng.choice([path for path in _paths(file) if file[path].chunks and file[path].dtype.kind != "O"])
+    path = rng.choice(
+        [path for path in _paths(file) if file[path].chunks and file[path].dtype.kind != "O"]
+    )
     old = file[path]
     chunks, dtype = old.chunks, old.dtype
     del file[path]
-    how = rng.choice([{"compression": "gzip"}, {"compression": "lzf"}, {"scaleoffset": 4}, {"fletcher32": True}, {"shuffle": True}])
-    bomb = {"shape": (2**28,), "chunks": (2**28,)} if len(chunks) == 1 and rng.random() < 0.2 else {"shape": chunks, "chunks": chunks}
-    file.create_dataset(path, dtype=dtype, **bomb, **(how if np.dtype(dtype).kind != "f" else {"compression": "gzip"}))
+    how = rng.choice(
+        [
+            {"compression": "gzip"},
+            {"compression": "lzf"},
+            {"scaleoffset": 4},
+            {"fletcher32": True},
+            {"shuffle": True},
+        ]
+    )
+    bomb = (
+        {"shape": (2**28,), "chunks": (2**28,)}
+        if len(chunks) == 1 and rng.random() < 0.2
+        else {"shape": chunks, "chunks": chunks}
+    )
+    file.create_dataset(
+        path,
+        dtype=dtype,
+        **bomb,
+        **(how if np.dtype(dtype).kind != "f" else {"compression": "gzip"}),
+    )
 
 
 STRUCTURE: dict[str, Callable[[h5py.File, random.Random], None]] = {

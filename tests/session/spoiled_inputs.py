@@ -1,4 +1,6 @@
-"""Journals and tables for an import spoiled at random, by a seed: by chance, and on purpose with their checksums made right again."""
+"""Journals and tables for an import spoiled at random, by a seed: by chance, and on purpose with
+their checksums made right again.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,26 @@ from spoiled import BYTES
 from app.session.journal import journal_of
 
 _HEAD = struct.Struct("<cII")
-_NUMBERS = [0, 1, -1, 3, 77, 125, 10**6, 2**31, 2**53, 2**63 - 1, 2**63, 10**30, 0.5, -0.0, 1e-300, 1e308, float("nan"), float("inf")]
+_NUMBERS = [
+    0,
+    1,
+    -1,
+    3,
+    77,
+    125,
+    10**6,
+    2**31,
+    2**53,
+    2**63 - 1,
+    2**63,
+    10**30,
+    0.5,
+    -0.0,
+    1e-300,
+    1e308,
+    float("nan"),
+    float("inf"),
+]
 _ODD = [
     *_NUMBERS,
     None,
@@ -35,8 +56,40 @@ _ODD = [
     {},
     {"a": 1},
 ]
-_CELLS = ["", "nan", "inf", "-1", "0", "1", "2.5", "1,5", "1e308", "-1e308", "1e-320", "3599", "360000", "1e9", "99999999999999999999"]
-_CELLS += ["x", "0x10", "1_0", "\0", '"', "'", "#", "drive", "reference", "../../etc/passwd", "0.tiff", "9" * 400, "é" * 1000, " ", "; ,\t"]
+_CELLS = [
+    "",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1",
+    "2.5",
+    "1,5",
+    "1e308",
+    "-1e308",
+    "1e-320",
+    "3599",
+    "360000",
+    "1e9",
+    "99999999999999999999",
+]
+_CELLS += [
+    "x",
+    "0x10",
+    "1_0",
+    "\0",
+    '"',
+    "'",
+    "#",
+    "drive",
+    "reference",
+    "../../etc/passwd",
+    "0.tiff",
+    "9" * 400,
+    "é" * 1000,
+    " ",
+    "; ,\t",
+]
 _HEADS = [
     "sample",
     "time_s",
@@ -57,7 +110,9 @@ _CHANCE = [name for name in BYTES if name != "forged header"]
 
 
 def spoil_journal(whole: Path, path: Path, seed: int) -> str:
-    """Write a copy of a session that was cut short and of its journal, one or both spoiled; the name of what was done to the journal."""
+    """Write a copy of a session that was cut short and of its journal, one or both spoiled; the
+    name of what was done to the journal.
+    """
     rng = random.Random(seed)
     session, journal = (bytearray(file.read_bytes()) for file in (whole, journal_of(whole)))
     how = rng.choice([*_CHANCE, *RECORDS, *RECORDS])
@@ -67,7 +122,9 @@ def spoil_journal(whole: Path, path: Path, seed: int) -> str:
         records = _records(bytes(journal))
         for _ in range(rng.choice([1, 1, 2, 10])):
             RECORDS[how](records, rng)
-        journal[journal.index(b"\n") + 1 :] = b"".join(_HEAD.pack(kind, len(held), crc32(held)) + held for kind, held in records)
+        journal[journal.index(b"\n") + 1 :] = b"".join(
+            _HEAD.pack(kind, len(held), crc32(held)) + held for kind, held in records
+        )
     if rng.random() < 0.4:
         BYTES[rng.choice(_CHANCE)](session, rng)
     path.write_bytes(session)
@@ -86,7 +143,9 @@ def _records(journal: bytes) -> list[tuple[bytes, bytes]]:
 
 
 def _change_words(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
-    """Another value somewhere in a record of words; half of the time in the first, which says what the session is."""
+    """Another value somewhere in a record of words; half of the time in the first, which says what
+    the session is.
+    """
     n = rng.choice([0, rng.choice([n for n, (kind, _) in enumerate(records) if kind == b"W"])])
     try:
         words: Any = json.loads(records[n][1])
@@ -109,13 +168,21 @@ def _change_payload(records: list[tuple[bytes, bytes]], rng: random.Random) -> N
     if kind == b"S" and rng.random() < 0.5:
         content[:8] = struct.pack("<q", rng.choice([-1, 0, 1, 10**5, 4 * 10**6, 10**9, 2**62]))
     elif content:
-        BYTES[rng.choice(["bits", "bytes", "cut", "zeroed"])](content, rng) if any(content) else None
+        BYTES[rng.choice(["bits", "bytes", "cut", "zeroed"])](content, rng) if any(
+            content
+        ) else None
     records[n] = rng.choice([kind, kind, b"W", b"S", b"?"]), bytes(content)
 
 
 def _reorder(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
     a, b = (rng.randrange(len(records)) for _ in "ab")
-    rng.choice([records.__delitem__, lambda n: records.insert(n, records[b]), lambda n: records.extend([records[n]] * 2000)])(a)
+    rng.choice(
+        [
+            records.__delitem__,
+            lambda n: records.insert(n, records[b]),
+            lambda n: records.extend([records[n]] * 2000),
+        ]
+    )(a)
 
 
 def _hostile(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
@@ -138,7 +205,9 @@ def _hostile(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
         gaps = [json.dumps(["gap", 1003 + 10**6 * n, 10**6, "x"]).encode() for n in range(300)]
         records.extend((b"W", gap) for gap in gaps)
     if rng.random() < 0.3:
-        records.extend([record for record in records if record[1].startswith(b'["frame"')][-1:] * 10**4)
+        records.extend(
+            [record for record in records if record[1].startswith(b'["frame"')][-1:] * 10**4
+        )
 
 
 RECORDS: dict[str, Callable[[list[tuple[bytes, bytes]], random.Random], None]] = {
@@ -158,7 +227,21 @@ def spoil_table(content: bytes, rng: random.Random) -> bytes:
     rows = [line.split(",") for line in content.decode().splitlines() if not line.startswith("#")]
     for _ in range(rng.choice([1, 1, 1, 2, 5])):
         n, column = rng.randrange(1, len(rows)), rng.randrange(len(rows[0]))
-        how = rng.choice(["cell", "cell", "cell", "name", "copy", "drop", "swap", "scale", "scale", "column", "longer"])
+        how = rng.choice(
+            [
+                "cell",
+                "cell",
+                "cell",
+                "name",
+                "copy",
+                "drop",
+                "swap",
+                "scale",
+                "scale",
+                "column",
+                "longer",
+            ]
+        )
         if how == "cell":
             rows[n][column % len(rows[n])] = rng.choice(_CELLS)
         elif how == "name":

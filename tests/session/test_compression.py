@@ -1,4 +1,6 @@
-"""Images that are compressed by the filter that every HDF5 program has: the same pictures, in less room, also after a crash."""
+"""Images that are compressed by the filter that every HDF5 program has: the same pictures, in less
+room, also after a crash.
+"""
 
 from __future__ import annotations
 

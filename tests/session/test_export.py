@@ -1,4 +1,6 @@
-"""What `slipscope export` writes, read back by other programs' readers, is what went into the session."""
+"""What `slipscope export` writes, read back by other programs' readers, is what went into the
+session.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +36,16 @@ def number(cell: str) -> float:
 
 
 def everything_in(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
-def test_images_come_back_to_the_bit_with_the_fate_of_every_frame(session: Session, tmp_path: Path) -> None:
+def test_images_come_back_to_the_bit_with_the_fate_of_every_frame(
+    session: Session, tmp_path: Path
+) -> None:
     assert "7 images, 1 lost" in export(session.path, tmp_path / "images")
     rows = rows_of(tmp_path / "images" / "metadata.csv")
     assert [int(row["frame"]) for row in rows] == list(range(8))
@@ -51,9 +59,13 @@ def test_images_come_back_to_the_bit_with_the_fate_of_every_frame(session: Sessi
             assert (row["file"], row["reason"]) == ("", "no image within 0.5 s")
         else:
             assert row["file"] == f"{frame:06d}.tiff"
-            assert_array_equal(np.asarray(Image.open(tmp_path / "images" / row["file"])), session.images[frame])
+            assert_array_equal(
+                np.asarray(Image.open(tmp_path / "images" / row["file"])), session.images[frame]
+            )
     at, metres = zip(*session.positions, strict=True)
-    assert float(rows[5]["stage_um"]) == pytest.approx(np.interp(5 + 125 * 5 + 5, at, metres) * 1e6, rel=1e-12)
+    assert float(rows[5]["stage_um"]) == pytest.approx(
+        np.interp(5 + 125 * 5 + 5, at, metres) * 1e6, rel=1e-12
+    )
     assert [row["phase"] for row in rows][:3] == ["phase 0 µ", "phase 1 µ", "phase 2 µ"]
     assert [row["phase_sample"] for row in rows][:3] == ["0", "125", "250"]
 
@@ -70,11 +82,23 @@ def test_sixteen_bits_stay_sixteen_bits(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "frames"), [("", range(8)), ("4", [4]), ("1:6:2", [1, 3, 5]), ("5:", [5, 6, 7]), (":2", [0, 1]), ("::3", [0, 3, 6])]
+    ("text", "frames"),
+    [
+        ("", range(8)),
+        ("4", [4]),
+        ("1:6:2", [1, 3, 5]),
+        ("5:", [5, 6, 7]),
+        (":2", [0, 1]),
+        ("::3", [0, 3, 6]),
+    ],
 )
-def test_frames_can_be_chosen(session: Session, tmp_path: Path, text: str, frames: list[int]) -> None:
+def test_frames_can_be_chosen(
+    session: Session, tmp_path: Path, text: str, frames: list[int]
+) -> None:
     export(session.path, tmp_path / "some", frames=text)
-    assert [int(row["frame"]) for row in rows_of(tmp_path / "some" / "metadata.csv")] == list(frames)
+    assert [int(row["frame"]) for row in rows_of(tmp_path / "some" / "metadata.csv")] == list(
+        frames
+    )
     names = {f"{frame:06d}.tiff" for frame in frames if frame != 3}
     assert {path.name for path in (tmp_path / "some").glob("*.tiff")} == names
 
@@ -85,12 +109,17 @@ def test_frames_that_are_none(text: str) -> None:
         frame_range(text)
 
 
-def test_forces_with_all_their_digits_and_gaps_as_empty_cells(session: Session, tmp_path: Path) -> None:
+def test_forces_with_all_their_digits_and_gaps_as_empty_cells(
+    session: Session, tmp_path: Path
+) -> None:
     export(session.path, tmp_path / "forces.csv", "forces")
     rows = rows_of(tmp_path / "forces.csv")
     assert [int(row["sample"]) for row in rows] == list(range(1003))
     assert [row["time_s"] for row in rows[:3]] == ["0.0", "0.001", "0.002"]
-    for names, values in ((("P_N", "Q_N"), session.forces), (("normal_V", "shear_V"), session.volts)):
+    for names, values in (
+        (("P_N", "Q_N"), session.forces),
+        (("normal_V", "shear_V"), session.volts),
+    ):
         assert_array_equal([[number(row[name]) for name in names] for row in rows], values)
     assert rows[501]["P_N"] == rows[501]["shear_V"] == ""
 
@@ -102,10 +131,18 @@ def test_fields_as_a_table_that_invert_reads(session: Session, tmp_path: Path) -
     measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
     assert found.frames == tuple(snapshot.frame for snapshot in measured)
     np.testing.assert_allclose(found.x_m, GRID_X * PIXEL)
-    np.testing.assert_allclose(found.ux_m, np.stack([s.ux_px for s in measured]) * PIXEL, atol=1e-6 * PIXEL)
+    np.testing.assert_allclose(
+        found.ux_m, np.stack([s.ux_px for s in measured]) * PIXEL, atol=1e-6 * PIXEL
+    )
     first = rows_of(tmp_path / "fields.csv")[2]
-    status = ("ok", "low_contrast", "out_of_image", "decorrelated", "not_converged")[measured[0].status[0, 2]]
-    assert (first["x_px"], first["y_px"], first["status"]) == (str(GRID_X[2]), str(GRID_Y[0]), status)
+    status = ("ok", "low_contrast", "out_of_image", "decorrelated", "not_converged")[
+        measured[0].status[0, 2]
+    ]
+    assert (first["x_px"], first["y_px"], first["status"]) == (
+        str(GRID_X[2]),
+        str(GRID_Y[0]),
+        status,
+    )
     assert float(first["uy_std_px"]) == pytest.approx(float(measured[0].uy_std_px[0, 2]), abs=1e-6)
 
 
@@ -150,7 +187,9 @@ def read_vti(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
         raw = base64.b64decode(data.text or "")
         values = np.frombuffer(raw[8:], {"Float32": "<f4", "UInt8": "u1"}[data.attrib["type"]])
         assert int.from_bytes(raw[:8], "little") == len(raw) - 8
-        arrays[data.attrib["Name"]] = values.reshape(ny + 1, nx + 1, *([3] if "NumberOfComponents" in data.attrib else []))
+        arrays[data.attrib["Name"]] = values.reshape(
+            ny + 1, nx + 1, *([3] if "NumberOfComponents" in data.attrib else [])
+        )
     return image.attrib, arrays
 
 
@@ -158,7 +197,9 @@ def test_paraview_sees_what_the_camera_saw(session: Session, tmp_path: Path) -> 
     export(session.path, tmp_path / "fields.pvd")
     listed = list(ET.parse(tmp_path / "fields.pvd").getroot().iter("DataSet"))
     measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
-    assert [float(entry.attrib["timestep"]) for entry in listed] == [(s.sample + 5) / 1000 for s in measured]
+    assert [float(entry.attrib["timestep"]) for entry in listed] == [
+        (s.sample + 5) / 1000 for s in measured
+    ]
     for entry, snapshot in zip(listed, measured, strict=True):
         image, arrays = read_vti(tmp_path / entry.attrib["file"])
         x0, y0, _ = map(float, image["Origin"].split())
@@ -168,7 +209,9 @@ def test_paraview_sees_what_the_camera_saw(session: Session, tmp_path: Path) -> 
         moved = arrays["displacement_m"][::-1]
         np.testing.assert_allclose(moved[..., 0], snapshot.ux_px * PIXEL, rtol=1e-6)
         np.testing.assert_allclose(moved[..., 1], -snapshot.uy_px * PIXEL, rtol=1e-6)
-        np.testing.assert_allclose(arrays["displacement_std_m"][::-1, :, 1], snapshot.uy_std_px * PIXEL, rtol=1e-6)
+        np.testing.assert_allclose(
+            arrays["displacement_std_m"][::-1, :, 1], snapshot.uy_std_px * PIXEL, rtol=1e-6
+        )
         assert_array_equal(arrays["status"][::-1], snapshot.status)
         assert_array_equal(arrays["zncc"][::-1], snapshot.zncc)
 
@@ -191,7 +234,8 @@ def test_nothing_is_overwritten_unasked(session: Session, tmp_path: Path, name: 
     export(session.path, target, overwrite=True)
     after = everything_in(target.parent)
     assert after["mine.txt"] == b"mine"
-    assert b"precious" not in after.values()  # no frame of an export before is left among the new ones
+    # no frame of an export before is left among the new ones
+    assert b"precious" not in after.values()
     assert not [name for name in after if ".part" in name]
 
 
@@ -224,7 +268,9 @@ def test_an_export_that_fails_leaves_nothing(session: Session, tmp_path: Path, n
         ("no/where.csv", "", "", "does not exist"),
     ],
 )
-def test_what_can_not_be_exported_says_so(session: Session, tmp_path: Path, name: str, what: str, frames: str, words: str) -> None:
+def test_what_can_not_be_exported_says_so(
+    session: Session, tmp_path: Path, name: str, what: str, frames: str, words: str
+) -> None:
     before = everything_in(tmp_path)
     with pytest.raises(UserError, match=words):
         export(session.path, tmp_path / name, what, frames=frames)
@@ -245,6 +291,11 @@ def test_a_session_cut_short_can_be_exported(tmp_path: Path) -> None:
     assert len(list((tmp_path / "images").glob("*.tiff"))) == 7
 
 
-def test_the_command_says_what_it_wrote(session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert exchange.export(session.path, tmp_path / "f.csv", "", "2:5", overwrite=False, as_json=False) == 0
+def test_the_command_says_what_it_wrote(
+    session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        exchange.export(session.path, tmp_path / "f.csv", "", "2:5", overwrite=False, as_json=False)
+        == 0
+    )
     assert capsys.readouterr().out == f"{tmp_path / 'f.csv'}: 2 fields of 6 points\n"

@@ -1,4 +1,6 @@
-"""Images and forces of other benches become sessions that replay to the bit; what was not said about them is asked for."""
+"""Images and forces of other benches become sessions that replay to the bit; what was not said
+about them is asked for.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ KNOWN: dict[str, Any] = {"pixel_um": 7.04, "rate_hz": 1000, "divisor": 125}
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated experiment in which one trigger was lost."""
     path = tmp_path_factory.mktemp("original") / "original.h5"
-    run = live.make_run(config.load(None, (*SHORT, f'sim.faults=["lost-trigger {LOST}"]')), path, pace=None)
+    run = live.make_run(
+        config.load(None, (*SHORT, f'sim.faults=["lost-trigger {LOST}"]')), path, pace=None
+    )
     run.start()
     outcome = run.wait(100)
     assert outcome is not None
@@ -49,7 +53,9 @@ def exported(original: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def few(original: Path) -> Path:
-    """Images alone, 16 to 23, as another program would name them: shot_17.png to shot_24.png without 21."""
+    """Images alone, 16 to 23, as another program would name them: shot_17.png to shot_24.png
+    without 21.
+    """
     folder = original.with_name("few")
     folder.mkdir()
     with SessionReader(original) as session:
@@ -73,13 +79,26 @@ def imported(output: Path, *images: Path, **given: Any) -> Imported:
     return import_files(Sources(images=images, **given), output)
 
 
-def test_export_and_import_give_the_same_results(original: Path, exported: Path, tmp_path: Path) -> None:
+def test_export_and_import_give_the_same_results(
+    original: Path, exported: Path, tmp_path: Path
+) -> None:
     back = imported(tmp_path / "back.h5", exported)
     assert (back.outcome.counts.frames_lost, back.outcome.counts.samples_lost) == (1, 0)
     with SessionReader(original) as a, SessionReader(tmp_path / "back.h5") as b:
-        assert a.config_toml.split("[run]")[1].split("[camera]")[0] == b.config_toml.split("[run]")[1].split("[camera]")[0]
-        assert (a.divisor, a.exposure_samples, a.pixel_m, a.first_trigger) == (b.divisor, b.exposure_samples, b.pixel_m, b.first_trigger)
-        assert a.triggers()[["index", "sample", "received"]].tolist() == b.triggers()[["index", "sample", "received"]].tolist()
+        assert (
+            a.config_toml.split("[run]")[1].split("[camera]")[0]
+            == b.config_toml.split("[run]")[1].split("[camera]")[0]
+        )
+        assert (a.divisor, a.exposure_samples, a.pixel_m, a.first_trigger) == (
+            b.divisor,
+            b.exposure_samples,
+            b.pixel_m,
+            b.first_trigger,
+        )
+        assert (
+            a.triggers()[["index", "sample", "received"]].tolist()
+            == b.triggers()[["index", "sample", "received"]].tolist()
+        )
         assert a.lost_frames() == b.lost_frames()
         np.testing.assert_array_equal(a.forces()[1], b.forces()[1])
         np.testing.assert_array_equal(a.forces()[2], b.forces()[2])
@@ -89,24 +108,39 @@ def test_export_and_import_give_the_same_results(original: Path, exported: Path,
         first, second = a.summary(), b.summary()
         assert first is not None
         assert second is not None
-        np.testing.assert_equal((second.mu_s, second.onset_time_s, second.notes), (first.mu_s, first.onset_time_s, first.notes))
-    assert replayed(tmp_path / "back.h5") == (back.outcome.counts.frames_analysed, back.outcome.counts.frames_analysed, "")
+        np.testing.assert_equal(
+            (second.mu_s, second.onset_time_s, second.notes),
+            (first.mu_s, first.onset_time_s, first.notes),
+        )
+    assert replayed(tmp_path / "back.h5") == (
+        back.outcome.counts.frames_analysed,
+        back.outcome.counts.frames_analysed,
+        "",
+    )
 
 
 def write_foreign_forces(original: Path, path: Path) -> None:
-    """Forces as another program writes them: 100 rows a second at uneven times in ms, mN with decimal commas, a column more."""
+    """Forces as another program writes them: 100 rows a second at uneven times in ms, mN with
+    decimal commas, a column more.
+    """
     with SessionReader(original) as session:
         _, _, newtons = session.forces()
     rng = np.random.default_rng(4)
     lines = ["time_ms;P_mN;Q_mN;operator"]
     for sample in range(0, len(newtons), 10):
         at = sample + (rng.uniform(-0.3, 0.3) if sample else 0.0)
-        lines.append(f"{at:.4f};{newtons[sample, 0] * 1e3:.5f};{newtons[sample, 1] * 1e3:.5f};x".replace(".", ","))
+        lines.append(
+            f"{at:.4f};{newtons[sample, 0] * 1e3:.5f};{newtons[sample, 1] * 1e3:.5f};x".replace(
+                ".", ","
+            )
+        )
     path.write_text("\n".join(lines), encoding="utf-8-sig")
 
 
 def test_foreign_images_and_forces(original: Path, exported: Path, tmp_path: Path) -> None:
-    """Without settings and metadata: the numbers in the names, a table with its own clock and units, the drive where Q rises."""
+    """Without settings and metadata: the numbers in the names, a table with its own clock and
+    units, the drive where Q rises.
+    """
     folder = tmp_path / "images"
     folder.mkdir()
     for path in exported.glob("*.tiff"):
@@ -130,16 +164,26 @@ def test_foreign_images_and_forces(original: Path, exported: Path, tmp_path: Pat
         for index, sample, image in b.frames():
             assert sample == index * 125
             np.testing.assert_array_equal(image, a.frame(index)[2])
-        P, Q = (np.array([getattr(s, name) for s in b.snapshots()]) for name in ("normal_force_n", "shear_force_n"))
-        P0, Q0 = (np.array([getattr(s, name) for s in a.snapshots()]) for name in ("normal_force_n", "shear_force_n"))
-        np.testing.assert_allclose(P[4:], P0[4 : len(P)], atol=1e-4)  # read off a line between points 10 ms apart
+        P, Q = (
+            np.array([getattr(s, name) for s in b.snapshots()])
+            for name in ("normal_force_n", "shear_force_n")
+        )
+        P0, Q0 = (
+            np.array([getattr(s, name) for s in a.snapshots()])
+            for name in ("normal_force_n", "shear_force_n")
+        )
+        # read off a line between points 10 ms apart
+        np.testing.assert_allclose(P[4:], P0[4 : len(P)], atol=1e-4)
         np.testing.assert_allclose(Q, Q0[: len(Q)], atol=1e-4)
-        assert np.isnan([s.travel_m for s in b.snapshots()]).all()  # nobody said where the stage was
+        # nobody said where the stage was
+        assert np.isnan([s.travel_m for s in b.snapshots()]).all()
         summary = a.summary()
     assert summary is not None
     assert back.outcome.summary is not None
     assert back.outcome.summary.mu_s == pytest.approx(summary.mu_s, rel=2e-3)
-    assert back.outcome.summary.apparent_radius_m == pytest.approx(summary.apparent_radius_m, rel=0.02)
+    assert back.outcome.summary.apparent_radius_m == pytest.approx(
+        summary.apparent_radius_m, rel=0.02
+    )
     frames, identical, unlike = replayed(tmp_path / "foreign.h5")
     assert (frames, identical, unlike) == (back.outcome.counts.frames_analysed, frames, "")
 
@@ -170,18 +214,34 @@ def test_a_broken_image_is_a_named_loss(few: Path, tmp_path: Path) -> None:
 
 
 def test_metadata_says_which_image_is_which(few: Path, tmp_path: Path) -> None:
-    """Times in s at an uneven pace, images in another order than their names, one that is not there."""
+    """Times in s at an uneven pace, images in another order than their names, one that is not
+    there.
+    """
     (tmp_path / "list.csv").write_text(
-        "frame,time_s,file,phase\n0,0.2,shot 24.png,contact\n1,0.35,shot 17.png,reference\n2,0.6,gone.png,reference\n"
+        "frame,time_s,file,phase\n0,0.2,shot 24.png,contact\n1,0.35,shot"
+        " 17.png,reference\n2,0.6,gone.png,reference\n"
         "3,0.7,shot 18.png,drive\n"
     )
-    back = imported(tmp_path / "m.h5", few, metadata=tmp_path / "list.csv", pixel_um=7.04, rate_hz=1000)
+    back = imported(
+        tmp_path / "m.h5", few, metadata=tmp_path / "list.csv", pixel_um=7.04, rate_hz=1000
+    )
     assert any("4 images that" in remark for remark in back.remarks)
     with SessionReader(tmp_path / "m.h5") as session:
-        assert [(int(row["index"]), int(row["sample"])) for row in session.triggers()] == [(0, 200), (1, 350), (2, 600), (3, 700)]
+        assert [(int(row["index"]), int(row["sample"])) for row in session.triggers()] == [
+            (0, 200),
+            (1, 350),
+            (2, 600),
+            (3, 700),
+        ]
         assert session.lost_frames() == [(2, 600, "'gone.png' is not there")]
-        np.testing.assert_array_equal(session.frame(3)[2], np.asarray(Image.open(few / "shot 18.png")))
-        assert [s.phase for s in session.snapshots()] == [Phase.CONTACT, Phase.REFERENCE, Phase.DRIVE]
+        np.testing.assert_array_equal(
+            session.frame(3)[2], np.asarray(Image.open(few / "shot 18.png"))
+        )
+        assert [s.phase for s in session.snapshots()] == [
+            Phase.CONTACT,
+            Phase.REFERENCE,
+            Phase.DRIVE,
+        ]
         assert session.divisor == 150
     assert replayed(tmp_path / "m.h5")[1:] == (3, "")
 
@@ -196,8 +256,13 @@ def test_a_gap_in_the_forces_stays_a_gap(few: Path, tmp_path: Path) -> None:
         _, _, newtons = session.forces()
         assert np.flatnonzero(np.isnan(newtons).any(axis=1)).tolist() == [100, *range(300, 350)]
         known = np.isfinite(newtons[:, 0])
-        np.testing.assert_allclose(newtons[known, 1], 0.001 * np.maximum(0, np.flatnonzero(known) - 200), atol=1e-9)
-        assert {event.text.split(":")[0] for event in session.events() if event.kind == "gap"} == {"1 samples lost", "50 samples lost"}
+        np.testing.assert_allclose(
+            newtons[known, 1], 0.001 * np.maximum(0, np.flatnonzero(known) - 200), atol=1e-9
+        )
+        assert {event.text.split(":")[0] for event in session.events() if event.kind == "gap"} == {
+            "1 samples lost",
+            "50 samples lost",
+        }
 
 
 NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
@@ -223,13 +288,27 @@ NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
         (KNOWN, NUMBERS + "0,0.5,0\n", "sample of row 2 is missing, negative or not after"),
         (KNOWN, NUMBERS + "1e12,0.5,0\n", "row 2 comes 1e\\+09 s after"),
         (KNOWN, "time_s,P_N,Q_N\n1.7e9,1,0\n1.7e9,1,0\n", "not after|comes 1.7e\\+09 s"),
-        (KNOWN, "time_s,P_N,Q_N\n" + "".join(f"{n / 5000},1,0\n" for n in range(5000)), "give --rate 5000"),
+        (
+            KNOWN,
+            "time_s,P_N,Q_N\n" + "".join(f"{n / 5000},1,0\n" for n in range(5000)),
+            "give --rate 5000",
+        ),
         (KNOWN, "sample,P_N,Q_N,p_mN\n0,1,1,1\n", "names a quantity twice"),
-        (KNOWN, "sample,P_N,Q_N\n" + "".join(f"{n},0.5,0.001\n" for n in range(900)), "Q does not rise.*--drive"),
-        (KNOWN, "sample,P_N,Q_N,normal_V,shear_V\n0,0.5,0,0.5,0\n1,0.5,0,0.5,0\n", "from those in newtons"),
+        (
+            KNOWN,
+            "sample,P_N,Q_N\n" + "".join(f"{n},0.5,0.001\n" for n in range(900)),
+            "Q does not rise.*--drive",
+        ),
+        (
+            KNOWN,
+            "sample,P_N,Q_N,normal_V,shear_V\n0,0.5,0,0.5,0\n1,0.5,0,0.5,0\n",
+            "from those in newtons",
+        ),
     ],
 )
-def test_what_is_missing_or_can_not_be_is_told(few: Path, tmp_path: Path, given: dict[str, Any], table: str | None, words: str) -> None:
+def test_what_is_missing_or_can_not_be_is_told(
+    few: Path, tmp_path: Path, given: dict[str, Any], table: str | None, words: str
+) -> None:
     if table is not None:
         (tmp_path / "table.csv").write_text(table)
         given = given | {"forces": tmp_path / "table.csv"}
@@ -264,7 +343,9 @@ def test_names_that_count_nothing_are_told(few: Path, tmp_path: Path) -> None:
     assert (back.outcome.counts.triggers, back.outcome.counts.frames_lost) == (3, 0)
 
 
-def test_a_session_is_not_overwritten_unasked_and_stays_if_the_import_fails(few: Path, tmp_path: Path) -> None:
+def test_a_session_is_not_overwritten_unasked_and_stays_if_the_import_fails(
+    few: Path, tmp_path: Path
+) -> None:
     (tmp_path / "old.h5").write_bytes(b"precious")
     with pytest.raises(UserError, match="--overwrite"):
         imported(tmp_path / "old.h5", few, **KNOWN)
@@ -273,12 +354,18 @@ def test_a_session_is_not_overwritten_unasked_and_stays_if_the_import_fails(few:
         raise OSError(28, "No space left on device")
 
     with pytest.raises(UserError, match="No space left"):
-        import_files(Sources(images=[few], **KNOWN), tmp_path / "old.h5", overwrite=True, on_progress=broken)
+        import_files(
+            Sources(images=[few], **KNOWN), tmp_path / "old.h5", overwrite=True, on_progress=broken
+        )
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"old.h5": b"precious"}
 
 
-def test_the_command_tells_what_was_assumed(few: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = dict.fromkeys(Sources.__slots__) | KNOWN | {"images": [few], "overrides": ("dic.step=20",)}
+def test_the_command_tells_what_was_assumed(
+    few: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = (
+        dict.fromkeys(Sources.__slots__) | KNOWN | {"images": [few], "overrides": ("dic.step=20",)}
+    )
     assert exchange.import_(tmp_path / "c.h5", overwrite=False, as_json=False, **given) == 0
     said = capsys.readouterr().out
     assert "imported: 7 images, 1 lost" in said
@@ -288,28 +375,46 @@ def test_the_command_tells_what_was_assumed(few: Path, tmp_path: Path, capsys: p
         assert np.diff(session.grid_x_px)[0] == 20
 
 
-@pytest.mark.parametrize(("name", "head", "cells"), [("metadata", "sample,stage_um", "1"), ("forces", "sample,P_N,Q_N", "0.03,0.01")])
-def test_a_few_rows_over_hours_are_refused(few: Path, tmp_path: Path, name: str, head: str, cells: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "head", "cells"),
+    [("metadata", "sample,stage_um", "1"), ("forces", "sample,P_N,Q_N", "0.03,0.01")],
+)
+def test_a_few_rows_over_hours_are_refused(
+    few: Path, tmp_path: Path, name: str, head: str, cells: str
+) -> None:
     """Every sample between them takes memory: a table of a hundred bytes could take all there is."""
     rows = [f"{n * 3_500_000},{cells}" for n in range(7)]
     (tmp_path / "table.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
-    with pytest.raises(UserError, match=r"table\.csv: 7 rows over 2\.1e\+07 samples at 1000 Hz found; give a lower --rate"):
+    with pytest.raises(
+        UserError,
+        match=r"table\.csv: 7 rows over 2\.1e\+07 samples at 1000 Hz found; give a lower --rate",
+    ):
         imported(tmp_path / "new.h5", few, **{name: tmp_path / "table.csv"}, **KNOWN)
     assert not (tmp_path / "new.h5").exists()
 
 
-def test_a_name_that_no_disk_can_hold_and_a_phase_out_of_this_world(few: Path, tmp_path: Path) -> None:
+def test_a_name_that_no_disk_can_hold_and_a_phase_out_of_this_world(
+    few: Path, tmp_path: Path
+) -> None:
     rows = [
         f"{125 * n},{phase},{began},{name}"
         for n, (phase, began, name) in enumerate(
-            [("reference", "0", few / "shot 17.png"), ("drive", "1e300", few / "shot 18.png"), ("drive", "", "x" * 5000)]
+            [
+                ("reference", "0", few / "shot 17.png"),
+                ("drive", "1e300", few / "shot 18.png"),
+                ("drive", "", "x" * 5000),
+            ]
         )
     ]
-    (tmp_path / "table.csv").write_text("\n".join(["sample,phase,phase_sample,file", *rows]), encoding="utf-8")
+    (tmp_path / "table.csv").write_text(
+        "\n".join(["sample,phase,phase_sample,file", *rows]), encoding="utf-8"
+    )
     imported(tmp_path / "new.h5", few, metadata=tmp_path / "table.csv", **KNOWN)
     with SessionReader(tmp_path / "new.h5") as session:
         assert session.lost_frames() == [(2, 250, f"'{'x' * 5000}' is not there")]
-        assert [(event.sample, event.text) for event in session.events() if event.kind == "phase"][:2] == [(0, "reference"), (125, "drive")]
+        assert [(event.sample, event.text) for event in session.events() if event.kind == "phase"][
+            :2
+        ] == [(0, "reference"), (125, "drive")]
 
 
 def test_stage_of_images_without_times_belongs_to_their_numbers(few: Path, tmp_path: Path) -> None:
@@ -319,12 +424,19 @@ def test_stage_of_images_without_times_belongs_to_their_numbers(few: Path, tmp_p
     with SessionReader(tmp_path / "new.h5") as session:
         samples, metres = session.positions()
     exposure = 10
-    np.testing.assert_allclose(metres, 2.5e-6 * np.clip((samples - exposure / 2) / KNOWN["divisor"], 0, 3), atol=1e-12)
+    np.testing.assert_allclose(
+        metres, 2.5e-6 * np.clip((samples - exposure / 2) / KNOWN["divisor"], 0, 3), atol=1e-12
+    )
 
 
-def test_forces_that_never_rest_do_not_tell_where_the_drive_begins(few: Path, tmp_path: Path) -> None:
+def test_forces_that_never_rest_do_not_tell_where_the_drive_begins(
+    few: Path, tmp_path: Path
+) -> None:
     q = np.concatenate([np.full(150, 0.4), np.full(150, -0.4), np.full(400, 1.0)])
     rows = [f"{n},0.03,{value}" for n, value in enumerate(np.tile(q, 2))]
     (tmp_path / "forces.csv").write_text("\n".join(["sample,P_N,Q_N", *rows]), encoding="utf-8")
-    with pytest.raises(UserError, match=r"Q does not rise after the reference .* say where the drive begins with --drive"):
+    with pytest.raises(
+        UserError,
+        match=r"Q does not rise after the reference .* say where the drive begins with --drive",
+    ):
         imported(tmp_path / "new.h5", few, forces=tmp_path / "forces.csv", **KNOWN)

@@ -1,4 +1,6 @@
-"""`slipscope info --verify` prints the receipt of a session, or says what is not as it was recorded."""
+"""`slipscope info --verify` prints the receipt of a session, or says what is not as it was
+recorded.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,18 @@ Capture = pytest.CaptureFixture[str]
 
 def test_whole_session_gives_its_receipt(session: Session, capsys: Capture) -> None:
     assert info(session.path, as_json=False, verify=True) == 0
-    assert "7 frames, 1 lost, 1003 samples, 1 gaps, 0.7 MB read back as they were written" in capsys.readouterr().out
+    assert (
+        "7 frames, 1 lost, 1003 samples, 1 gaps, 0.7 MB read back as they were written"
+        in capsys.readouterr().out
+    )
     assert info(session.path, as_json=True, verify=True) == 0
     data = json.loads(capsys.readouterr().out)
-    assert (data["receipt"]["frames"], data["receipt"]["checked"], data["fault"], data["has_journal"]) == (7, True, "", False)
+    assert (
+        data["receipt"]["frames"],
+        data["receipt"]["checked"],
+        data["fault"],
+        data["has_journal"],
+    ) == (7, True, "", False)
     assert info(session.path, as_json=True) == 0
     assert "receipt" not in json.loads(capsys.readouterr().out)
 
@@ -34,26 +44,44 @@ def test_altered_image_is_named(session: Session, capsys: Capture) -> None:
     assert info(session.path, as_json=False) == 0
     assert info(session.path, as_json=False, verify=True) == 1
     said = capsys.readouterr().err
-    assert said == f"slipscope: {session.path}: image 6 is not as recorded; `slipscope repair` makes a session of the others\n"
+    assert (
+        said
+        == f"slipscope: {session.path}: image 6 is not as recorded; `slipscope repair` makes a session of the others\n"
+    )
     assert info(session.path, as_json=True, verify=True) == 1
     data = json.loads(capsys.readouterr().out)
     assert (data["receipt"], "image 6 is not" in data["fault"]) == (None, True)
 
 
-COLUMNS = ["forces/shear_force", "triggers/checksum", "results/stick_radius", "rings/ux", "fields/ux", "gaps/first"]
+COLUMNS = [
+    "forces/shear_force",
+    "triggers/checksum",
+    "results/stick_radius",
+    "rings/ux",
+    "fields/ux",
+    "gaps/first",
+]
 
 
 @pytest.mark.parametrize("altered", COLUMNS)
-def test_altered_number_is_told_by_its_column(session: Session, capsys: Capture, altered: str) -> None:
+def test_altered_number_is_told_by_its_column(
+    session: Session, capsys: Capture, altered: str
+) -> None:
     alter(session.path, f"/entry/{altered}", 0)
     assert info(session.path, as_json=False, verify=True) == 1
-    told = f"{session.path}: /entry/{altered} is not as recorded; `slipscope repair` makes a session of what can be read"
+    told = (
+        f"{session.path}: /entry/{altered} is not as recorded; `slipscope repair` makes a session"
+        " of what can be read"
+    )
     assert capsys.readouterr().err == f"slipscope: {told}\n"
 
 
 def test_altered_force_is_not_given_to_anybody(session: Session) -> None:
     alter(session.path, "/entry/forces/shear_force", 700)
-    with SessionReader(session.path) as read, pytest.raises(UserError, match="damaged at /entry/forces/shear_force: the bytes are not"):
+    with (
+        SessionReader(session.path) as read,
+        pytest.raises(UserError, match="damaged at /entry/forces/shear_force: the bytes are not"),
+    ):
         read.forces()
 
 
@@ -72,7 +100,9 @@ def test_unfinished_session_is_held_against_its_journal(tmp_path: Path, capsys: 
     writer.discard()
     assert info(path, as_json=False, verify=True) == 1
     said = capsys.readouterr()
-    assert f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds" in said.out
+    assert (
+        f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds" in said.out
+    )
     assert "frames 0, 1, 2, 3, 4 and 3 more are not as recorded; the journal is kept" in said.err
 
 
@@ -83,7 +113,11 @@ def test_what_can_not_be_read_is_not_as_recorded(session: Session, capsys: Captu
         how.set_chunk((4096,))
         how.set_deflate(1)
         space = h5py.h5s.create_simple((1003,), (h5py.h5s.UNLIMITED,))
-        forces = h5py.Dataset(h5py.h5d.create(file["/entry/forces"].id, b"shear_force", h5py.h5t.IEEE_F64LE, space, how))
+        forces = h5py.Dataset(
+            h5py.h5d.create(
+                file["/entry/forces"].id, b"shear_force", h5py.h5t.IEEE_F64LE, space, how
+            )
+        )
         forces.id.write_direct_chunk((0,), b"no deflated bytes")
     assert info(session.path, as_json=False, verify=True) == 1
     assert "/entry/forces/shear_force is not as recorded" in capsys.readouterr().err

@@ -20,7 +20,11 @@ from app.session.journal import Journal, journal_of, records
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 
-WORDS: tuple[tuple[Any, ...], ...] = (("event", 5, "phase", "µ\0\n力"), ("position", 3, 1.1e-3), ("frame", 0, 0, 1 << 40, 9, 0xFFFFFFFF))
+WORDS: tuple[tuple[Any, ...], ...] = (
+    ("event", 5, "phase", "µ\0\n力"),
+    ("position", 3, 1.1e-3),
+    ("frame", 0, 0, 1 << 40, 9, 0xFFFFFFFF),
+)
 SAMPLES = np.array([[0.1, NAN], [-0.0, 1e300]])
 
 
@@ -46,7 +50,10 @@ def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
     *found, end = records(tmp_path / "j")
     assert tuple(found[:3]) == WORDS
     assert [record[:2] for record in found[3:]] == [("samples", 0), ("samples", 2), ("samples", 4)]
-    assert (found[3][2].tobytes(), found[3][3].tobytes()) == (SAMPLES.tobytes(), (-SAMPLES).tobytes())
+    assert (found[3][2].tobytes(), found[3][3].tobytes()) == (
+        SAMPLES.tobytes(),
+        (-SAMPLES).tobytes(),
+    )
     assert found[5][2].shape == (0, 2)
     assert end == ("end", 0)
 
@@ -60,7 +67,8 @@ def test_places_are_those_that_hdf5_tells(tmp_path: Path) -> None:
     told = [record[3] for record in records(journal_of(written.path)) if record[0] == "frame"]
     chunks = [writer._images.id.get_chunk_info_by_coord((row, 0, 0)) for row in range(len(told))]
     assert told == [chunk.byte_offset for chunk in chunks]
-    assert writer._place_of(3, np.ones(chunks[3].size, np.uint8), 0) == told[3]  # also where it does not lie at the end
+    # also where it does not lie at the end
+    assert writer._place_of(3, np.ones(chunks[3].size, np.uint8), 0) == told[3]
     writer.discard()
 
 
@@ -81,7 +89,9 @@ def test_altered_byte_ends_the_journal_there(tmp_path: Path) -> None:
         altered = bytearray(content)
         altered[place] ^= 0x10
         (tmp_path / "altered").write_bytes(altered)
-        assert len(list(records(tmp_path / "altered"))) == 1 + sum(end <= place for end in ends), place
+        assert len(list(records(tmp_path / "altered"))) == 1 + sum(end <= place for end in ends), (
+            place
+        )
 
 
 class _SmallDisk(FileIO):
@@ -97,7 +107,9 @@ class _SmallDisk(FileIO):
         return super().write(data)
 
 
-def test_full_disk_leaves_no_half_record_and_no_phantom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_leaves_no_half_record_and_no_phantom(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(journal_module, "FileIO", _SmallDisk)
     writer, written = record(tmp_path / "full.h5")
     monkeypatch.setattr(_SmallDisk, "room", 10)
@@ -128,7 +140,9 @@ def test_clean_close_gives_a_receipt_and_removes_the_journal(tmp_path: Path) -> 
     content = bytearray(written.path.read_bytes())
     content[content.index(written.images[6].tobytes()) + 100] ^= 1
     written.path.write_bytes(content)
-    with pytest.raises(UserError, match=r"clean\.h5: image 6 is not as recorded; `slipscope repair` makes"):
+    with pytest.raises(
+        UserError, match=r"clean\.h5: image 6 is not as recorded; `slipscope repair` makes"
+    ):
         verify(written.path)
 
 
@@ -148,11 +162,19 @@ def test_gap_that_was_told_is_verified_too(tmp_path: Path) -> None:
     [
         (lambda journal: journal.note("frame", 8, 1005, 0, 192, 1), "frame 8 is not as recorded"),
         (lambda journal: journal.note("frame", 2, 255, 0, 192, 1), "frame 2 is not as recorded"),
-        (lambda journal: journal.samples(1003, SAMPLES, SAMPLES), "1005 samples were recorded, 1003 are in the file"),
-        (lambda journal: journal.note("event", 1, "stop", "x"), "8 events were recorded, 7 are in the file"),
+        (
+            lambda journal: journal.samples(1003, SAMPLES, SAMPLES),
+            "1005 samples were recorded, 1003 are in the file",
+        ),
+        (
+            lambda journal: journal.note("event", 1, "stop", "x"),
+            "8 events were recorded, 7 are in the file",
+        ),
     ],
 )
-def test_file_that_is_not_what_was_told_keeps_its_journal(tmp_path: Path, tell: Any, words: str) -> None:
+def test_file_that_is_not_what_was_told_keeps_its_journal(
+    tmp_path: Path, tell: Any, words: str
+) -> None:
     writer, written = record(tmp_path / "other.h5")
     tell(writer._journal)
     with pytest.raises(UserError, match=words):
@@ -178,12 +200,25 @@ def test_journal_of_a_lost_session_is_not_overwritten_unasked(tmp_path: Path) ->
     make_writer(tmp_path / "new.h5", overwrite=True).close()
 
 
-NONE = [b"", b"7", b"[]", b"{}", b'{"a": 12}', b"[1]", b"[[], 2]", b"[" * 10**5, b'"\xff"', b"[" + b"9" * 5000 + b"]"]
+NONE = [
+    b"",
+    b"7",
+    b"[]",
+    b"{}",
+    b'{"a": 12}',
+    b"[1]",
+    b"[[], 2]",
+    b"[" * 10**5,
+    b'"\xff"',
+    b"[" + b"9" * 5000 + b"]",
+]
 
 
 @pytest.mark.parametrize("payload", NONE, ids=range(len(NONE)))
 @pytest.mark.parametrize("kind", [b"W", b"S", b"?"])
-def test_record_with_the_right_checksum_that_is_none_ends_the_journal(tmp_path: Path, kind: bytes, payload: bytes) -> None:
+def test_record_with_the_right_checksum_that_is_none_ends_the_journal(
+    tmp_path: Path, kind: bytes, payload: bytes
+) -> None:
     make_journal(tmp_path / "j")
     record_ = journal_module._HEAD.pack(kind, len(payload), crc32(payload)) + payload
     with (tmp_path / "j").open("ab") as file:

@@ -1,4 +1,6 @@
-"""`Session` gives in a notebook what was recorded, in SI units, as arrays, and reads no more than is asked for."""
+"""`Session` gives in a notebook what was recorded, in SI units, as arrays, and reads no more than
+is asked for.
+"""
 
 from __future__ import annotations
 
@@ -40,14 +42,19 @@ def test_images_keep_the_numbers_of_their_triggers(session: Written) -> None:
 def test_an_image_that_was_lost_says_why(session: Written) -> None:
     with Session(session.path) as s:
         for asked in (3, -5, slice(2, 5)):
-            with pytest.raises(UserError, match=r"session\.h5: frame 3 was lost: no image within 0\.5 s; `frames\.received` tells"):
+            with pytest.raises(
+                UserError,
+                match=r"session\.h5: frame 3 was lost: no image within 0\.5 s; `frames\.received` tells",
+            ):
                 _ = s.frames[asked]
         for asked in (8, -9):
             with pytest.raises(IndexError, match=f"frame {asked} was asked, there are 8"):
                 _ = s.frames[asked]
 
 
-def test_images_are_read_when_they_are_asked_for(session: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_are_read_when_they_are_asked_for(
+    session: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked: list[int] = []
     whole = SessionReader.frame
     monkeypatch.setattr(SessionReader, "frame", lambda self, n: asked.append(n) or whole(self, n))
@@ -82,12 +89,18 @@ def test_fields_are_in_metres(session: Written) -> None:
         assert (len(s.fields), field.frame, field.lens_m) == (6, 4, snapshot.lens_m)
         assert_allclose(field.x_m, GRID_X * PIXEL)
         assert_allclose(field.y_m, GRID_Y * PIXEL)
-        for found, pixels in zip(field[3:7], (snapshot.ux_px, snapshot.uy_px, snapshot.ux_std_px, snapshot.uy_std_px), strict=True):
+        for found, pixels in zip(
+            field[3:7],
+            (snapshot.ux_px, snapshot.uy_px, snapshot.ux_std_px, snapshot.uy_std_px),
+            strict=True,
+        ):
             assert found.dtype == np.float64
             assert_allclose(found, pixels * PIXEL, rtol=1e-6)
         assert_array_equal(field.zncc, snapshot.zncc)
         assert s.fields[-1].frame == 7
-        with pytest.raises(UserError, match="result 0 has no field: frame 0 came before the reference"):
+        with pytest.raises(
+            UserError, match="result 0 has no field: frame 0 came before the reference"
+        ):
             _ = s.fields[0]
         with pytest.raises(IndexError, match="field 6 was asked, there are 6"):
             _ = s.fields[6]
@@ -116,7 +129,10 @@ def test_the_time_of_the_drive_is_that_of_the_forces(tmp_path: Path) -> None:
 
 def test_settings_that_are_none_are_told(tmp_path: Path) -> None:
     make_writer(tmp_path / "odd.h5", config_toml="[run").close()
-    with Session(tmp_path / "odd.h5") as s, pytest.raises(UserError, match=r"odd\.h5: the session's settings can not be read"):
+    with (
+        Session(tmp_path / "odd.h5") as s,
+        pytest.raises(UserError, match=r"odd\.h5: the session's settings can not be read"),
+    ):
         _ = s.settings
 
 
@@ -125,23 +141,40 @@ def test_no_session_is_told() -> None:
         Session("nowhere.h5")
 
 
-@pytest.mark.parametrize(("version", "checksum"), [(1, 2469933011), (2, 2999432660), (3, 2999432660)])
+@pytest.mark.parametrize(
+    ("version", "checksum"), [(1, 2469933011), (2, 2999432660), (3, 2999432660)]
+)
 def test_sessions_of_earlier_versions_are_read(tmp_path: Path, version: int, checksum: int) -> None:
-    """Files that the programs of those versions wrote; the checksums of their results are by the readers of those versions."""
+    """Files that the programs of those versions wrote; the checksums of their results are by the
+    readers of those versions.
+    """
     path = tmp_path / f"format_{version}.h5"
-    path.write_bytes(gzip.decompress((ROOT / f"tests/data/session_format_{version}.h5.gz").read_bytes()))
+    path.write_bytes(
+        gzip.decompress((ROOT / f"tests/data/session_format_{version}.h5.gz").read_bytes())
+    )
     writer, today = record(tmp_path / "today.h5")
     writer.close()
     with Session(path) as s, SessionReader(path) as reader:
         assert reader.format == version
         assert_array_equal(np.column_stack(s.forces[1:]), today.forces)
         assert_array_equal(s.frames[4:], [today.images[n] for n in range(4, 8)])
-        assert (s.events, s.lost_frames, s.gaps) == (today.events, [(3, 380, "no image within 0.5 s")], [(500, 3)])
+        assert (s.events, s.lost_frames, s.gaps) == (
+            today.events,
+            [(3, 380, "no image within 0.5 s")],
+            [(500, 3)],
+        )
         found = 0
         for r in reader.snapshots():
             for part in (r.ux_px, r.uy_px, r.zncc, r.status, r.ring_ux_m, r.ring_sd_m):
                 found = crc32(part.tobytes(), found)
-            numbers = [r.frame, r.time_s, r.normal_force_n, r.travel_m, r.stick_radius_m, r.centre_ux_m]
+            numbers = [
+                r.frame,
+                r.time_s,
+                r.normal_force_n,
+                r.travel_m,
+                r.stick_radius_m,
+                r.centre_ux_m,
+            ]
             found = crc32(np.array(numbers).tobytes(), found)
         assert found == checksum
         assert np.isnan(s.results["block_m"]).all() == (version < 3)
@@ -152,7 +185,9 @@ def test_sessions_of_earlier_versions_are_read(tmp_path: Path, version: int, che
 def test_the_example_of_the_documentation_runs(session: Written) -> None:
     env = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, str(ROOT / "docs/read_session.py"), str(session.path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60, env=env)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60, env=env
+    )
     assert done.returncode == 0, done.stderr
     assert "1003 samples, 8 triggers, lost: [(3, 380, 'no image within 0.5 s')]" in done.stdout
     assert f"mean grey level of frame 7: {session.images[7].mean():.1f}" in done.stdout
@@ -161,5 +196,8 @@ def test_the_example_of_the_documentation_runs(session: Written) -> None:
 def test_the_documentation_holds_the_layout() -> None:
     text = (ROOT / "docs/format.md").read_text(encoding="utf-8")
     table = layout.markdown()
-    assert table in text, "docs/format.md is behind app/session/layout.py; its table is what app.session.layout.markdown() returns"
+    assert table in text, (
+        "docs/format.md is behind app/session/layout.py; its table is what"
+        " app.session.layout.markdown() returns"
+    )
     assert f"version {layout.FORMAT_VERSION}" in text

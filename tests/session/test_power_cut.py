@@ -15,7 +15,8 @@ from app.results import Event
 from app.session.reader import SessionReader
 from app.session.repair import repair
 
-FRAMES, DIVISOR, FLUSH_FRAMES, LOST_AT_MOST = 120, 42, 10, 12  # 23.8 frames/s at 1 kHz: a flush each 0.42 s, 0.5 s lost at most
+# 23.8 frames/s at 1 kHz: a flush each 0.42 s, 0.5 s lost at most
+FRAMES, DIVISOR, FLUSH_FRAMES, LOST_AT_MOST = 120, 42, 10, 12
 
 
 def image_of(frame: int) -> np.ndarray:
@@ -28,7 +29,8 @@ class Recorded:
 
     def __init__(self, folder: Path) -> None:
         self.disk = Disk()
-        self.moments: list[int] = []  # number of writes done when a frame and its samples had been recorded
+        # number of writes done when a frame and its samples had been recorded
+        self.moments: list[int] = []
         self.forces = np.random.default_rng(1).normal(size=(FRAMES * DIVISOR, 2))
         with self.disk.record():
             writer = make_writer(folder / "run.h5", divisor=DIVISOR)
@@ -84,7 +86,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 @pytest.mark.parametrize("seed", range(16))
 def test_half_a_second_is_lost_at_most(recorded: Recorded, tmp_path: Path, seed: int) -> None:
     """Half of the cuts come at any instant, half in a flush, when HDF5 rewrites its indexes."""
-    assert recorded.check(recorded.instant(seed, flushing=seed % 2 == 0), seed, tmp_path / "cut") <= LOST_AT_MOST
+    assert (
+        recorded.check(recorded.instant(seed, flushing=seed % 2 == 0), seed, tmp_path / "cut")
+        <= LOST_AT_MOST
+    )
 
 
 def test_without_its_journal_such_a_session_may_be_lost(recorded: Recorded, tmp_path: Path) -> None:
@@ -93,7 +98,9 @@ def test_without_its_journal_such_a_session_may_be_lost(recorded: Recorded, tmp_
     for seed in range(10):
         folder = tmp_path / str(seed)
         folder.mkdir()
-        recorded.disk.left_by_cut(recorded.instant(seed, flushing=True), np.random.default_rng(seed), folder)
+        recorded.disk.left_by_cut(
+            recorded.instant(seed, flushing=True), np.random.default_rng(seed), folder
+        )
         try:
             with SessionReader(folder / "run.h5") as session:
                 assert list(session.frames())

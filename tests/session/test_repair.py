@@ -22,7 +22,9 @@ from app.session.repair import repair
 
 
 def cut_short(folder: Path) -> Session:
-    """A session as a kill before its first flush leaves it: the file is empty but for the images, the journal has everything."""
+    """A session as a kill before its first flush leaves it: the file is empty but for the images,
+    the journal has everything.
+    """
     writer, written = record(folder / "open.h5", flush_each=False)
     path = folder / "cut.h5"
     shutil.copy(written.path, path)
@@ -43,14 +45,21 @@ def assert_same(path: Path, written: Session, lost: tuple[int, ...] = ()) -> Non
         assert_array_equal(read.forces()[2], written.forces)
         assert read.gaps() == [(500, 3)]
         assert read.events() == written.events
-        assert list(zip(*(column.tolist() for column in read.positions()), strict=True)) == written.positions
+        assert (
+            list(zip(*(column.tolist() for column in read.positions()), strict=True))
+            == written.positions
+        )
         assert (3, 380, "no image within 0.5 s") in read.lost_frames()
         assert read.config_toml.startswith("[run]")
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_kill_at_any_instant_loses_nothing_but_the_last_half_second(tmp_path: Path, seed: int) -> None:
-    kill = lost_by_kill(tmp_path / "killed.h5", 100.0, (64, 96), np.random.default_rng(seed).uniform(0.02, 1.0))
+def test_kill_at_any_instant_loses_nothing_but_the_last_half_second(
+    tmp_path: Path, seed: int
+) -> None:
+    kill = lost_by_kill(
+        tmp_path / "killed.h5", 100.0, (64, 96), np.random.default_rng(seed).uniform(0.02, 1.0)
+    )
     assert kill.sent > 0
     assert kill.lost_s <= 0.5
 
@@ -64,11 +73,19 @@ def test_all_comes_back_from_the_journal(tmp_path: Path, damage: str) -> None:
     before = written.path.read_bytes(), journal_of(written.path).read_bytes()
     repaired = repair(written.path, tmp_path / "repaired.h5")
     assert (written.path.read_bytes(), journal_of(written.path).read_bytes()) == before
-    assert (repaired.source, repaired.torn, repaired.cut_bytes, repaired.receipt.frames) == ("journal", 0, 0, 7)
+    assert (repaired.source, repaired.torn, repaired.cut_bytes, repaired.receipt.frames) == (
+        "journal",
+        0,
+        0,
+        7,
+    )
     assert_same(tmp_path / "repaired.h5", written)
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert (read.state, read.counts().frames_lost) == ("unfinished", 1)
-        assert read.reason == "the run was cut short; repaired from cut.h5, 7 frames kept, 0 images lost"
+        assert (
+            read.reason
+            == "the run was cut short; repaired from cut.h5, 7 frames kept, 0 images lost"
+        )
     assert not journal_of(tmp_path / "repaired.h5").exists()
 
 
@@ -84,7 +101,12 @@ def test_torn_image_is_a_lost_frame_with_that_reason(tmp_path: Path) -> None:
     assert_same(tmp_path / "repaired.h5", written, lost=(4, 7))
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.lost_frames()[1:] == [
-            (index, 5 + 125 * index, "its image can not be read, the bytes are not those that were recorded") for index in (4, 7)
+            (
+                index,
+                5 + 125 * index,
+                "its image can not be read, the bytes are not those that were recorded",
+            )
+            for index in (4, 7)
         ]
 
 
@@ -108,13 +130,19 @@ def test_results_come_along_where_they_can_be_read(tmp_path: Path) -> None:
 def test_whole_session_says_so_and_nothing_is_written(session: Session) -> None:
     repaired = repair(session.path, session.path.with_name("repaired.h5"))
     assert (repaired.output, repaired.receipt.frames) == (None, 7)
-    assert str(repaired).startswith(f"{session.path}: the session is whole, nothing is to be repaired: 7 frames, 1 lost")
+    assert str(repaired).startswith(
+        f"{session.path}: the session is whole, nothing is to be repaired: 7 frames, 1 lost"
+    )
     assert not session.path.with_name("repaired.h5").exists()
 
 
 @pytest.mark.parametrize("format_version", [4, 3])
-def test_damaged_session_without_a_journal_gives_what_can_be_read(session: Session, tmp_path: Path, format_version: int) -> None:
-    """Of format 4 an image that was altered; before, there were no checksums, and only what can not be read is found."""
+def test_damaged_session_without_a_journal_gives_what_can_be_read(
+    session: Session, tmp_path: Path, format_version: int
+) -> None:
+    """Of format 4 an image that was altered; before, there were no checksums, and only what can not
+    be read is found.
+    """
     with h5py.File(session.path, "r+") as file:
         file.attrs["slipscope_format"] = format_version
         if format_version == 4:
@@ -125,12 +153,17 @@ def test_damaged_session_without_a_journal_gives_what_can_be_read(session: Sessi
     assert (repaired.source, repaired.torn, repaired.results) == ("file", 1, 5)
     assert_same(tmp_path / "repaired.h5", session, lost=(6,))
     with SessionReader(tmp_path / "repaired.h5") as read:
-        assert (read.state, read.reason) == ("done", "the travel is done; repaired, 1 images were lost")
+        assert (read.state, read.reason) == (
+            "done",
+            "the travel is done; repaired, 1 images were lost",
+        )
         assert read.summary() is not None
 
 
 def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
-    """One altered bit costs the 4096 samples that share its checksum, less those that were missing before; the others come back."""
+    """One altered bit costs the 4096 samples that share its checksum, less those that were missing
+    before; the others come back.
+    """
     volts, forces = np.random.default_rng(3).normal(size=(2, 9000, 2))
     writer = make_writer(tmp_path / "altered.h5")
     writer.append_samples(0, volts[:4090], forces[:4090])
@@ -154,7 +187,9 @@ def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
 
 def test_what_can_not_be_repaired_says_why(tmp_path: Path) -> None:
     written = cut_short(tmp_path)
-    with pytest.raises(UserError, match=r"cut\.h5: a repair never changes the session itself; give another name"):
+    with pytest.raises(
+        UserError, match=r"cut\.h5: a repair never changes the session itself; give another name"
+    ):
         repair(written.path, written.path)
     with pytest.raises(UserError, match="there is no such session"):
         repair(tmp_path / "absent.h5", tmp_path / "repaired.h5")
@@ -169,8 +204,20 @@ def test_what_can_not_be_repaired_says_why(tmp_path: Path) -> None:
 
 
 def test_journal_of_a_stranger_gives_a_sentence_and_no_file(tmp_path: Path) -> None:
-    strange = [("__init__", 1), ("frame", 1), ("event", [], {}, 3), ("samples", -5), ("samples", 0, 1, 2), ("gap", 0, 10**15, "x")]
-    strange += [("position", 5, "x"), ("event", 10**30, "phase", "x"), ("lost_frame", 0, 2**64, "x"), ("source_frame", 0, 0, -1, "x")]
+    strange = [
+        ("__init__", 1),
+        ("frame", 1),
+        ("event", [], {}, 3),
+        ("samples", -5),
+        ("samples", 0, 1, 2),
+        ("gap", 0, 10**15, "x"),
+    ]
+    strange += [
+        ("position", 5, "x"),
+        ("event", 10**30, "phase", "x"),
+        ("lost_frame", 0, 2**64, "x"),
+        ("source_frame", 0, 0, -1, "x"),
+    ]
     for n, words in enumerate([*strange, ("session", {})]):
         writer = make_writer(tmp_path / "s.h5", overwrite=True)
         writer._journal.note(*words)
@@ -185,12 +232,20 @@ def test_journal_of_a_stranger_gives_a_sentence_and_no_file(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("hostile", "found"),
     [
-        ([["gap", 1003, 3_000_000, "x"], ["gap", 3_001_003, 3_000_000, "x"]], "6000003 samples are missing"),
+        (
+            [["gap", 1003, 3_000_000, "x"], ["gap", 3_001_003, 3_000_000, "x"]],
+            "6000003 samples are missing",
+        ),
         ([["samples", 0]], "makes no session"),
-        ([["frame", n, n] for n in range(8, 5000)], "names more images than the session has room for"),
+        (
+            [["frame", n, n] for n in range(8, 5000)],
+            "names more images than the session has room for",
+        ),
     ],
 )
-def test_journal_can_not_ask_for_more_than_there_was(tmp_path: Path, hostile: list[list[object]], found: str) -> None:
+def test_journal_can_not_ask_for_more_than_there_was(
+    tmp_path: Path, hostile: list[list[object]], found: str
+) -> None:
     """A few bytes of a stranger's journal could fill the disk."""
     path = cut_short(tmp_path).path
     image = next(record[3:] for record in records(journal_of(path)) if record[0] == "frame")
@@ -216,12 +271,15 @@ def test_results_that_do_not_fit_do_not_keep_the_images_from_coming_back(tmp_pat
             del file[f"/entry/fields/{name}"]
             file.create_dataset(f"/entry/fields/{name}", (6, 3, 3), kind)
     repaired = repair(path, tmp_path / "repaired.h5")
-    assert (repaired.receipt.frames, repaired.results) == (7, 2)  # those before the reference have no field
+    # those before the reference have no field
+    assert (repaired.receipt.frames, repaired.results) == (7, 2)
 
 
 def test_failed_repair_leaves_no_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written = cut_short(tmp_path)
-    monkeypatch.setattr("app.session.files.shutil.disk_usage", lambda _: type("usage", (), {"free": 0}))
+    monkeypatch.setattr(
+        "app.session.files.shutil.disk_usage", lambda _: type("usage", (), {"free": 0})
+    )
     with pytest.raises(OSError, match="the disk is full"):
         repair(written.path, tmp_path / "repaired.h5")
     assert not list(tmp_path.glob("repaired*"))

@@ -1,4 +1,6 @@
-"""Whatever is not a whole session is refused with one sentence, or read as far as it goes; nothing is overwritten."""
+"""Whatever is not a whole session is refused with one sentence, or read as far as it goes; nothing
+is overwritten.
+"""
 
 from __future__ import annotations
 
@@ -181,7 +183,9 @@ def _broken_resources(path: Path) -> None:
         (_image_out_of_range, "damaged at /entry/instrument/camera/data: row 99"),
     ],
 )
-def test_bad_file_is_refused_with_a_sentence(session: Session, spoil: Callable[[Path], None], sentence: str) -> None:
+def test_bad_file_is_refused_with_a_sentence(
+    session: Session, spoil: Callable[[Path], None], sentence: str
+) -> None:
     spoil(session.path)
     with pytest.raises(UserError, match=f"session\\.h5: .*{sentence}"):
         ask(session.path)
@@ -193,7 +197,9 @@ def _zeroed(path: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", [_cut, _text, _zeroed, _missing_dataset, _unknown_phase])
-def test_what_can_not_be_read_leads_to_its_journal(tmp_path: Path, spoil: Callable[[Path], None]) -> None:
+def test_what_can_not_be_read_leads_to_its_journal(
+    tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
     """Only to one that a repair can begin with, else it would lead back here."""
     writer, written = record(tmp_path / "open.h5")
     path = tmp_path / "cut.h5"
@@ -213,7 +219,10 @@ def test_what_can_not_be_read_leads_to_its_journal(tmp_path: Path, spoil: Callab
 
 def test_broken_resources_are_told(session: Session) -> None:
     _broken_resources(session.path)
-    with SessionReader(session.path) as read, pytest.raises(UserError, match="damaged at /entry/run/resources"):
+    with (
+        SessionReader(session.path) as read,
+        pytest.raises(UserError, match="damaged at /entry/run/resources"),
+    ):
         _ = read.resources
 
 
@@ -237,16 +246,21 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return written.path.read_bytes()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(data=st.data())
 def test_damaged_file_is_read_or_refused(data: st.DataObject, whole: bytes, tmp_path: Path) -> None:
     """Cut anywhere, or with any bytes changed: never another exception than UserError."""
     spoiled = bytearray(whole)
-    used = np.flatnonzero(np.frombuffer(whole, np.uint8)).tolist()  # most of a small file is empty chunks
+    # most of a small file is empty chunks
+    used = np.flatnonzero(np.frombuffer(whole, np.uint8)).tolist()
     if data.draw(st.booleans(), label="cut"):
         del spoiled[data.draw(st.integers(0, len(whole) - 1)) :]
     else:
-        for at in data.draw(st.lists(st.sampled_from(used), min_size=1, max_size=8), label="places"):
+        for at in data.draw(
+            st.lists(st.sampled_from(used), min_size=1, max_size=8), label="places"
+        ):
             spoiled[at] ^= data.draw(st.integers(1, 255))
     path = tmp_path / "spoiled.h5"
     path.write_bytes(spoiled)

@@ -1,4 +1,6 @@
-"""A session whose program was killed, or whose disk was full, has everything up to its last flush and no phantom rows."""
+"""A session whose program was killed, or whose disk was full, has everything up to its last flush
+and no phantom rows.
+"""
 
 from __future__ import annotations
 
@@ -48,9 +50,13 @@ sys.stdin.read()
 def test_killed_program_leaves_everything_flushed(tmp_path: Path, end: str) -> None:
     path = tmp_path / "killed.h5"
     root = Path(__file__).parents[2]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])
+    }
     command = [sys.executable, "-c", KILLED, str(path), end]
-    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
         if end == "kill":
@@ -121,10 +127,15 @@ def test_failed_chunk_leaves_no_phantom(tmp_path: Path) -> None:
         assert read.state == "failed"
     with h5py.File(written.path, "r") as file:
         assert file["/entry/instrument/camera/data"].shape[0] == 8
-        assert {file[f"/entry/fields/{name}"].shape[0] for name in ("frame", "ux", "uy", "ux_errors", "uy_errors", "zncc", "status")} == {4}
+        assert {
+            file[f"/entry/fields/{name}"].shape[0]
+            for name in ("frame", "ux", "uy", "ux_errors", "uy_errors", "zncc", "status")
+        } == {4}
 
 
-def test_failed_flush_closes_the_session_and_everything_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_flush_closes_the_session_and_everything_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer, written = record(tmp_path / "flush.h5")
     writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
     writer.append_lost_frame(9, 1130, "late")
@@ -137,7 +148,10 @@ def test_failed_flush_closes_the_session_and_everything_comes_back(tmp_path: Pat
 
     with monkeypatch.context() as patch:
         patch.setattr(columns, "_lengthen", full_disk)
-        with pytest.raises(OSError, match=r"flush\.h5: it can not be written: .*No space left.*; `slipscope repair`"):
+        with pytest.raises(
+            OSError,
+            match=r"flush\.h5: it can not be written: .*No space left.*; `slipscope repair`",
+        ):
             writer.flush()
     with pytest.raises(OSError, match="it could not be written to its end"):
         writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
@@ -149,10 +163,14 @@ def test_failed_flush_closes_the_session_and_everything_comes_back(tmp_path: Pat
         assert read.lost_frames()[-1] == (9, 1130, "late")
 
 
-def test_last_of_the_disk_is_left_to_close_the_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_last_of_the_disk_is_left_to_close_the_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer, written = record(tmp_path / "last.h5")
     usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(files.shutil, "disk_usage", lambda _: usage(10**9, 10**9, files.RESERVE_BYTES))
+    monkeypatch.setattr(
+        files.shutil, "disk_usage", lambda _: usage(10**9, 10**9, files.RESERVE_BYTES)
+    )
     with pytest.raises(OSError, match="the disk is full, 34 MB are left"):
         writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
     writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
@@ -168,13 +186,20 @@ def image_of(frame: int) -> np.ndarray:
     return image
 
 
-def test_disk_that_stands_still_ends_the_run_by_name_and_loses_nothing_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_disk_that_stands_still_ends_the_run_by_name_and_loses_nothing_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer = make_writer(tmp_path / "still.h5")
     goes_on, sync = threading.Event(), os.fsync
     monkeypatch.setattr(os, "fsync", lambda number: (goes_on.wait(60), sync(number)))
     failures: list[str] = []
     recorder = Recorder(
-        writer, 1.0, 50 * 12 * 16, 1e-6, sender_waits=False, on_failure=lambda reason: (failures.append(reason), goes_on.set())
+        writer,
+        1.0,
+        50 * 12 * 16,
+        1e-6,
+        sender_waits=False,
+        on_failure=lambda reason: (failures.append(reason), goes_on.set()),
     )
     thread = threading.Thread(target=recorder.work)
     thread.start()
@@ -188,7 +213,9 @@ def test_disk_that_stands_still_ends_the_run_by_name_and_loses_nothing_before(tm
     assert failures[0].startswith("recorder: the disk is slower than the data, 1 s of it wait")
     assert sent == recorder.frames_recorded > 50
     with SessionReader(tmp_path / "still.h5") as read:
-        assert [np.array_equal(image, image_of(index)) for index, _, image in read.frames()] == [True] * sent
+        assert [np.array_equal(image, image_of(index)) for index, _, image in read.frames()] == [
+            True
+        ] * sent
 
 
 FULL = """
@@ -220,16 +247,22 @@ for step in (lambda: writer.finish(Outcome("failed", "the disk is full", COUNTS,
 
 @pytest.mark.parametrize("most", [100_000, 250_001])
 def test_no_room_at_all_even_to_close_the_file_loses_nothing(tmp_path: Path, most: int) -> None:
-    """The system lets no file grow beyond `most` bytes, so HDF5 can not write its indexes; the journal and the images are there.
+    """The system lets no file grow beyond `most` bytes, so HDF5 can not write its indexes; the
+    journal and the images are there.
 
-    HDF5 2.0 may crash such a program at its very end, after all was said: the exit code is not looked at.
+    HDF5 2.0 may crash such a program at its very end, after all was said: the exit code is not
+    looked at.
     """
     pytest.importorskip("resource")
     path = tmp_path / "full.h5"
     root = Path(__file__).parents[2]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])
+    }
     command = [sys.executable, "-c", FULL, str(path), str(most)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
     recorded, _, failure = done.stdout.splitlines()[0].partition(" ")
     assert failure.startswith("recorder: the session can not be written: ")
     assert "full.h5: it can" in done.stdout

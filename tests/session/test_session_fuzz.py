@@ -1,4 +1,6 @@
-"""A session from somebody else is data: whatever is done to it, it is read or refused with a sentence, at once and in little memory."""
+"""A session from somebody else is data: whatever is done to it, it is read or refused with a
+sentence, at once and in little memory.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ ROOT = Path(__file__).parents[2]
 def test_spoiled_sessions_and_settings_are_read_or_refused() -> None:
     """Some of the cases of `benchmarks/fuzz.py`, which has the limits of time and memory."""
     command = [sys.executable, str(ROOT / "benchmarks/fuzz.py"), "54", "1"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "54 cases from seed 1 on" in done.stdout
 
@@ -141,34 +145,84 @@ def _block_before(path: Path) -> None:
         (_huge_collection, "damaged at /entry/.*the place of a text holds something else"),
         (_huge_text, "damaged at /entry/.*a text reaches beyond its place"),
         (_text_not_utf8, "damaged at /entry/run/reason: .*utf-8"),
-        (_many_times_the_same_text, f"damaged at /entry/triggers/reason: its texts claim more than {LARGEST_BYTES} bytes"),
-        (_replaced("/entry/run/reason", data=np.bytes_("fixed")), "damaged at /entry/run/reason: it is 0-dimensional"),
-        (_replaced("/entry/run/reason", shape=(), dtype=h5py.ref_dtype), "damaged at /entry/run/reason: it is 0-dimensional"),
-        (_replaced("/entry/clock/divisor", shape=(), dtype=h5py.regionref_dtype), "damaged at /entry/clock/divisor: it is 0-dimensional"),
-        (_replaced("/entry/clock/divisor", data=h5py.Empty("i8")), "damaged at /entry/clock/divisor: "),
+        (
+            _many_times_the_same_text,
+            f"damaged at /entry/triggers/reason: its texts claim more than {LARGEST_BYTES} bytes",
+        ),
+        (
+            _replaced("/entry/run/reason", data=np.bytes_("fixed")),
+            "damaged at /entry/run/reason: it is 0-dimensional",
+        ),
+        (
+            _replaced("/entry/run/reason", shape=(), dtype=h5py.ref_dtype),
+            "damaged at /entry/run/reason: it is 0-dimensional",
+        ),
+        (
+            _replaced("/entry/clock/divisor", shape=(), dtype=h5py.regionref_dtype),
+            "damaged at /entry/clock/divisor: it is 0-dimensional",
+        ),
+        (
+            _replaced("/entry/clock/divisor", data=h5py.Empty("i8")),
+            "damaged at /entry/clock/divisor: ",
+        ),
         (_replaced("/entry/clock", data=1.0), "damaged at /entry/clock/sample_rate: it is missing"),
         (
-            _replaced("/entry/forces/normal_force", shape=(2**26,), chunks=(2**26,), dtype="f8", compression="gzip"),
+            _replaced(
+                "/entry/forces/normal_force",
+                shape=(2**26,),
+                chunks=(2**26,),
+                dtype="f8",
+                compression="gzip",
+            ),
             "damaged at /entry/forces/normal_force: it claims chunks of",
         ),
         (
-            _replaced("/entry/instrument/camera/data", shape=(7, 10**6, 10**6), chunks=(1, 1000, 1000), dtype="u1"),
+            _replaced(
+                "/entry/instrument/camera/data",
+                shape=(7, 10**6, 10**6),
+                chunks=(1, 1000, 1000),
+                dtype="u1",
+            ),
             r"damaged at /entry/instrument/camera/data: it claims the shape",
         ),
-        (_foreign_filter, "damaged at /entry/forces/normal_force: it is compressed by filter 32015, which needs a plug-in"),
+        (
+            _foreign_filter,
+            "damaged at /entry/forces/normal_force: it is compressed by filter 32015, which needs"
+            " a plug-in",
+        ),
         (_link("/entry/clock", None), "damaged at /entry/clock/sample_rate: it is missing"),
-        (_link("/entry/clock", h5py.SoftLink("/entry/clock")), "damaged at /entry/clock/sample_rate: it is a link to elsewhere"),
-        (_link("/entry/summary", h5py.ExternalLink("/etc/hostname", "/")), "damaged at /entry/summary: it is a link to elsewhere"),
-        (_link("/entry/profile", h5py.SoftLink("/entry/rings")), "damaged at /entry/profile/radius: it is a link to elsewhere"),
-        (_number("/entry/clock/sample_rate", float("nan")), "damaged at /entry/clock/sample_rate: it is nan"),
+        (
+            _link("/entry/clock", h5py.SoftLink("/entry/clock")),
+            "damaged at /entry/clock/sample_rate: it is a link to elsewhere",
+        ),
+        (
+            _link("/entry/summary", h5py.ExternalLink("/etc/hostname", "/")),
+            "damaged at /entry/summary: it is a link to elsewhere",
+        ),
+        (
+            _link("/entry/profile", h5py.SoftLink("/entry/rings")),
+            "damaged at /entry/profile/radius: it is a link to elsewhere",
+        ),
+        (
+            _number("/entry/clock/sample_rate", float("nan")),
+            "damaged at /entry/clock/sample_rate: it is nan",
+        ),
         (_number("/entry/clock/divisor", 0), "damaged at /entry/clock/divisor: it is 0"),
-        (_number("/entry/instrument/camera/pixel", float("inf")), "damaged at /entry/instrument/camera/pixel: it is inf"),
-        (_number("/entry/clock/first_trigger", -3), "damaged at /entry/clock/first_trigger: it is -3"),
+        (
+            _number("/entry/instrument/camera/pixel", float("inf")),
+            "damaged at /entry/instrument/camera/pixel: it is inf",
+        ),
+        (
+            _number("/entry/clock/first_trigger", -3),
+            "damaged at /entry/clock/first_trigger: it is -3",
+        ),
         (_huge_attribute, "not a SlipScope session"),
         (_block_before, "not as SlipScope writes it"),
     ],
 )
-def test_what_is_made_to_do_harm_is_refused(session: Session, spoil: Callable[[Path], None], sentence: str) -> None:
+def test_what_is_made_to_do_harm_is_refused(
+    session: Session, spoil: Callable[[Path], None], sentence: str
+) -> None:
     spoil(session.path)
     with pytest.raises(UserError, match=f"session\\.h5: .*{sentence}"):
         ask(session.path)
@@ -192,7 +246,9 @@ def test_many_and_long_texts_come_back(tmp_path: Path) -> None:
     with SessionReader(tmp_path / "many.h5") as read, h5py.File(tmp_path / "many.h5") as file:
         assert read.events() == events
         assert read.config_toml == "# " + "µ" * 50_000
-        assert [event.text for event in read.events()] == file["/entry/events/text"].asstr()[()].tolist()
+        assert [event.text for event in read.events()] == file["/entry/events/text"].asstr()[
+            ()
+        ].tolist()
 
 
 PLUGIN = """
@@ -211,13 +267,26 @@ def test_no_plug_in_is_loaded_for_a_session(session: Session, tmp_path: Path) ->
     (tmp_path / "plugin.c").write_text(PLUGIN)
     folder = tmp_path / "plugins"
     folder.mkdir()
-    subprocess.run(["gcc", "-shared", "-fPIC", "-o", folder / "libplugin.so", tmp_path / "plugin.c"], check=True, timeout=60)
+    subprocess.run(
+        ["gcc", "-shared", "-fPIC", "-o", folder / "libplugin.so", tmp_path / "plugin.c"],
+        check=True,
+        timeout=60,
+    )
     mark = tmp_path / "loaded"
     env = os.environ | {"HDF5_PLUGIN_PATH": str(folder), "MARK": str(mark), "PYTHONPATH": str(ROOT)}
-    read = "import sys; from app.session.reader import SessionReader\nwith SessionReader(sys.argv[1]) as r: r.forces()"
+    read = (
+        "import sys; from app.session.reader import SessionReader\nwith SessionReader(sys.argv[1])"
+        " as r: r.forces()"
+    )
     naive = "import sys, h5py\nh5py.File(sys.argv[1])['/entry/forces/normal_force'][()]"
     for code, is_loaded in ((read, False), (naive, True)):
-        done = subprocess.run([sys.executable, "-c", code, str(session.path)], env=env, capture_output=True, check=False, timeout=60)
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(session.path)],
+            env=env,
+            capture_output=True,
+            check=False,
+            timeout=60,
+        )
         assert done.returncode
         assert mark.exists() == is_loaded
 
@@ -226,7 +295,10 @@ def test_fields_of_somebody_else_are_checked_likewise(tmp_path: Path) -> None:
     path = tmp_path / "fields.h5"
     with h5py.File(path, "w") as file:
         file["entry/fields"] = h5py.ExternalLink("other.h5", "/")
-    with pytest.raises(UserError, match=r"fields\.h5: the file of displacement fields is damaged at /entry/fields/x: it is a link"):
+    with pytest.raises(
+        UserError,
+        match=r"fields\.h5: the file of displacement fields is damaged at /entry/fields/x: it is a link",
+    ):
         read_fields_file(path)
     assert not is_session(path)
     path.write_text("x_px,y_px,ux_px\n")

@@ -33,7 +33,12 @@ def assert_laid_out(path: Path, without: str) -> None:
 
     def look(name: str, thing: h5py.Dataset | h5py.Group) -> None:
         if isinstance(thing, h5py.Dataset):
-            found[f"/{name}"] = (thing.ndim, thing.dtype.kind, thing.attrs.get("units", ""), thing.attrs["long_name"])
+            found[f"/{name}"] = (
+                thing.ndim,
+                thing.dtype.kind,
+                thing.attrs.get("units", ""),
+                thing.attrs["long_name"],
+            )
         else:
             groups[f"/{name}"] = thing.attrs["NX_class"]
 
@@ -42,10 +47,14 @@ def assert_laid_out(path: Path, without: str) -> None:
         assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 4
     kinds = {layout.TEXT: "O", layout.IMAGE: "u"}
     expected = {
-        i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning) for i in layout.ITEMS if i.group != without
+        i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning)
+        for i in layout.ITEMS
+        if i.group != without
     }
     assert found == expected
-    assert groups == {group.path: group.nx_class for group in layout.GROUPS if group.path != without}
+    assert groups == {
+        group.path: group.nx_class for group in layout.GROUPS if group.path != without
+    }
 
 
 def test_every_number_has_a_unit_and_no_text_has() -> None:
@@ -64,14 +73,22 @@ def test_uncertainties_are_beside_what_they_belong_to() -> None:
 
 
 def test_every_field_of_the_results_has_a_place() -> None:
-    stored = {*layout.RESULTS.values(), *layout.RINGS.values(), *layout.STRESS.values(), *layout.FIELDS.values()}
+    stored = {
+        *layout.RESULTS.values(),
+        *layout.RINGS.values(),
+        *layout.STRESS.values(),
+        *layout.FIELDS.values(),
+    }
     assert stored == set(Snapshot.__dataclass_fields__) - {"stress_field_pa"}
     assert set(layout.SUMMARY.values()) == set(Summary.__dataclass_fields__)
 
 
 def test_default_plot_is_the_load_curve(session: Session) -> None:
     data = nexus.nxload(session.path).plottable_data
-    assert (data.nxsignal.nxname, [axis.nxname for axis in data.nxaxes]) == ("shear_force", ["stage_displacement"])
+    assert (data.nxsignal.nxname, [axis.nxname for axis in data.nxaxes]) == (
+        "shear_force",
+        ["stage_displacement"],
+    )
     assert (data.nxsignal.attrs["units"], data.nxaxes[0].attrs["units"]) == ("N", "m")
     assert_array_equal(data.nxsignal.nxvalue, [s.shear_force_n for s in session.snapshots])
     assert_array_equal(data.nxaxes[0].nxvalue, [s.travel_m for s in session.snapshots])
@@ -79,9 +96,16 @@ def test_default_plot_is_the_load_curve(session: Session) -> None:
 
 @pytest.mark.parametrize(
     ("group", "signal", "shape"),
-    [("forces", "shear_force", (1003,)), ("fields", "ux", (4, 2, 3)), ("rings", "ux", (6, 5)), ("profile", "grey", (3,))],
+    [
+        ("forces", "shear_force", (1003,)),
+        ("fields", "ux", (4, 2, 3)),
+        ("rings", "ux", (6, 5)),
+        ("profile", "grey", (3,)),
+    ],
 )
-def test_every_plot_resolves(session: Session, group: str, signal: str, shape: tuple[int, ...]) -> None:
+def test_every_plot_resolves(
+    session: Session, group: str, signal: str, shape: tuple[int, ...]
+) -> None:
     data = nexus.nxload(session.path)["entry"][group].plottable_data
     assert (data.nxsignal.nxname, data.nxsignal.shape) == (signal, shape)
     assert [len(axis) for axis in data.nxaxes] == list(shape)

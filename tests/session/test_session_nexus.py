@@ -1,4 +1,6 @@
-"""Programs that display NeXus files find every plot of a session by themselves, with its axes and its uncertainties."""
+"""Programs that display NeXus files find every plot of a session by themselves, with its axes and
+its uncertainties.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,11 @@ def test_the_defaults_lead_to_the_load_curve(session: Session) -> None:
         place = file
         while "default" in place.attrs:
             place = place[place.attrs["default"]]
-        assert (place.name, place.attrs["NX_class"], place.attrs["signal"]) == ("/entry/results", "NXdata", "shear_force")
+        assert (place.name, place.attrs["NX_class"], place.attrs["signal"]) == (
+            "/entry/results",
+            "NXdata",
+            "shear_force",
+        )
         assert list(place.attrs["axes"]) == ["stage_displacement"]
         assert place["stage_displacement"].shape == place["shear_force"].shape
 
@@ -30,15 +36,19 @@ def test_nexpy_finds_the_plot(session: Session, path: str) -> None:
     data = nexus.nxload(session.path)[path].plottable_data
     assert data.nxsignal.nxname == group.signal
     assert [len(axis) for axis in data.nxaxes] == list(data.nxsignal.shape)
-    assert [axis.nxname for axis, name in zip(data.nxaxes, group.axes, strict=False) if name != "."] == [
-        name for name in group.axes if name != "."
-    ]
+    assert [
+        axis.nxname for axis, name in zip(data.nxaxes, group.axes, strict=False) if name != "."
+    ] == [name for name in group.axes if name != "."]
     for name, thing in nexus.nxload(session.path)[path].items():
         if name.endswith("_errors"):
-            assert thing.shape == nexus.nxload(session.path)[path][name.removesuffix("_errors")].shape
+            assert (
+                thing.shape == nexus.nxload(session.path)[path][name.removesuffix("_errors")].shape
+            )
 
 
-@pytest.mark.parametrize("path", [path for path in PLOTS if path in {"/entry/rings", "/entry/stress", "/entry/fields"}])
+@pytest.mark.parametrize(
+    "path", [path for path in PLOTS if path in {"/entry/rings", "/entry/stress", "/entry/fields"}]
+)
 def test_nexpy_finds_the_uncertainty_of_the_signal(session: Session, path: str) -> None:
     data = nexus.nxload(session.path)[path]
     assert data.nxerrors is not None
@@ -56,8 +66,24 @@ def test_silx_finds_every_plot(session: Session) -> None:
         kinds = {}
         for path, group in PLOTS.items():
             found = nxdata.NXdata(file[path])
-            assert (found.is_valid, found.issues, found.signal_dataset_name) == (True, [], group.signal)
-            kinds[path] = "curve" if found.is_curve else "image" if found.is_image else "stack" if found.is_stack else ""
+            assert (found.is_valid, found.issues, found.signal_dataset_name) == (
+                True,
+                [],
+                group.signal,
+            )
+            kinds[path] = (
+                "curve"
+                if found.is_curve
+                else "image"
+                if found.is_image
+                else "stack"
+                if found.is_stack
+                else ""
+            )
             assert (found.errors is not None) == (f"{path}/{group.signal}_errors" in file)
     curves = dict.fromkeys(["/entry/forces", "/entry/results", "/entry/profile"], "curve")
-    assert kinds == curves | {"/entry/rings": "image", "/entry/stress": "image", "/entry/fields": "stack"}
+    assert kinds == curves | {
+        "/entry/rings": "image",
+        "/entry/stress": "image",
+        "/entry/fields": "stack",
+    }

@@ -50,13 +50,20 @@ def assert_same(a: object, b: object) -> None:
 def test_what_was_known_at_the_start(session: Session) -> None:
     with SessionReader(session.path) as read:
         assert read.config_toml == TOML
-        assert (read.sample_rate_hz, read.exposure_samples, read.divisor, read.first_trigger) == (1000.0, 10, 125, 5)
+        assert (read.sample_rate_hz, read.exposure_samples, read.divisor, read.first_trigger) == (
+            1000.0,
+            10,
+            125,
+            5,
+        )
         assert read.pixel_m == 7.04e-6
         assert read.versions == VERSIONS
         assert read.frame_shape == SHAPE
         assert_array_equal(read.grid_x_px, GRID_X)
         assert_array_equal(read.grid_y_px, GRID_Y)
-        assert datetime.datetime.fromisoformat(read.started) <= datetime.datetime.fromisoformat(read.ended)
+        assert datetime.datetime.fromisoformat(read.started) <= datetime.datetime.fromisoformat(
+            read.ended
+        )
 
 
 def test_forces_with_a_gap_keep_their_samples(session: Session) -> None:
@@ -89,7 +96,9 @@ def test_every_trigger_has_its_fate(session: Session) -> None:
 def test_images(session: Session) -> None:
     with SessionReader(session.path) as read:
         found = list(read.frames())
-        assert [(index, sample) for index, sample, _ in found] == [(n, 5 + 125 * n) for n in session.images]
+        assert [(index, sample) for index, sample, _ in found] == [
+            (n, 5 + 125 * n) for n in session.images
+        ]
         for index, _, image in found:
             assert image.dtype == np.uint8
             assert_array_equal(image, session.images[index])
@@ -116,20 +125,40 @@ def test_snapshots(session: Session) -> None:
 
 
 @pytest.mark.parametrize(("version", "lacks_errors"), [(1, True), (2, False)])
-def test_a_session_of_an_earlier_format_has_what_it_had(session: Session, version: int, lacks_errors: bool) -> None:
+def test_a_session_of_an_earlier_format_has_what_it_had(
+    session: Session, version: int, lacks_errors: bool
+) -> None:
     with h5py.File(session.path, "r+") as file:
         file.attrs[FORMAT_ATTRIBUTE] = version
         for item in layout.ITEMS:
             if item.since > version and item.path in file:
                 del file[item.path]
-    stress = {"stress_radius_m", "stress_pa", "stress_sd_pa", "stress_force_n", "stress_force_sd_n", "block_m", "block_sd_m"}
+    stress = {
+        "stress_radius_m",
+        "stress_pa",
+        "stress_sd_pa",
+        "stress_force_n",
+        "stress_force_sd_n",
+        "block_m",
+        "block_sd_m",
+    }
     later = stress | {"full_slip_pa", "peak_radius_m", "peak_radius_sd_m"}
     with SessionReader(session.path) as read:
         assert read.lacking == later | ({"ux_std_px", "uy_std_px"} if lacks_errors else set())
         for a, b in zip(read.snapshots(), session.snapshots, strict=True):
             nothing = np.full(b.ux_px.shape, np.nan, np.float32)
-            had = {name: np.empty(0) if isinstance(getattr(b, name), np.ndarray) else np.nan for name in later}
-            assert_same(a, dataclasses.replace(b, **had, **({"ux_std_px": nothing, "uy_std_px": nothing} if lacks_errors else {})))
+            had = {
+                name: np.empty(0) if isinstance(getattr(b, name), np.ndarray) else np.nan
+                for name in later
+            }
+            assert_same(
+                a,
+                dataclasses.replace(
+                    b,
+                    **had,
+                    **({"ux_std_px": nothing, "uy_std_px": nothing} if lacks_errors else {}),
+                ),
+            )
         assert np.isnan(read.summary().law_mu)
 
 
@@ -146,7 +175,11 @@ def test_results_of_the_whole_run(session: Session) -> None:
         assert_same(contact, CONTACT)
         assert_same(summary, SUMMARY)
         assert read.counts() == COUNTS
-        assert (read.state, read.reason, read.resources) == (OUTCOME.state, OUTCOME.reason, OUTCOME.resources)
+        assert (read.state, read.reason, read.resources) == (
+            OUTCOME.state,
+            OUTCOME.reason,
+            OUTCOME.resources,
+        )
 
 
 def test_batching_does_not_change_the_file(tmp_path: Path, session: Session) -> None:
@@ -185,7 +218,12 @@ def test_session_in_which_nothing_happened(tmp_path: Path) -> None:
     make_writer(tmp_path / "empty.h5").close()
     with SessionReader(tmp_path / "empty.h5") as read:
         assert read.forces()[1].shape == (0, 2)
-        assert (list(read.frames()), list(read.snapshots()), read.events(), len(read.triggers())) == ([], [], [], 0)
+        assert (
+            list(read.frames()),
+            list(read.snapshots()),
+            read.events(),
+            len(read.triggers()),
+        ) == ([], [], [], 0)
 
 
 def test_texts_that_hdf5_can_not_hold_are_spelled_out(tmp_path: Path) -> None:
@@ -207,7 +245,10 @@ def test_samples_that_can_not_be_placed_are_refused(tmp_path: Path, first: int) 
         assert len(read.forces()[1]) == 250
 
 
-@pytest.mark.parametrize("image", [np.zeros((12, 15), np.uint8), np.zeros(SHAPE, np.uint16), np.zeros((1, *SHAPE), np.uint8)])
+@pytest.mark.parametrize(
+    "image",
+    [np.zeros((12, 15), np.uint8), np.zeros(SHAPE, np.uint16), np.zeros((1, *SHAPE), np.uint8)],
+)
 def test_image_of_another_kind_is_refused(tmp_path: Path, image: np.ndarray) -> None:
     writer = make_writer(tmp_path / "image.h5")
     with pytest.raises(ValueError, match=r"\(12, 16\) uint8"):

@@ -1,4 +1,6 @@
-"""The simulated devices: the contracts, one world seen by all three, the pace, and the bench that holds them."""
+"""The simulated devices: the contracts, one world seen by all three, the pace, and the bench that
+holds them.
+"""
 
 import threading
 
@@ -71,11 +73,15 @@ class TestSimActuator(ActuatorContract):
 
 def fake_bench(settings, pace):
     scene = Scene(settings, pace)
-    return Bench(SimForces(scene.world), SimCamera(scene.world, Numbered()), SimActuator(scene.world), scene)
+    return Bench(
+        SimForces(scene.world), SimCamera(scene.world, Numbered()), SimActuator(scene.world), scene
+    )
 
 
 def drive(settings, pace, blocks=60, divisor=100):
-    """A short run with two threads, as the program has them: all volts, all frames, all states that were drawn."""
+    """A short run with two threads, as the program has them: all volts, all frames, all states that
+    were drawn.
+    """
     bench = fake_bench(settings, pace)
     frames, volts = [], []
     train = TriggerTrain(0, divisor)
@@ -105,7 +111,11 @@ def drive(settings, pace, blocks=60, divisor=100):
 def test_the_pace_changes_no_bit():
     paced, free = drive(QUICK, 50.0), drive(QUICK, None)
     np.testing.assert_array_equal(paced[0], free[0])
-    assert [(f.index, f.sample) for f in paced[1]] == [(f.index, f.sample) for f in free[1]] == [(i, 100 * i) for i in range(30)]
+    assert (
+        [(f.index, f.sample) for f in paced[1]]
+        == [(f.index, f.sample) for f in free[1]]
+        == [(i, 100 * i) for i in range(30)]
+    )
     assert paced[2] == free[2]
     assert paced[2][-1].shear_force_n > 0.4
 
@@ -273,7 +283,10 @@ class Recorded:
 
 
 def recorded(log, **fails):
-    return Bench(*(Recorded(name, log, fails.get(name, "")) for name in ("forces", "camera", "actuator")), scene=Scene(FREE))
+    return Bench(
+        *(Recorded(name, log, fails.get(name, "")) for name in ("forces", "camera", "actuator")),
+        scene=Scene(FREE),
+    )
 
 
 def test_a_bench_opens_in_order_and_closes_in_reverse():
@@ -301,14 +314,23 @@ def test_every_device_is_closed_even_if_others_fail():
 
 
 def test_an_unknown_device_names_the_known_ones_and_the_nearest(monkeypatch):
-    monkeypatch.setitem(bench_module.DRIVERS, "camera", {"sim": "drivers.sim.devices:sim_camera", "pylon": "nowhere"})
-    with pytest.raises(UnknownDevice, match=r"camera: no driver is called 'pilon'; known: pylon, sim \(the nearest is 'pylon'\)"):
+    monkeypatch.setitem(
+        bench_module.DRIVERS,
+        "camera",
+        {"sim": "drivers.sim.devices:sim_camera", "pylon": "nowhere"},
+    )
+    with pytest.raises(
+        UnknownDevice,
+        match=r"camera: no driver is called 'pilon'; known: pylon, sim \(the nearest is 'pylon'\)",
+    ):
         open_bench("sim", "pilon", "sim")
     assert issubclass(UnknownDevice, DeviceNotFound)
 
 
 def test_simulated_devices_of_one_bench_share_one_world():
-    settings = WorldSettings(press_sample=0, press_duration=10, image_shape=(6, 8), slow_actuator=False, force_noise_n=0)
+    settings = WorldSettings(
+        press_sample=0, press_duration=10, image_shape=(6, 8), slow_actuator=False, force_noise_n=0
+    )
     bench = open_bench(world=settings, pace=None)
     with Bench(bench.forces, SimCamera(bench.world, Numbered()), bench.actuator, bench.scene):
         bench.forces.start(TRAIN)

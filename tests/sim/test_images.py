@@ -1,4 +1,6 @@
-"""The simulated camera's pictures: exact blobs, the fast renderer against them, micro-contacts, light and noise."""
+"""The simulated camera's pictures: exact blobs, the fast renderer against them, micro-contacts,
+light and noise.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -15,12 +17,20 @@ from drivers.sim.world import World, WorldSettings
 
 PIXEL = 40e-6  # a whole contact in a small picture; gradients keep their size
 SHAPE = (233, 317)
-SETTINGS = WorldSettings(image_shape=SHAPE, pixel_m=PIXEL, press_sample=0, press_duration=1, contact_offset_px=(6.4, -4.7))
+SETTINGS = WorldSettings(
+    image_shape=SHAPE,
+    pixel_m=PIXEL,
+    press_sample=0,
+    press_duration=1,
+    contact_offset_px=(6.4, -4.7),
+)
 
 
 @dataclass(frozen=True)
 class Block:
-    """A state with a smooth made-up elastic displacement (pixels): g0 = A (1 + q)^-1, g2 = B q (1 + q)^-2 with q = (r / 60)^2."""
+    """A state with a smooth made-up elastic displacement (pixels): g0 = A (1 + q)^-1, g2 = B q (1 +
+    q)^-2 with q = (r / 60)^2.
+    """
 
     rigid: tuple[float, float] = (0.0, 0.0)
     radius: float = 0.0
@@ -70,7 +80,11 @@ def drive():
     world.advance(2)
     world.move(300e-6, 5e-6)
     world.advance(40_000)
-    states = {"pressed": world.state(2), "partial slip": world.state(15_000), "sliding": world.state(40_000)}
+    states = {
+        "pressed": world.state(2),
+        "partial slip": world.state(15_000),
+        "sliding": world.state(40_000),
+    }
     assert 0.3 < states["partial slip"].stick_radius_m / states["partial slip"].hertz_radius_m < 0.7
     assert states["sliding"].stick_radius_m == 0
     return states
@@ -85,12 +99,16 @@ def test_a_blob_is_integrated_over_every_pixel(rho, dtype):
     x, y, sx, sy = 11.37, 9.81, 0.9, 1.3
     cov = np.array([[sx * sx, rho * sx * sy], [rho * sx * sy, sy * sy]])
     image = np.zeros((20, 24), dtype)
-    speckle.add_blobs(image, *(np.array([v]) for v in (x, y, cov[0, 0], cov[0, 1], cov[1, 1], 100.0)))
+    speckle.add_blobs(
+        image, *(np.array([v]) for v in (x, y, cov[0, 0], cov[0, 1], cov[1, 1], 100.0))
+    )
     node, weight = np.polynomial.legendre.leggauss(8)
     dx = (np.arange(24)[:, None] + node / 2).ravel() - x
     dy = (np.arange(20)[:, None] + node / 2).ravel() - y
     p = np.linalg.inv(cov)
-    value = np.exp(-0.5 * (p[0, 0] * dx**2 + 2 * p[0, 1] * dx * dy[:, None] + p[1, 1] * dy[:, None] ** 2))
+    value = np.exp(
+        -0.5 * (p[0, 0] * dx**2 + 2 * p[0, 1] * dx * dy[:, None] + p[1, 1] * dy[:, None] ** 2)
+    )
     expected = 100 * np.einsum("jaib,a,b->ji", value.reshape(20, 8, 24, 8), weight / 2, weight / 2)
     np.testing.assert_allclose(image, expected, atol=1e-4)
 
@@ -109,10 +127,17 @@ def test_a_period_of_the_pattern_continues_itself():
     rng = np.random.default_rng(0)
     n = 400
     rows, columns = speckle.period((10, 20))
-    blobs = speckle.Blobs(rng.uniform(0, columns, n), rng.uniform(0, rows, n), rng.uniform(0.8, 1.6, n), rng.uniform(1, 2, n))
+    blobs = speckle.Blobs(
+        rng.uniform(0, columns, n),
+        rng.uniform(0, rows, n),
+        rng.uniform(0.8, 1.6, n),
+        rng.uniform(1, 2, n),
+    )
     moved = replace(blobs, x=(blobs.x + 50) % columns, y=(blobs.y + 91) % rows)
     np.testing.assert_allclose(
-        speckle.periodic_image(moved, (10, 20)), np.roll(speckle.periodic_image(blobs, (10, 20)), (91, 50), (0, 1)), atol=1e-4
+        speckle.periodic_image(moved, (10, 20)),
+        np.roll(speckle.periodic_image(blobs, (10, 20)), (91, 50), (0, 1)),
+        atol=1e-4,
     )
 
 
@@ -120,32 +145,53 @@ def test_a_period_of_the_pattern_continues_itself():
 def test_blobs_are_seen_where_the_map_brings_them_and_deformed_by_its_gradient(angle):
     block = Block(rigid=(7.3, -2.6), g=(2.0, 0.9), angle=angle)
     rng = np.random.default_rng(0)
-    x, y, sigma = rng.uniform(0, SHAPE[1], 500), rng.uniform(0, SHAPE[0], 500), rng.uniform(0.7, 1.5, 500)
+    x, y, sigma = (
+        rng.uniform(0, SHAPE[1], 500),
+        rng.uniform(0, SHAPE[0], 500),
+        rng.uniform(0.7, 1.5, 500),
+    )
     period = speckle.period(SHAPE)
     move = warp.motion(block, PIXEL, SHAPE, speckle.HALO_PX, 64)
-    px, py, xx, xy, yy = warp.place(warp.as_if_rigid(x, y, move, period, speckle.HALO_PX), sigma, move)
+    px, py, xx, xy, yy = warp.place(
+        warp.as_if_rigid(x, y, move, period, speckle.HALO_PX), sigma, move
+    )
     gx, gy = block.displacement(px, py)
     np.testing.assert_allclose(px + block.centre[0] - block.rigid[0] + gx, x, atol=1e-5)
     np.testing.assert_allclose(py + block.centre[1] - block.rigid[1] + gy, y, atol=1e-5)
     h = 1e-4
-    dx = [(a - b) / (2 * h) for a, b in zip(block.displacement(px + h, py), block.displacement(px - h, py), strict=True)]
-    dy = [(a - b) / (2 * h) for a, b in zip(block.displacement(px, py + h), block.displacement(px, py - h), strict=True)]
+    dx = [
+        (a - b) / (2 * h)
+        for a, b in zip(block.displacement(px + h, py), block.displacement(px - h, py), strict=True)
+    ]
+    dy = [
+        (a - b) / (2 * h)
+        for a, b in zip(block.displacement(px, py + h), block.displacement(px, py - h), strict=True)
+    ]
     assert max(np.abs(g).max() for g in dx + dy) > 0.02
     inverse = np.linalg.inv(np.array([[1 + dx[0], dy[0]], [dx[1], 1 + dy[1]]]).transpose(2, 0, 1))
     covariance = sigma[:, None, None] ** 2 * inverse @ inverse.transpose(0, 2, 1)
-    np.testing.assert_allclose(np.stack([xx, xy, yy]), covariance[:, [0, 0, 1], [0, 1, 1]].T, atol=2e-4)
+    np.testing.assert_allclose(
+        np.stack([xx, xy, yy]), covariance[:, [0, 0, 1], [0, 1, 1]].T, atol=2e-4
+    )
 
 
 def test_the_exact_picture_of_a_block_moved_by_whole_pixels_is_the_same_picture_moved(renderer):
     light = _light()
-    still, moved = (renderer.grey(Block(rigid=r), exact=True) / light for r in ((0.0, 0.0), (7.0, -3.0)))
-    np.testing.assert_allclose(moved[:-3, 7:], still[3:, :-7], atol=1e-4)  # the light is kept in single precision
+    still, moved = (
+        renderer.grey(Block(rigid=r), exact=True) / light for r in ((0.0, 0.0), (7.0, -3.0))
+    )
+    # the light is kept in single precision
+    np.testing.assert_allclose(moved[:-3, 7:], still[3:, :-7], atol=1e-4)
 
 
 def _light():
     """The light alone, an image of its definition."""
     x, y = np.linspace(-0.5, 0.5, SHAPE[1]), np.linspace(-0.5, 0.5, SHAPE[0])
-    return 1 - LIGHT + 2 * LIGHT * np.cos(0.8 * np.pi * (x - 0.1)) * np.cos(0.8 * np.pi * (y + 0.12))[:, None]
+    return (
+        1
+        - LIGHT
+        + 2 * LIGHT * np.cos(0.8 * np.pi * (x - 0.1)) * np.cos(0.8 * np.pi * (y + 0.12))[:, None]
+    )
 
 
 # ------------------------------------------------------------------ fast against exact
@@ -160,7 +206,13 @@ def test_the_picture_moves_with_the_block(renderer, exact):
 
 @pytest.mark.parametrize(
     "state",
-    ["pressed", "partial slip", "sliding", Block(rigid=(0.5, 0.5)), Block(rigid=(5003.37, -411.71), radius=80, g=(2.0, 0.9))],
+    [
+        "pressed",
+        "partial slip",
+        "sliding",
+        Block(rigid=(0.5, 0.5)),
+        Block(rigid=(5003.37, -411.71), radius=80, g=(2.0, 0.9)),
+    ],
     ids=["pressed", "partial slip", "sliding", "half a pixel", "far away"],
 )
 def test_the_fast_picture_is_the_exact_one_within_thousandths_of_a_pixel(renderer, drive, state):
@@ -180,8 +232,11 @@ def test_the_warp_is_the_quintic_spline_of_the_pattern_at_the_mapped_points():
     warp.warp(warp.spline_coefficients(pattern, SHAPE[1]), pattern.shape[1], move, out)
     y, x = np.indices(SHAPE).astype(float)
     gx, gy = block.displacement(x - block.centre[0], y - block.centre[1])
-    expected = ndimage.map_coordinates(pattern, [y - block.rigid[1] + gy, x - block.rigid[0] + gx], order=5, mode="grid-wrap")
-    # the map is linear between its nodes: 0.004 px where g curves most, on slopes of 50 grey levels a pixel
+    expected = ndimage.map_coordinates(
+        pattern, [y - block.rigid[1] + gy, x - block.rigid[0] + gx], order=5, mode="grid-wrap"
+    )
+    # the map is linear between its nodes: 0.004 px where g curves most, on slopes of 50 grey levels
+    # a pixel
     np.testing.assert_allclose(out, expected, atol=0.3)
     assert np.std(out - expected) < 0.01
 
@@ -199,7 +254,8 @@ def test_the_block_may_travel_any_way(renderer, exact):
 def test_both_renderers_take_the_same_noise(renderer, drive):
     exact = Renderer(replace(SETTINGS, renderer="exact")).image(drive["partial slip"], 5)
     fast = renderer.image(drive["partial slip"], 5)
-    assert np.std(exact.astype(float) - fast) < 0.8  # two roundings are 0.41, independent noise of 1.4 grey levels would be 2
+    # two roundings are 0.41, independent noise of 1.4 grey levels would be 2
+    assert np.std(exact.astype(float) - fast) < 0.8
 
 
 # ------------------------------------------------------------------ the scene
@@ -219,7 +275,9 @@ def test_the_light_stays_in_the_lab_and_varies_by_its_share(renderer):
 
 def test_micro_contacts_shine_inside_the_apparent_contact_only(renderer):
     state = Block(rigid=(4.2, 0.3), radius=80.0)
-    bright = (renderer.grey(state, exact=True) - renderer.grey(replace(state, radius=0.0), exact=True)) / _light()
+    bright = (
+        renderer.grey(state, exact=True) - renderer.grey(replace(state, radius=0.0), exact=True)
+    ) / _light()
     y, x = np.indices(SHAPE)
     r = np.hypot(x - state.centre[0], y - state.centre[1])
     reach = 5.5 * speckle.SPOT_SIGMA_PX[1] + 1
@@ -230,12 +288,15 @@ def test_micro_contacts_shine_inside_the_apparent_contact_only(renderer):
 def test_micro_contacts_bring_the_light_of_their_number():
     low, high = speckle.SPOT_SIGMA_PX
     mass = 2 * np.pi * (low * low + low * high + high * high) / 3 * np.mean(speckle.SPOT_GREY)
-    lit = np.pi * 100**2 * (2 / 3 - speckle.SPOT_RAMP / 2)  # integral of the pressure less half the ramp
+    # integral of the pressure less half the ramp
+    lit = np.pi * 100**2 * (2 / 3 - speckle.SPOT_RAMP / 2)
     found = []
     for seed in range(8):
         one = Renderer(replace(SETTINGS, seed=seed))
         with_contact, free = Block(radius=100.0), Block()
-        found.append(np.sum((one.grey(with_contact, exact=False) - one.grey(free, exact=False)) / _light()))
+        found.append(
+            np.sum((one.grey(with_contact, exact=False) - one.grey(free, exact=False)) / _light())
+        )
     # 80 spots in each: +-4 % for their number, and a little for their size
     assert np.mean(found) == pytest.approx(speckle.SPOTS_PER_PX2 * mass * lit, rel=0.15)
 
@@ -244,13 +305,19 @@ def test_every_micro_contact_that_moves_into_the_contact_is_lit(renderer):
     state = Block(radius=60.0, g=(25.0, 0.0))
     spots = speckle.micro_contacts(SHAPE, SETTINGS.seed)
     move = warp.motion(state, PIXEL, SHAPE, speckle.HALO_PX)
-    base = warp.as_if_rigid(spots.blobs.x, spots.blobs.y, move, speckle.period(SHAPE), speckle.HALO_PX)
+    base = warp.as_if_rigid(
+        spots.blobs.x, spots.blobs.y, move, speckle.period(SHAPE), speckle.HALO_PX
+    )
     x, y, xx, xy, yy = warp.place(base, spots.blobs.sigma, move)
     lit = speckle.brightness(np.hypot(x, y), 60.0, spots.threshold)
     assert np.any(lit[np.hypot(*base) > 60] > 0)
     expected = np.zeros(SHAPE)
-    speckle.add_blobs(expected, x + state.centre[0], y + state.centre[1], xx, xy, yy, spots.blobs.peak * lit)
-    bright = (renderer.grey(state, exact=True) - renderer.grey(replace(state, radius=0.0), exact=True)) / _light()
+    speckle.add_blobs(
+        expected, x + state.centre[0], y + state.centre[1], xx, xy, yy, spots.blobs.peak * lit
+    )
+    bright = (
+        renderer.grey(state, exact=True) - renderer.grey(replace(state, radius=0.0), exact=True)
+    ) / _light()
     np.testing.assert_allclose(bright, expected, atol=1e-3)
 
 
@@ -260,7 +327,9 @@ def test_the_density_of_lit_micro_contacts_follows_the_hertz_pressure_and_ends_a
         lit = speckle.brightness(np.full_like(threshold, q * 300), 300.0, threshold)
         # a smooth ramp over w leaves the pressure less w / 2
         assert lit.mean() == pytest.approx(np.sqrt(1 - q * q) - speckle.SPOT_RAMP / 2, abs=1e-3)
-    assert speckle.brightness(np.array([299.99, 300.0, 300.1]), 300.0, np.zeros(3)).astype(bool).tolist() == [True, False, False]
+    assert speckle.brightness(np.array([299.99, 300.0, 300.1]), 300.0, np.zeros(3)).astype(
+        bool
+    ).tolist() == [True, False, False]
     assert np.all(speckle.brightness(np.zeros(3), 0.0, np.zeros(3)) == 0)
 
 
@@ -278,8 +347,12 @@ def test_noise_is_shot_noise_plus_read_noise(renderer):
         assert noise[:, here].var() == pytest.approx(variance, rel=5 * np.sqrt(2 / count))
         assert abs(noise[:, here].mean()) < 5 * np.sqrt(variance / count)
     correlation = np.corrcoef(noise.reshape(6, -1)) - np.eye(6)
-    assert np.abs(correlation).max() < 5 / np.sqrt(grey.size) + 0.01  # rows that start at the same place of the table are rare
-    neighbours = np.mean(noise[:, :, 1:] * noise[:, :, :-1]) / noise.var(), np.mean(noise[:, 1:] * noise[:, :-1]) / noise.var()
+    # rows that start at the same place of the table are rare
+    assert np.abs(correlation).max() < 5 / np.sqrt(grey.size) + 0.01
+    neighbours = (
+        np.mean(noise[:, :, 1:] * noise[:, :, :-1]) / noise.var(),
+        np.mean(noise[:, 1:] * noise[:, :-1]) / noise.var(),
+    )
     assert max(np.abs(neighbours)) < 0.01
 
 
@@ -310,7 +383,12 @@ def test_one_seed_and_frame_give_one_picture(renderer, drive):
     renderer.image(drive["sliding"], 3)
     np.testing.assert_array_equal(first, kept)
     np.testing.assert_array_equal(Renderer(SETTINGS).image(state, 3), first)
-    assert np.corrcoef(Renderer(replace(SETTINGS, seed=2)).image(state, 3).ravel(), first.ravel())[0, 1] < 0.2
+    assert (
+        np.corrcoef(Renderer(replace(SETTINGS, seed=2)).image(state, 3).ravel(), first.ravel())[
+            0, 1
+        ]
+        < 0.2
+    )
 
 
 # ------------------------------------------------------------------ what can not be drawn

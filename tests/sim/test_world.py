@@ -1,4 +1,6 @@
-"""The simulated world: its loading curve, its noise, its truth, each against an evaluation of its own."""
+"""The simulated world: its loading curve, its noise, its truth, each against an evaluation of its
+own.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,9 @@ SETTLED, START = 500, 600
 
 
 def driven(distance_m=190e-6, velocity=100e-6, **changes):
-    """A world whose stage began to drive at sample 600, at rest since a while where the drive is complete."""
+    """A world whose stage began to drive at sample 600, at rest since a while where the drive is
+    complete.
+    """
     world = World(WorldSettings(**{**BASE, "slow_actuator": False, **changes}), pace=None)
     world.advance(START)
     world.move(distance_m, velocity)
@@ -39,7 +43,9 @@ def test_initial_slope_is_cantilever_lens_and_contact_in_series(normal_force):
     s = world.settings
     a, _, shear_modulus, compliance, _ = constants(s)
     state = world.state(START + 10)
-    assert state.shear_force_n / state.stage_m == pytest.approx(1 / (compliance + (2 - s.poisson) / (8 * shear_modulus * a)), rel=1e-3)
+    assert state.shear_force_n / state.stage_m == pytest.approx(
+        1 / (compliance + (2 - s.poisson) / (8 * shear_modulus * a)), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("normal_force", [0.1, 0.5, 1.4])
@@ -78,12 +84,19 @@ def test_the_stage_the_cantilever_and_the_contact_add_up():
             return delta_max * (1 - (1 - Q / limit) ** (2 / 3)) + Q * compliance - travel
 
         assert state.shear_force_n == pytest.approx(brentq(excess, 0, limit, xtol=1e-15), rel=1e-9)
-        assert state.stick_radius_m == pytest.approx(a * (1 - state.shear_force_n / limit) ** (1 / 3), rel=1e-9)
-        assert state.block_m == pytest.approx(travel - state.shear_force_n / s.stiffness_n_per_m[1], rel=1e-12)
+        assert state.stick_radius_m == pytest.approx(
+            a * (1 - state.shear_force_n / limit) ** (1 / 3), rel=1e-9
+        )
+        assert state.block_m == pytest.approx(
+            travel - state.shear_force_n / s.stiffness_n_per_m[1], rel=1e-12
+        )
         assert state.lens_m == s.lens_compliance_m_per_n * state.shear_force_n
-        assert state.lens_centre_m[0] - state.lens_m == pytest.approx(s.contact_centre_px[0] * s.pixel_m, rel=1e-14)
+        assert state.lens_centre_m[0] - state.lens_m == pytest.approx(
+            s.contact_centre_px[0] * s.pixel_m, rel=1e-14
+        )
         g0, g2 = state.radial(np.linspace(0, state.stick_radius_m, 5))
-        np.testing.assert_allclose(state.block_m - g0, state.lens_m, rtol=0, atol=1e-14)  # the stick zone moves with the lens
+        # the stick zone moves with the lens
+        np.testing.assert_allclose(state.block_m - g0, state.lens_m, rtol=0, atol=1e-14)
         np.testing.assert_allclose(g2, 0, atol=1e-18)
 
 
@@ -97,12 +110,16 @@ def test_pressing_is_smooth_and_ends_at_the_normal_force():
     assert (np.diff(P) >= 0).all()
     assert np.abs(np.diff(P, 2)).max() < 1e-4
     assert states[0].apparent_radius_m == states[0].hertz_radius_m == 0
-    assert states[-1].apparent_radius_m == pytest.approx(constants(s)[0] + np.sqrt(s.lens_radius_m * s.roughness_m))
+    assert states[-1].apparent_radius_m == pytest.approx(
+        constants(s)[0] + np.sqrt(s.lens_radius_m * s.roughness_m)
+    )
     np.testing.assert_allclose(np.array(states[-1].rigid_m) / s.pixel_m, s.press_shift_px)
     np.testing.assert_array_equal(states[0].radial([0.0, 1e-3]), 0)
 
 
-@pytest.mark.parametrize(("normal_force", "asked_5_gives"), [(0.1, 4.9), (0.75, 4.83), (1.4, 4.76), (3.0, 4.76)])
+@pytest.mark.parametrize(
+    ("normal_force", "asked_5_gives"), [(0.1, 4.9), (0.75, 4.83), (1.4, 4.76), (3.0, 4.76)]
+)
 def test_the_stage_is_as_slow_as_the_papers(normal_force, asked_5_gives):
     world = driven(normal_force_n=normal_force, slow_actuator=True, velocity=5e-6, distance_m=20e-6)
     assert world.state(START + 2000).stage_m == pytest.approx(2 * asked_5_gives * 1e-6, rel=1e-12)
@@ -167,8 +184,12 @@ def test_readings_are_the_coupled_forces_with_white_noise_on_the_boards_steps():
     world = driven(zero_v=(0.11, -0.07), distance_m=80e-6)
     s = world.settings
     again = World(s, pace=None)
-    volts = np.concatenate([again.advance(START).volts, (again.move(80e-6, 100e-6), again.advance(1000).volts)[1]])
-    forces = np.array([(t.normal_force_n, t.shear_force_n) for t in map(world.state, range(len(volts)))])
+    volts = np.concatenate(
+        [again.advance(START).volts, (again.move(80e-6, 100e-6), again.advance(1000).volts)[1]]
+    )
+    forces = np.array(
+        [(t.normal_force_n, t.shear_force_n) for t in map(world.state, range(len(volts)))]
+    )
     readings = (volts - s.zero_v) * np.multiply(s.stiffness_n_per_m, s.sensitivity_m_per_v)
     noise = readings - forces @ np.array(s.coupling).T
     np.testing.assert_allclose(noise.std(axis=0), 1e-3, rtol=0.08)
@@ -187,14 +208,25 @@ def test_readings_saturate_at_the_boards_range():
 @pytest.mark.parametrize(("poisson", "angle"), [(0.3, 0.0), (0.5, 0.0), (0.5, 0.3)])
 def test_truth_in_pixels_against_material_points_found_one_by_one(poisson, angle):
     drift = (0.4, -1.1) if angle else (0.0, 0.0)
-    world = driven(poisson=poisson, lens_compliance_m_per_n=5e-6, drive_angle=angle, image_drift_px_s=drift)
+    world = driven(
+        poisson=poisson, lens_compliance_m_per_n=5e-6, drive_angle=angle, image_drift_px_s=drift
+    )
     s = world.settings
     reference, sample = START + 300, START + 1300
 
     def material(x, y, state):
-        there = (x - state.lens_centre_m[0] + 1j * (y - state.lens_centre_m[1])) * np.exp(-1j * angle)  # as seen along the drive
+        there = (x - state.lens_centre_m[0] + 1j * (y - state.lens_centre_m[1])) * np.exp(
+            -1j * angle
+        )  # as seen along the drive
         gx, gy = cattaneo_mindlin.displacement(
-            there.real, there.imag, state.shear_force_n, s.friction, s.normal_force_n, state.hertz_radius_m, s.young_modulus_pa, s.poisson
+            there.real,
+            there.imag,
+            state.shear_force_n,
+            s.friction,
+            s.normal_force_n,
+            state.hertz_radius_m,
+            s.young_modulus_pa,
+            s.poisson,
         )
         g = (gx + 1j * gy) * np.exp(1j * angle)
         return x - state.rigid_m[0] + g.real, y - state.rigid_m[1] + g.imag
@@ -206,9 +238,12 @@ def test_truth_in_pixels_against_material_points_found_one_by_one(poisson, angle
     np.testing.assert_allclose(seen, was, rtol=0, atol=1e-13)
     assert ux.max() - ux.min() > 0.5
     assert np.abs(uy).max() > 0.02
-    centre = np.array(world.state(sample).lens_centre_m) - np.array(world.state(reference).lens_centre_m)
+    centre = np.array(world.state(sample).lens_centre_m) - np.array(
+        world.state(reference).lens_centre_m
+    )
     shear = world.state(sample).shear_force_n - world.state(reference).shear_force_n
-    moved = 5e-6 * shear * np.array([np.cos(angle), np.sin(angle)]) + np.array(drift) * s.pixel_m  # 1000 samples at 1 kHz
+    # 1000 samples at 1 kHz
+    moved = 5e-6 * shear * np.array([np.cos(angle), np.sin(angle)]) + np.array(drift) * s.pixel_m
     np.testing.assert_allclose(centre, moved, rtol=1e-9, atol=1e-15)
 
 
@@ -271,7 +306,9 @@ def test_a_pace_must_be_a_positive_number(pace):
 
 @pytest.mark.parametrize("thickness", [np.inf, 15e-3])
 def test_the_elasto_plastic_world_obeys_its_law_at_every_point(thickness):
-    """Traction and surface displacement of the world, put into the law and into the operator of the block's surface."""
+    """Traction and surface displacement of the world, put into the law and into the operator of the
+    block's surface.
+    """
     world = driven(law="elasto-plastic", thickness_m=thickness, distance_m=300e-6)
     s = world.settings
     a, limit, *_ = constants(s)
@@ -280,23 +317,33 @@ def test_the_elasto_plastic_world_obeys_its_law_at_every_point(thickness):
         r = np.linspace(0, a, 40)[:-1]
         slip = state.block_m - state.lens_m - state.radial(r)[0]
         p = hertz.pressure(r, s.normal_force_n, a)
-        np.testing.assert_allclose(state.traction(r), 0.93 * p * -np.expm1(-slip / (0.93 * 0.8e-6)), rtol=1e-6)
+        np.testing.assert_allclose(
+            state.traction(r), 0.93 * p * -np.expm1(-slip / (0.93 * 0.8e-6)), rtol=1e-6
+        )
         rings = (np.arange(4000) + 0.5) * a / 4000
         force = (state.traction(rings) * 2 * np.pi * rings).sum() * a / 4000
         assert force == pytest.approx(state.shear_force_n, rel=1e-4)
-        assert state.block_m + state.shear_force_n / s.stiffness_n_per_m[1] == pytest.approx(travel, rel=1e-9)
+        assert state.block_m + state.shear_force_n / s.stiffness_n_per_m[1] == pytest.approx(
+            travel, rel=1e-9
+        )
         pitch = 2.4 * a / 121
         x, y = np.meshgrid(*2 * [(np.arange(121) - 60) * pitch])
         parts = [(k - 1) / 3 * pitch for k in range(3)]
-        sigma = np.mean([state.traction(np.hypot(x + dx, y + dy)) for dx in parts for dy in parts], axis=0)
-        u = SurfaceGreen((121, 121), pitch, s.young_modulus_pa, s.poisson, thickness=thickness).apply(sigma)
+        sigma = np.mean(
+            [state.traction(np.hypot(x + dx, y + dy)) for dx in parts for dy in parts], axis=0
+        )
+        u = SurfaceGreen(
+            (121, 121), pitch, s.young_modulus_pa, s.poisson, thickness=thickness
+        ).apply(sigma)
         gx = state.surface(x + state.lens_centre_m[0], y + state.lens_centre_m[1])[0]
         np.testing.assert_allclose(u, gx, atol=2e-3 * gx.max())
     assert state.shear_force_n == pytest.approx(limit, rel=1e-9)
     # where the line through the centre's slip in steady sliding begins
     begins = START + (travel - (state.block_m - state.lens_m - state.radial(0.0)[0])) / 1e-7
     assert world.onset_sample() == pytest.approx(begins, abs=1)
-    assert world.truth(world.now).mu_s == pytest.approx(world.state(world.onset_sample()).shear_force_n / 0.5, abs=3e-4)  # a sample late
+    assert world.truth(world.now).mu_s == pytest.approx(
+        world.state(world.onset_sample()).shear_force_n / 0.5, abs=3e-4
+    )  # a sample late
     assert world.truth(world.now).mu_s < 0.925
 
 
@@ -309,10 +356,13 @@ def test_a_finite_thickness_needs_a_law_that_has_it():
 
 def test_a_tabulated_law_is_obeyed_as_well():
     slip = np.linspace(0, 12e-6, 400)
-    share = slip / 1.2e-6 / (1 + slip / 1.2e-6) * (1 + 0.1)  # saturates differently from an exponential
+    # saturates differently from an exponential
+    share = slip / 1.2e-6 / (1 + slip / 1.2e-6) * (1 + 0.1)
     share = np.minimum(share, 1.0)
     share[-1] = 1.0
-    world = driven(law="table", table=tuple(zip(slip.tolist(), share.tolist(), strict=True)), distance_m=300e-6)
+    world = driven(
+        law="table", table=tuple(zip(slip.tolist(), share.tolist(), strict=True)), distance_m=300e-6
+    )
     s = world.settings
     a, limit, *_ = constants(s)
     for travel in (30e-6, 70e-6, 250e-6):
@@ -320,14 +370,25 @@ def test_a_tabulated_law_is_obeyed_as_well():
         r = np.linspace(0, a, 30)[:-1]
         found = state.block_m - state.lens_m - state.radial(r)[0]
         expected = 0.93 * hertz.pressure(r, s.normal_force_n, a) * np.interp(found, slip, share)
-        np.testing.assert_allclose(state.traction(r), expected, rtol=5e-3, atol=1e-3 * expected.max())
+        np.testing.assert_allclose(
+            state.traction(r), expected, rtol=5e-3, atol=1e-3 * expected.max()
+        )
         rings = (np.arange(2000) + 0.5) * a / 2000
-        assert (state.traction(rings) * 2 * np.pi * rings).sum() * a / 2000 == pytest.approx(state.shear_force_n, rel=1e-3)
+        assert (state.traction(rings) * 2 * np.pi * rings).sum() * a / 2000 == pytest.approx(
+            state.shear_force_n, rel=1e-3
+        )
     assert state.shear_force_n == pytest.approx(limit, rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    "table", [(), ((0, 0),), ((0, 0.1), (1e-6, 1)), ((0, 0), (1e-6, 0.9)), ((0, 0), (1e-6, 0.6), (2e-6, 0.5), (3e-6, 1))]
+    "table",
+    [
+        (),
+        ((0, 0),),
+        ((0, 0.1), (1e-6, 1)),
+        ((0, 0), (1e-6, 0.9)),
+        ((0, 0), (1e-6, 0.6), (2e-6, 0.5), (3e-6, 1)),
+    ],
 )
 def test_a_table_that_is_no_law_is_refused(table):
     with pytest.raises(ValueError, match="rise from 0"):
