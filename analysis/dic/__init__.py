@@ -2,9 +2,8 @@
 the images of a run.
 
 ================================  ============================================================
-paper, section 2.3.2 and Fig. 4   `DirectTracker`: direct correlation, 2D Gaussian, warm start
-beyond the paper                  `Correlation`: that, IC-GN and shared passes behind one `Tracker`;
-`strain`
+paper, section 2.3.2 and Fig. 4   ``Correlation(method="direct")``: direct correlation, 2D Gaussian
+beyond the paper                  the methods ``shared`` and ``icgn``; `strain`
 ================================  ============================================================
 """
 
@@ -13,13 +12,11 @@ from analysis.dic.field import Field, Tracker
 from analysis.dic.grid import Grid
 from analysis.dic.status import Status
 from analysis.dic.strain import Strain, strain
-from analysis.dic.tracker import DirectTracker
 
 __all__ = [
     "INTERPOLANTS",
     "METHODS",
     "Correlation",
-    "DirectTracker",
     "Field",
     "Grid",
     "Status",

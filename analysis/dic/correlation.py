@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.field import Tracker
 from analysis.dic.grid import Grid
-from analysis.dic.interpolation import CLASSICAL
+from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
-from analysis.dic.refining import RefiningTracker
-from analysis.dic.tracker import DirectTracker
+from analysis.dic.refining import Refinement
+from analysis.dic.searching import DirectSearch
+from analysis.dic.threads import Threads
+from analysis.dic.tracker import Method, Reference, ReferenceTracker, checked
 from analysis.dic.updating import UpdatingTracker
 
 DIRECT_SEARCH = 16  # px; half-width of the direct method's own search
@@ -138,42 +140,44 @@ class Correlation:
         usable: NDArray[np.bool_] | None,
         roi: tuple[int, int, int, int] | None,
     ) -> Tracker:
-        common: dict[str, Any] = {
-            "search": self.search,
-            "min_correlation": self.min_correlation,
-            "min_contrast": self.min_contrast,
-            "threads": self.threads,
-        }
+        image = np.array(checked(reference, "reference"), order="C")
+        if usable is not None and usable.shape != image.shape:
+            raise ValueError(
+                f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of"
+                " its size"
+            )
+        if self.search < 1:
+            raise ValueError(
+                f"tracker: a search of {self.search} px was requested; use 1 px or more"
+            )
+        grid = Grid.cover(image.shape, self.box, self.step)
+        prepared = Reference(image, grid, Threads(self.threads), usable)
+        method: Method
         if self.method == "direct":
             if usable is not None or roi is not None:
                 raise ValueError(
                     "correlation: a mask or region asked of method 'direct'; use method 'shared' or"
                     " 'icgn'"
                 )
-            grid = Grid.cover((reference.shape[0], reference.shape[1]), self.box, self.step)
-            coarse = CoarseSearch(np.array(reference), grid, self.search, self.threads)
-            # further away, reduced images are searched first
             near = min(self.search, DIRECT_SEARCH)
-            guess = coarse.find if self.search > near else None
-            return DirectTracker(
-                reference, self.box, self.step, **{**common, "search": near}, first_guess=guess
-            )
-        interpolant = CLASSICAL.get(self.interpolant)
-        if self.method == "shared":
-            make: Any = partial(
-                SharedPasses, interpolant=interpolant, tolerance_px=self.tolerance or 0.06
+            # further away, reduced images are searched first
+            guess = CoarseSearch(prepared, self.search).find if self.search > near else None
+            method = DirectSearch(
+                prepared,
+                search=near,
+                min_correlation=self.min_correlation,
+                min_contrast=self.min_contrast,
+                first_guess=guess,
             )
         else:
-            options: dict[str, Any] = {
-                "order": self.order,
-                "precision": self.precision,
-                "tolerance_px": self.tolerance or 1e-3,
-            }
-            make = partial(SeparatePoints, interpolant=interpolant, **options)
-        common |= {"max_saturated": self.max_saturated, "full_scale": self.full_scale}
-        return RefiningTracker(
-            reference, self.box, self.step, make, **common, usable=usable, roi=roi
-        )
+            interpolant = CLASSICAL.get(self.interpolant)
+            if self.method == "shared":
+                make: Any = partial(SharedPasses, tolerance_px=self.tolerance or 0.06)
+            else:
+                options: dict[str, Any] = {"order": self.order, "precision": self.precision}
+                make = partial(SeparatePoints, tolerance_px=self.tolerance or 1e-3, **options)
+            method = Refinement(prepared, self, partial(make, interpolant=interpolant), roi)
+        return ReferenceTracker(prepared, method)
 
 
 def _one_of(name: str, value: Any, known: tuple[Any, ...]) -> None:
