@@ -85,10 +85,11 @@ def add_argument(parser: argparse.ArgumentParser, parameter: inspect.Parameter) 
     converted.__name__ = one.__name__  # argparse names it in its errors
     how: dict[str, Any] = {"action": "store_true"} if kind is bool else {"type": converted}
     is_option = parameter.kind is parameter.KEYWORD_ONLY
-    if get_origin(kind) is Sequence:
-        how |= {"nargs": "+", "action": "extend"} if is_option else {"nargs": "*"}
+    is_many = get_origin(kind) is Sequence
+    if is_option and is_many:
+        how |= {"nargs": "+", "action": "extend"}
     elif not is_option and parameter.default is not parameter.empty:
-        how["nargs"] = "?"
+        how |= {"nargs": "*" if is_many else "?", "default": parameter.default}
     if is_option:
         option = "--" + parameter.name.rstrip("_").replace("_", "-")
         parser.add_argument(option, dest=parameter.name, **how)

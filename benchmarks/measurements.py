@@ -4,7 +4,7 @@
 
 Nothing is measured unless asked: ``--run NAME`` first repeats the command that stands in
 benchmarks/results/NAME.json, which replaces the file. A new measurement comes to the page by
-``python -m benchmarks.SUBJECT ... --json benchmarks/results/NAME.json``.
+``python -m benchmarks ... --json benchmarks/results/NAME.json``.
 """
 
 from __future__ import annotations
@@ -26,14 +26,13 @@ INTRODUCTION = """\
 # Measurements
 
 How accurate and how fast SlipScope is, and what it withstands. Every table comes from a run of the
-command above it, on the machine, the date and the commit that stand beside it. Simulated
-experiments are compared with what the simulated world knows and the analysis does not. "At most" is
-the bound that the magnitude of a value was held against; a value that exceeds it is marked as
-missed.
+command above it, on the machine, the date and the commit that follow it. Simulated experiments are
+compared with what the simulated world knows and the analysis does not. "At most" is the bound that
+the magnitude of a value was held against; a value that exceeds its bound is marked as missed.
 
-`python -m benchmarks.measurements` makes this page from the files in `benchmarks/results`, and
-measures nothing. `python -m benchmarks.measurements --run NAME` repeats the measurement of that
-name and then makes the page."""
+`python -m benchmarks.measurements` makes this page from the files in `benchmarks/results` and
+measures nothing. `python -m benchmarks.measurements --run NAME` first repeats the measurement of
+that name, which stands after its commit. Commands are given in their present form."""
 
 
 def page(results: dict[str, Results]) -> str:
@@ -106,7 +105,7 @@ def run(name: str) -> None:
         raise ValueError(f"measurements: no results are named {name!r}; there are {known}")
     command = Results.read(file).command
     words = shlex.split(command)
-    if words[:2] != ["python", "-m"] or not words[2].startswith("benchmarks."):
+    if words[:3] != ["python", "-m", "benchmarks"]:
         raise ValueError(
             f"measurements: {name} was not measured by a benchmark but by hand, with `{command}`;"
             f" repeat it so, and edit {file.relative_to(ROOT)}"

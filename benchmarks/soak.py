@@ -91,17 +91,21 @@ class Watch:
         print(progress, end="", file=sys.stderr, flush=True)
 
 
-def growth(rows: np.ndarray, column: int) -> tuple[float, float, float]:
-    """Memory after the first minute (MiB), and its growth until the end in %: of the fitted line,
-    and of the largest value; NaN for a run too short to show one.
+def tell_growth(
+    report: Report, name: str, seconds: np.ndarray, memory: np.ndarray, at_most: float | None
+) -> None:
+    """Report memory (MiB) after the first minute and its growth from then on: of a fitted line, and
+    of the largest value. A run too short for that has none.
     """
-    after = rows[rows[:, 0] >= FIRST_S] if (rows[:, 0] >= FIRST_S).sum() > 2 else rows
-    memory = after[:, column] / MIB
-    if len(after) < 2:
-        return float(memory[0]), np.nan, np.nan
-    slope, start = np.polyfit(after[:, 0] - after[0, 0], memory, 1)
+    late = seconds >= FIRST_S
+    if late.sum() < 3:
+        return
+    seconds, memory = seconds[late] - seconds[late][0], memory[late]
+    slope, start = np.polyfit(seconds, memory, 1)
     largest = 100 * (memory.max() / memory[0] - 1)
-    return start, 100 * slope * (after[-1, 0] - after[0, 0]) / start, largest
+    report.add(f"{name} after a minute", start, "MiB", digits=4)
+    report.add(f"{name}: growth", 100 * slope * seconds[-1] / start, "%", at_most, digits=2)
+    report.add(f"{name}: growth of the largest value", largest, "%", digits=2)
 
 
 def slow_down(run: Run, bytes_per_s: float) -> None:
@@ -150,11 +154,8 @@ def tell(report: Report, run: Run, watch: Watch, outcome: Outcome, mb: float) ->
     """Report the account of frames and samples, the memory and the processor time."""
     account(report, outcome)
     rows, seconds = np.array(watch.rows), outcome.counts.samples / run.sample_rate_hz
-    for name, column in (("memory", 1), ("memory without mapped files", 2)):
-        start, fitted, largest = growth(rows, column)
-        report.add(f"{name} after a minute", start, "MiB", digits=4)
-        report.add(f"{name}, growth of the fitted line", fitted, "%", at_most=1, digits=2)
-        report.add(f"{name}, growth of the largest value", largest, "%", digits=2)
+    tell_growth(report, "memory", rows[:, 0], rows[:, 1] / MIB, at_most=1)
+    tell_growth(report, "memory without mapped files", rows[:, 0], rows[:, 2] / MIB, at_most=None)
     report.add("fullest recorder queue", 100 * rows[:, 3].max(), "%")
     share = watch.cpu_s.get("slipscope-recorder", 0.0) / rows[-1, 0]
     report.add("recorder", 100 * share, "% of a core", at_most=20)
