@@ -5,6 +5,7 @@ sentence, at once and in little memory.
 from __future__ import annotations
 
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -30,12 +31,12 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.skipif(sys.platform == "win32", reason="the limits of a process are POSIX's")
 def test_spoiled_sessions_and_settings_are_read_or_refused() -> None:
     """Some of the cases of `benchmarks/fuzz.py`, which has the limits of time and memory."""
-    command = [sys.executable, str(ROOT / "benchmarks/fuzz.py"), "54", "1"]
+    command = [sys.executable, "-m", "benchmarks", "fuzz", "54", "1"]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "54 cases from seed 1 on" in done.stdout
+    assert re.search(r"cases +54\n", done.stdout)
 
 
 def test_checksum_of_a_forged_header_is_that_of_the_library(session: Session) -> None:
