@@ -70,7 +70,9 @@ class Measurement:
         value, spread = self.rounded
         if not value:
             return "not measured"
-        return " ".join(filter(None, (value, f"({spread})" if "to" in spread else spread, self.unit)))
+        return " ".join(
+            filter(None, (value, f"({spread})" if "to" in spread else spread, self.unit))
+        )
 
 
 def measured_text(value: float, sd: float) -> str:
