@@ -18,31 +18,21 @@ class RunSource(Protocol):
 
     A source opens devices and files in `start`, not when it is constructed. Whatever only reads is
     called from one thread, which may be any.
+
+    Attributes
+    ----------
+    title : str
+        The name of the run, "simulated bench" or "replay of x.h5".
+    config : Config
+        The settings of this run.
+    grid_x_px, grid_y_px : ndarray, shapes (nx,) and (ny,)
+        Box centres along x and y, one every `config.dic.step`.
     """
 
-    @property
-    def title(self) -> str:
-        """The name of the run, "simulated bench" or "replay of x.h5"."""
-
-    @property
-    def pixel_m(self) -> float:
-        """Size of a pixel on the interface."""
-
-    @property
-    def grid_x_px(self) -> NDArray[Any]:
-        """Box centres along x, shape (nx,), evenly spaced."""
-
-    @property
-    def grid_y_px(self) -> NDArray[Any]:
-        """Box centres along y, shape (ny,), evenly spaced."""
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Rate of the DAQ sample clock."""
-
-    @property
-    def config(self) -> Config:
-        """The settings of this run."""
+    title: str
+    config: Config
+    grid_x_px: F64
+    grid_y_px: F64
 
     def start(self) -> None:
         """Begin; returns at once."""

@@ -17,20 +17,8 @@ from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.config import exposure_samples
-from app.gui.cells import (
-    Cell,
-    Tone,
-    count_cells,
-    disk_cell,
-    number,
-    operator_sentence,
-    queue_cell,
-    readouts,
-    result_cells,
-    setting_cells,
-    state_tone,
-    typeset,
-)
+from app.gui import cells
+from app.gui.cells import Cell, Tone
 from app.gui.source import Image, PlaybackSource, RunSource
 from app.report.quantities import measured_text
 from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
@@ -47,13 +35,12 @@ LIMITS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setup:
-    """What does not change during a run."""
+    """What does not change during a run; the rectangle is that of the grid of boxes."""
 
     title: str
     pixel_um: float
     grid_rect_px: Rect
     sample_rate_hz: float
-    exposure_samples: int
     config: Config
 
 
@@ -206,27 +193,11 @@ class ViewState:
 
 def setup_of(source: RunSource) -> Setup:
     """What does not change during the run of `source`."""
-    (left, width), (top, height) = (
-        _span(np.asarray(centres, float), float(source.config.dic.step))
-        for centres in (source.grid_x_px, source.grid_y_px)
-    )
-    return Setup(
-        source.title,
-        source.pixel_m * 1e6,
-        (left, top, width, height),
-        source.sample_rate_hz,
-        exposure_samples(source.config),
-        source.config,
-    )
-
-
-def _span(centres: F64, step: float) -> tuple[float, float]:
-    """Beginning and length of the line that boxes of a grid cover; `step` is that of a single box."""
-    if not len(centres):
-        return 0.0, 0.0
-    if len(centres) > 1:
-        step = float(centres[1] - centres[0])
-    return float(centres[0]) - step / 2, step * len(centres)
+    x, y, config = source.grid_x_px, source.grid_y_px, source.config
+    step = float(config.dic.step)
+    rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
+    rate_hz = float(config.forces.sample_rate)
+    return Setup(source.title, config.camera.pixel, rect, rate_hz, config)
 
 
 def read(source: RunSource, seen: int) -> Reading:
@@ -253,7 +224,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     curves = extended(previous.curves if previous else NO_CURVES, reading.snapshots, setup)
     shown, shown_field = curves.newest, curves.newest_field
     normal_n, shear_n = (float(f[-1]) if len(f) else math.nan for f in reading.forces[1:])
-    sentence = operator_sentence(
+    sentence = cells.operator_sentence(
         health, outcome, normal_n, shown.travel_m if shown else math.nan, config
     )
     if reading.browsed is not None:
@@ -264,21 +235,21 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     state = outcome.state if outcome else health.state
     return ViewState(
         state=state,
-        tone=state_tone(state),
+        tone=cells.state_tone(state),
         phase=str(Phase.END) if outcome else health.phase,
         sentence=sentence,
         progress=min(1.0, max(0.0, health.progress)),
-        counts=count_cells(health.counts),
+        counts=cells.count_cells(health.counts),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
-        queue=queue_cell(health),
-        disk=disk_cell(health, config),
+        queue=cells.queue_cell(health),
+        disk=cells.disk_cell(health, config),
         image=_image(reading.image, previous),
         frame=_frame(shown_field, previous, setup),
         circles=_circles(reading.contact, stick_m, setup),
         curves=curves,
         forces=force_strips(reading.forces, curves.drive_start_s, setup),
-        readouts=readouts(normal_n, shear_n, travel_m, stick_m),
-        result=result_cells(outcome.summary) if outcome else setting_cells(config),
+        readouts=cells.readouts(normal_n, shear_n, travel_m, stick_m),
+        result=cells.result_cells(outcome.summary) if outcome else cells.setting_cells(config),
         outcome=outcome,
     )
 
@@ -300,7 +271,7 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup) -> C
     ]
     newest, start_s = snapshots[-1], curves.drive_start_s
     if math.isfinite(newest.time_s):
-        middle = newest.sample + setup.exposure_samples / 2
+        middle = newest.sample + exposure_samples(setup.config) / 2
         start_s = middle / setup.sample_rate_hz - newest.time_s
     return Curves(
         curves.seen + len(snapshots),
@@ -382,7 +353,7 @@ def traction_profile(snapshot: Snapshot, config: Config) -> TractionProfile:
         mu = snapshot.full_slip_pa / hertz.peak_pressure(P, a)
         Q = mu * P * (1 - min(1.0, c / a) ** 3)
         model = cattaneo_mindlin.traction(radius_m, Q, mu, P, a)
-    force = typeset(measured_text(snapshot.stress_force_n, snapshot.stress_force_sd_n))
+    force = cells.typeset(measured_text(snapshot.stress_force_n, snapshot.stress_force_sd_n))
     return TractionProfile(
         radius_m * 1e3,
         snapshot.stress_pa * 1e-3,
@@ -390,7 +361,7 @@ def traction_profile(snapshot: Snapshot, config: Config) -> TractionProfile:
         model * 1e-3,
         c * 1e3,
         snapshot.peak_radius_m * 1e3,
-        f"∫σ dA = {force} N, Q = {number(snapshot.shear_force_n, 3)} N",
+        f"∫σ dA = {force} N, Q = {cells.number(snapshot.shear_force_n, 3)} N",
     )
 
 
