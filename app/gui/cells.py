@@ -45,8 +45,8 @@ class Cell:
 
 
 def typeset(text: str) -> str:
-    """`text` with a true minus sign and Greek letters."""
-    return text.replace("-", "−").replace("mu", "μ")
+    """`text` with a true minus sign, Greek letters, and a dash for a range."""
+    return text.replace("-", "−").replace("mu", "μ").replace(" to ", "–")
 
 
 def number(value: float, decimals: int) -> str:

@@ -85,13 +85,11 @@ def summary_quantities(summary: Summary) -> tuple[Measurement, ...]:
     s = summary
     return (
         Measurement("normal force", "P", s.normal_force_n, unit="N"),
-        Measurement(
-            "apparent contact radius", "a", s.apparent_radius_m, s.apparent_radius_sd_m, "mm"
-        ),
+        Measurement("apparent radius", "a", s.apparent_radius_m, s.apparent_radius_sd_m, "mm"),
         Measurement("Hertz contact radius", "a_H", s.hertz_radius_m, unit="mm"),
         Measurement("onset of sliding", "t_s", s.onset_time_s, s.onset_time_sd_s, "s"),
         Measurement(
-            "shear force at the onset", "Q_s", s.static_force_n, s.mu_s_sd * s.normal_force_n, "N"
+            "force at the onset", "Q_s", s.static_force_n, s.mu_s_sd * s.normal_force_n, "N"
         ),
         Measurement("static friction", "mu_s", s.mu_s, s.mu_s_sd),
         Measurement("dynamic friction", "mu_d", s.mu_d, extremes=s.mu_d_range),
