@@ -9,9 +9,10 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+from analysis.options import quantity
 from app.report.quantities import summary_quantities
 from app.results import Counts, Health, Outcome, Phase, Summary
-from app.sections import Config
+from app.settings import Config
 
 DASH = "–"  # stands for a value that is not known
 QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use
@@ -45,8 +46,10 @@ class Cell:
 
 
 def typeset(text: str) -> str:
-    """`text` with a true minus sign, Greek letters, and a dash for a range."""
-    return text.replace("-", "−").replace("mu", "μ").replace(" to ", "–")
+    """A number, a unit or a symbol with a true minus sign, Greek letters, and a dash for a range."""
+    for plain, proper in (("-", "−"), ("mu", "μ"), ("um", "µm"), (" to ", "–")):
+        text = text.replace(plain, proper)
+    return text
 
 
 def number(value: float, decimals: int) -> str:
@@ -96,8 +99,8 @@ def operator_sentence(
         case Phase.REFERENCE:
             return "At rest under load: the reference image is taken."
         case Phase.DRIVE:
-            way = f"{number(travel_m * 1e6, 0)} of {run.travel:g} µm"
-            return f"The actuator pulls at {run.velocity:g} µm/s: {way}."
+            velocity, travel = (typeset(quantity(run, name)) for name in ("velocity", "travel"))
+            return f"The actuator pulls at {velocity}: {number(travel_m * 1e6, 0)} of {travel}."
     return ""
 
 
@@ -133,18 +136,21 @@ def result_cells(summary: Summary | None) -> tuple[Cell, ...]:
     for symbol in RESULTS:
         value, spread = map(typeset, measured[symbol].rounded)
         name = f"{measured[symbol].name} {typeset(symbol)}"
-        cells.append(Cell(name, value or DASH, measured[symbol].unit, spread))
+        cells.append(Cell(name, value or DASH, typeset(measured[symbol].unit), spread))
     return tuple(cells)
 
 
 def setting_cells(config: Config) -> tuple[Cell, ...]:
     """The settings of the run, shown until there is a result."""
+    run, dic = config.run, config.dic
+    cells = []
+    for name, key in (("normal force P", "normal_force"), ("velocity",) * 2, ("travel",) * 2):
+        value, _, unit = typeset(quantity(run, key)).partition(" ")
+        cells.append(Cell(name, value, unit))
     return (
-        Cell("normal force P", f"{config.run.normal_force:g}", "N"),
-        Cell("velocity", f"{config.run.velocity:g}", "µm/s"),
-        Cell("travel", f"{config.run.travel:g}", "µm"),
-        Cell("images", f"{config.forces.sample_rate / config.camera.divisor:.3g}", "per s"),
-        Cell("box / step", f"{config.dic.box} / {config.dic.step}", "px"),
+        *cells,
+        Cell("images", f"{config.frame_rate_hz:.3g}", "per s"),
+        Cell("box / step", f"{dic.box} / {dic.step}", "px"),
     )
 
 
@@ -174,8 +180,7 @@ def disk_cell(health: Health, config: Config) -> Cell:
     if free < 0:
         return Cell("disk left", DASH)
     scale, unit = (1e12, "TB") if free >= 1e12 else (1e9, "GB") if free >= 1e9 else (1e6, "MB")
-    per_second = camera.width * camera.height * config.forces.sample_rate / camera.divisor
-    left_s = free / per_second
+    left_s = free / (camera.width * camera.height * config.frame_rate_hz)
     tone = Tone.BAD if left_s < DISK_ALARMS_S else Tone.WARN if left_s < DISK_WARNS_S else None
     text = f"{free / scale:.0f}" if unit == "MB" else f"{free / scale:.3g}"
     return Cell("disk left", f"{text} {unit}", tone=tone or Tone.NEUTRAL)

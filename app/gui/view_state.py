@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.config import exposure_samples
 from app.gui import cells
 from app.gui.cells import Cell, Tone
 from app.gui.source import Image, PlaybackSource, RunSource
 from app.report.quantities import measured_text
 from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
-from app.sections import Config
+from app.settings import Config
 
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
 LARGEST_DISPLAY_PX = 1000  # of wider images every second, third ... pixel is shown
@@ -197,7 +196,7 @@ def setup_of(source: RunSource) -> Setup:
     step = float(config.dic.step)
     rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
     rate_hz = float(config.forces.sample_rate)
-    return Setup(source.title, config.camera.pixel, rect, rate_hz, config)
+    return Setup(source.title, config.camera.pixel * 1e6, rect, rate_hz, config)
 
 
 def read(source: RunSource, seen: int) -> Reading:
@@ -271,7 +270,7 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup) -> C
     ]
     newest, start_s = snapshots[-1], curves.drive_start_s
     if math.isfinite(newest.time_s):
-        middle = newest.sample + exposure_samples(setup.config) / 2
+        middle = newest.sample + setup.config.exposure_samples / 2
         start_s = middle / setup.sample_rate_hz - newest.time_s
     return Curves(
         curves.seen + len(snapshots),
@@ -347,9 +346,7 @@ def traction_profile(snapshot: Snapshot, config: Config) -> TractionProfile:
     model = np.full(radius_m.shape, math.nan)
     if P > 0 and math.isfinite(c):
         sample = config.sample
-        a = hertz.contact_radius(
-            P, sample.young_modulus * 1e6, sample.poisson, sample.lens_radius * 1e-3
-        )
+        a = hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
         mu = snapshot.full_slip_pa / hertz.peak_pressure(P, a)
         Q = mu * P * (1 - min(1.0, c / a) ** 3)
         model = cattaneo_mindlin.traction(radius_m, Q, mu, P, a)

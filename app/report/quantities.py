@@ -8,9 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from analysis.options import UNITS
 from app.results import Summary
-
-UNITS = {"": 1.0, "N": 1.0, "s": 1.0, "mm": 1e-3, "um": 1e-6, "um/s": 1e-6, "MPa": 1e6}
 
 
 def decimals_for(number: float, digits: int) -> int:
