@@ -12,7 +12,9 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QSlider
 
 from app.gui import theme
 from app.gui.cells import number
-from app.gui.view_state import FrameResults, Overlay, Setup, ShownImage, ViewState
+from app.gui.frame_results import FrameResults, Overlay, ShownImage
+from app.gui.source import Setup
+from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row
 
 _ANGLES = np.linspace(0.0, 2 * np.pi, 181)

@@ -12,7 +12,10 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QWidget
 
 from app.gui import theme
-from app.gui.view_state import ForceStrips, Setup, TractionProfile, ViewState, model_curve
+from app.gui.frame_results import TractionProfile
+from app.gui.run_curves import ForceStrips, model_curve
+from app.gui.source import Setup
+from app.gui.view_state import ViewState
 from app.gui.widgets import Panel, column, label
 from app.results import F64
 

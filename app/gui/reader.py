@@ -6,8 +6,8 @@ import threading
 import time
 from dataclasses import dataclass
 
-from app.gui.source import RunSource
-from app.gui.view_state import Setup, ViewState, read, resolve, setup_of
+from app.gui.source import RunSource, Setup, setup_of
+from app.gui.view_state import ViewState, read, resolve
 
 
 @dataclass(frozen=True, slots=True, eq=False)

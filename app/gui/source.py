@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -11,6 +12,7 @@ from app.results import F64, ContactResult, Health, Outcome, Snapshot
 from app.settings import Config
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+Rect = tuple[float, float, float, float]  # left, top, width, height in px
 
 
 class RunSource(Protocol):
@@ -108,3 +110,23 @@ class PlaybackSource(Protocol):
 
     def browsed(self) -> Snapshot | None:
         """Recorded results of the frame that is shown; None while it is the newest replayed one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """What does not change during a run; the rectangle is that of the grid of boxes."""
+
+    title: str
+    pixel_um: float
+    grid_rect_px: Rect
+    sample_rate_hz: float
+    config: Config
+
+
+def setup_of(source: RunSource) -> Setup:
+    """What does not change during the run of `source`."""
+    x, y, config = source.grid_x_px, source.grid_y_px, source.config
+    step = float(config.dic.step)
+    rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
+    rate_hz = float(config.forces.sample_rate)
+    return Setup(source.title, config.camera.pixel * 1e6, rect, rate_hz, config)

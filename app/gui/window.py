@@ -19,8 +19,8 @@ from app.gui.panels import CellRow, HealthStrip, ResultPanel, TopBar
 from app.gui.playback_bar import PlaybackBar
 from app.gui.plots import CurvesView
 from app.gui.reader import Answer, ViewReader
-from app.gui.source import RunSource
-from app.gui.view_state import Setup, ViewState
+from app.gui.source import RunSource, Setup
+from app.gui.view_state import ViewState
 from app.gui.widgets import column
 from app.results import Outcome
 

@@ -10,7 +10,9 @@ import pytest
 from scripted_run import MU, PERIOD, REFERENCE, P, ScriptedRun
 
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
-from app.gui.view_state import ViewState, read, resolve, setup_of, shown_image, symmetric_limit
+from app.gui.frame_results import shown_image, symmetric_limit
+from app.gui.source import setup_of
+from app.gui.view_state import ViewState, read, resolve
 from app.results import Counts, Phase
 
 

@@ -16,9 +16,10 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
 from app.gui import window as window_module
+from app.gui.frame_results import shown_image
 from app.gui.image_view import describe_point
+from app.gui.source import setup_of
 from app.gui.start import run_window
-from app.gui.view_state import setup_of, shown_image
 from app.gui.window import MainWindow
 from app.results import Health
 
