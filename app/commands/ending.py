@@ -95,7 +95,7 @@ def _draw(session: Path, as_json: bool) -> Path | None:
     """The picture of a session, made from what is on disk; None, with the reason on the terminal,
     where there is nothing to draw.
     """
-    from app.report.figures import experiment_picture, numbered_instants
+    from app.report.figures import experiment_figure, numbered_instants, write_picture
     from app.results import without_fields
     from app.session.reader import SessionReader
 
@@ -111,16 +111,16 @@ def _draw(session: Path, as_json: bool) -> Path | None:
                 return None
             for i in instants:
                 snapshots[i] = reader.snapshot(i)
-            experiment_picture(
+            figure = experiment_figure(
                 snapshots,
                 reader.contact(),
                 summary,
                 reader.grid_x_px,
                 reader.grid_y_px,
                 reader.pixel_m,
-                path,
                 title=session.name,
             )
+            write_picture(figure, path)
     except (UserError, OSError) as error:
         if not as_json:
             say(f"no picture: {error}")

@@ -27,7 +27,8 @@ from app.invert_files import (
     invert_series,
     noise_of,
 )
-from app.report.summary import measured_text, plain
+from app.report.quantities import measured_text
+from app.report.summary import plain
 from app.results import Phase
 from app.session.fields import is_session
 from app.session.reader import SessionReader

@@ -11,12 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.report.figures import (
-    experiment_figure,
-    experiment_picture,
-    numbered_instants,
-    stick_radius_cm,
-)
+from app.report.figures import experiment_figure, numbered_instants, write_picture
 from app.results import Phase, without_fields
 
 PIXEL_M = 7.04e-6
@@ -67,13 +62,13 @@ def test_without_an_onset_the_instants_share_the_drive(loading: Any) -> None:
     assert numbered_instants(early[:2], None) == [0, 1]
 
 
-def test_the_curve_of_cattaneo_and_mindlin() -> None:
-    # c^3 / a^3 = 1 - Q/(mu P), at 0, 7/8, 1 and beyond
-    np.testing.assert_allclose(
-        stick_radius_cm(np.array([0.0, 0.875, 1.0, 1.5]) * 0.465, 2e-3, 0.93, 0.5),
-        [2e-3, 1e-3, 0, 0],
-        atol=1e-9,
-    )
+def test_the_curve_of_cattaneo_and_mindlin_slides_at_mu_p(figure: Figure, loading: Any) -> None:
+    curve = next(line for line in figure.subfigs[0].axes[1].lines if line.get_linestyle() == "--")
+    shear_n, stick_mm = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
+    share = shear_n / (loading.summary.mu_d * loading.summary.normal_force_n)
+    expected = loading.summary.hertz_radius_m * 1e3 * np.cbrt(1 - share)
+    np.testing.assert_allclose(stick_mm, expected, atol=1e-9)
+    assert (share[0], share[-1]) == (0, 1)
 
 
 def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
@@ -208,7 +203,5 @@ def test_the_picture_needs_the_fields_of_its_six_instants_only(
     kept = set(numbered_instants(loading.snapshots, loading.summary))
     shots = [s if i in kept else without_fields(s) for i, s in enumerate(loading.snapshots)]
     path = tmp_path / "p.png"
-    experiment_picture(
-        shots, loading.contact, loading.summary, loading.x_px, loading.y_px, PIXEL_M, path
-    )
+    write_picture(draw(loading, snapshots=shots), path)
     assert path.read_bytes().startswith(b"\x89PNG")
