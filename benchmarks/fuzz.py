@@ -136,10 +136,10 @@ CASES = (session_case, settings_case, repair_case) * 2 + (session_case, fields_c
 def make_whole(folder: Path) -> None:
     """Write what the cases damage: a session, one cut short, fields, images and tables to import."""
     writer, _ = record(folder / "whole.h5")
-    writer.write_contact(CONTACT)
+    writer.append(CONTACT)
     shutil.copy(folder / "whole.h5", folder / "cut.h5")
     shutil.copy(journal_of(folder / "whole.h5"), journal_of(folder / "cut.h5"))
-    writer.finish(OUTCOME)
+    writer.append(OUTCOME)
     writer.close()
     (folder / "images").mkdir(exist_ok=True)
     rng = np.random.default_rng(0)

@@ -22,7 +22,7 @@ import numpy as np
 from app import config, live
 from app.engine import pipeline, tractions
 from app.engine.history import Conditions
-from app.results import Phase
+from app.records import Phase
 from benchmarks.report import Report
 from drivers.sim.images import Renderer
 from drivers.sim.world import World

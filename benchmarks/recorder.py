@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.recorder import Recorder
-from app.results import Phase, Snapshot
+from app.records import Phase, Snapshot
 from app.session.journal import journal_of
 from app.session.repair import repair
 from app.session.writer import SessionWriter

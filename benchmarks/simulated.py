@@ -13,7 +13,7 @@ import numpy as np
 
 from app import config, live
 from app.engine.run import Run
-from app.results import Outcome
+from app.records import Outcome
 from app.sections import Config
 from benchmarks.report import Report
 from drivers.bench import Bench

@@ -31,7 +31,7 @@ import psutil
 
 from app.engine.run import Run
 from app.errors import UserError
-from app.results import Outcome
+from app.records import Outcome
 from benchmarks.report import Report
 from benchmarks.simulated import account, experiment
 

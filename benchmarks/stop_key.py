@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from app.gui.start import run_window
-from app.results import Phase
+from app.records import Phase
 from benchmarks.report import Report
 from benchmarks.simulated import Experiment, account, experiment
 
