@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from app import cli_files, cli_options
+from app import cli_files, cli_options, logs
 from app.cli_options import (
     Bench,
     Headless,
@@ -67,6 +67,9 @@ def slipscope(
         ),
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Show the log on standard error while a command runs.")
+    ] = False,
 ) -> None:
     """Friction between a rough rubber block and a glass sphere, live: forces, images, displacement
     fields, stick radius.
@@ -75,6 +78,8 @@ def slipscope(
     """
     del version
     cli_options.is_debugging = debug
+    if verbose:
+        logs.to_terminal()
     if context.invoked_subcommand is None:
         with plain_errors():
             from app.commands import experiment

@@ -5,6 +5,7 @@ closes them in reverse.
 from __future__ import annotations
 
 import difflib
+import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from drivers.sim.world import World
     from drivers.stored import Recording
 
+LOG = logging.getLogger(__name__)
 NEEDS = {
     "real": ("settings", "clock"),
     "emulated": ("settings", "clock", "world"),
@@ -117,6 +119,7 @@ class Bench:
             for device in (self.actuator, self.camera, self.forces):
                 opened.append(device)
                 device.open()
+                LOG.info("%s: %s", device.name, device.describe())
         except BaseException as error:
             for note in _close(reversed(opened)):
                 error.add_note(str(note))

@@ -4,6 +4,7 @@ queue that never drops anything.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from typing import Protocol
@@ -11,7 +12,9 @@ from typing import Protocol
 import psutil
 
 from app.engine.channels import ChannelClosed, ChannelFull, LosslessChannel
-from app.records import Gap, ReceivedFrame, Record, Samples, Snapshot
+from app.records import Event, Gap, LostTrigger, ReceivedFrame, Record, Samples, Snapshot
+
+LOG = logging.getLogger(__name__)
 
 POLL_S = 0.1
 
@@ -86,6 +89,8 @@ class Recorder:
         """Queue a record; where there is no room for it, report the failure and wait for the
         disk.
         """
+        if isinstance(record, Event | Gap | LostTrigger):
+            LOG.info("%s", record)
         try:
             try:
                 self._queue.put(record, held_bytes(record))
@@ -122,6 +127,8 @@ class Recorder:
                 began = time.monotonic()
                 if began >= due:
                     self._sink.flush()
+                    if (took := time.monotonic() - began) > self._flush_interval_s:
+                        LOG.warning("a flush to the disk took %.2f s", took)
                     due = max(
                         began + self._flush_interval_s,
                         time.monotonic() + self._flush_interval_s / 2,

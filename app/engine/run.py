@@ -14,6 +14,7 @@ named state with a reason (`ending`).
 from __future__ import annotations
 
 import gc
+import logging
 import math
 import shutil
 import threading
@@ -28,6 +29,7 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.options import quantity
+from app import logs
 from app.engine.analyst import Analyst
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
@@ -41,6 +43,8 @@ from app.records import ContactResult, Counts, Event, Health, Outcome, Phase, Sn
 from app.settings import Config
 from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
+
+LOG = logging.getLogger(__name__)
 
 PAUSE_S = 0.001  # until the next look at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
@@ -203,14 +207,18 @@ class Run:
             progress=1.0 if self._outcome else self._progress,
         )
 
-    # ------------------------------------------------------------------ the life of the run, in the
-    # control thread
+    # ------------------------------------------------------- the life of the run, in its thread
 
     def _control(self) -> None:
+        with logs.beside(self.output):
+            self._live()
+
+    def _live(self) -> None:
         """From the opening of the bench to the publishing of the outcome."""
         process = psutil.Process()
         used, began = process.cpu_times(), time.monotonic()
         sink: SessionSink | None = None
+        LOG.info("run on the %s, session %s", self.title, self.output.name)
         try:
             self._prepare(self._say_preparing)
             gc.collect()
@@ -222,6 +230,7 @@ class Run:
             sink = self._create_sink()
             self._record_run(sink)
         except Exception as error:
+            LOG.debug("the run can not begin", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
         gc.unfreeze()
         self._ending.attempt("bench", self._bench.close)
@@ -242,10 +251,12 @@ class Run:
                 resources["receipt"] = str(sink.receipt)
         self._ending.close()
         self._outcome = self._outcome_now(outcome.summary, resources)
+        LOG.info("%s; %s; %s", self._outcome.state, self._outcome.counts, resources)
         self._state = self._outcome.state
         self._ended.set()
 
     def _say_preparing(self, what: str) -> None:
+        LOG.info("%s", what)
         self._preparing = what
 
     def _check_camera(self) -> None:
@@ -280,6 +291,7 @@ class Run:
         try:
             return summarise(self.config, snapshots, self.contact(), self._pipeline.notes)
         except Exception as error:
+            LOG.debug("there is no summary", exc_info=error)
             self._ending.call(sentence("summary", error), failed=True)
             return None
 
@@ -332,6 +344,7 @@ class Run:
             ]
             self._measure(workers)
         except Exception as error:
+            LOG.debug("the measurement can not go on", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
         finally:
             self._wind_down(workers, others)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import logging
 import os
 import re
 from array import array
@@ -50,6 +51,7 @@ from app.session.journal import Journal, StoredFrame
 from app.session.layout import LATER, NO_ROW, ResultRow, Texts, TriggerRow, Versions
 from app.session.receipt import Receipt, verify
 
+LOG = logging.getLogger(__name__)
 LOOK_BYTES = 4096  # of each end of an image
 # missing samples are written as NaN; more than this is a wrong sample number, not a gap
 LONGEST_GAP_S = 3600.0
@@ -328,6 +330,7 @@ class SessionWriter:
                 closing.callback(thing.close)
             self.flush()
         self.receipt = verify(self._path, self._journal.path)
+        LOG.info("%s: %s", self._path.name, self.receipt)
         self._journal.path.unlink()
 
     def discard(self) -> None:
