@@ -46,7 +46,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures there")
     given = vars(parser.parse_args(words[1:]))
     file = given.pop("json", None)
-    about = " ".join(module.__doc__.split("\n\n")[0].split())
+    about = " ".join((module.__doc__ or "").split("\n\n")[0].split())
     command = shlex.join(["python", "-m", "benchmarks", *without_json(words)])
     report = Report(module.SUBJECT, about, command)
     code = module.measure(report, **given)

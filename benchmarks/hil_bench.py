@@ -42,15 +42,6 @@ def injected(seconds: float, divisor: int) -> list[str]:
     ]
 
 
-def triggers_of(faults: list[str]) -> set[int]:
-    """The triggers that the faults take the frame from."""
-    lost: set[int] = set()
-    for fault in faults:
-        _, first, count = fault.split()
-        lost.update(range(int(first), int(first) + int(count)))
-    return lost
-
-
 def compare(
     report: Report, column: str, path: Path, world: World, outcome: Outcome, faults: list[str]
 ) -> None:
@@ -65,7 +56,9 @@ def compare(
                 shown = renderer.image(world.state(middle_of_exposure(world, s)), n)
                 wrong += not np.array_equal(images[r], shown)
     lost = set(index[row < 0].tolist())
-    expected = triggers_of(faults) & set(index.tolist())
+    places = [map(int, fault.split()[1:]) for fault in faults]
+    expected = {n for first, count in places for n in range(first, first + count)}
+    expected &= set(index.tolist())
     for name, value, at_most in (
         ("losses injected", len(expected), None),
         ("losses injected and not recorded at their trigger", len(expected - lost), 0),
@@ -87,4 +80,4 @@ def measure(report: Report, seconds: float = 60.0, divisors: Sequence[int] = (12
                 path = Path(folder) / "hil.h5"
                 made = experiment(path, overrides, bench="hil-emulated")
                 outcome = made.outcome()
-                compare(report, column, path, made.world, outcome, faults)
+                compare(report, column, path, made.bench.world, outcome, faults)

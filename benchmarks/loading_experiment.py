@@ -203,7 +203,7 @@ def measure(
         if outcome.state != "done":
             return 1
         with Session(path) as session:
-            recorded = Recorded(session, made.world)
+            recorded = Recorded(session, made.bench.world)
             report.table("u_x over the contact")
             compare_displacement(report, recorded)
             compare_radii(report, recorded)

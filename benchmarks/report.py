@@ -106,7 +106,7 @@ class Report:
     def add(
         self,
         name: str,
-        value: float | str,
+        value: float | np.number[Any] | str,
         unit: str = "",
         at_most: float | None = None,
         *,
@@ -114,11 +114,14 @@ class Report:
         digits: int = 3,
     ) -> None:
         """Report a figure; a number that is no integer is rounded to so many significant digits."""
-        if isinstance(value, float | np.floating):
-            value = float(f"{value:.{digits}g}") if math.isfinite(value) else UNDETERMINED
-        elif not isinstance(value, str):
-            value = int(value)
-        figure = Figure(name, value, unit, column, self._table, at_most)
+        kept: float | str
+        if isinstance(value, str):
+            kept = value
+        elif isinstance(value, int | np.integer):
+            kept = int(value)
+        else:
+            kept = float(f"{value:.{digits}g}") if math.isfinite(value) else UNDETERMINED
+        figure = Figure(name, kept, unit, column, self._table, at_most)
         self.results.figures.append(figure)
         print(f"  {f'{name}, {column}' if column else name:58s} {figure.text()}", flush=True)
 

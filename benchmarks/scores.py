@@ -100,12 +100,12 @@ def over_uncertainty(frames: Iterable[Frame], measured: Iterable[Measured]) -> A
     pairs = zip(frames, measured, strict=True)
     stated = [(m[2] - frame.truth(*m[:2])[0]) / m[4] for frame, m in pairs if len(m) > 4]
     every = np.concatenate([*stated, np.empty(0)])
-    return every[np.abs(every) < 8]
+    return np.asarray(every[np.abs(every) < 8])
 
 
 def table(report: Report, starts: Mapping[str, Start], limit: int | None) -> None:
-    """Report points per second, the errors of both sets without and with noise of 2 grey levels,
-    and the lost points, for each correlation.
+    """Report the errors of both sets without and with noise of 2 grey levels, the points per second
+    with noise, and the lost points, for each correlation.
     """
     report.table(
         "Errors of u_x; translation: worst bias and sigma over 21 fractions of a pixel; ring: rms"
@@ -119,8 +119,9 @@ def table(report: Report, starts: Mapping[str, Start], limit: int | None) -> Non
                 frames = frames_of(kind, noise, limit)
                 measured, seconds = follow(start, frames)
                 scores.append(score(frames[1:], measured))
-                spent, points = spent + seconds, measured[0][0].size
+                points = measured[0][0].size
                 if noise:
+                    spent += seconds
                     normalised.append(over_uncertainty(frames[1:], measured))
             translation, ring = scores
             lost = max(lost, translation.lost, ring.lost)

@@ -33,11 +33,6 @@ class Experiment:
     bench: Bench
     run: Run
 
-    @property
-    def world(self) -> World:
-        """What the devices of the bench see; its truth is for comparison only."""
-        return self.bench.world
-
     def outcome(self) -> Outcome:
         """Run to the end."""
         self.run.start()

@@ -25,20 +25,13 @@ from drivers.settings import ActuatorSettings
 
 SUBJECT = "Stopping the actuator"
 POLL_S = 0.05
-BYTE_S, THINK_S = 10 / 57600, 0.01
-
-
-def opened(line: SerialLine) -> Smc100:
-    """The driver on a line."""
-    driver = Smc100(ActuatorSettings(port=line.start()), Scene())
-    driver.open()
-    return driver
 
 
 def stop_often(wire: str, stops: int) -> dict[str, list[float]]:
     """Seconds of each step, one value per stop; the failure of the line happens once."""
-    line = SerialLine(Controller(FreeStage()), wire, byte_s=BYTE_S, think_s=THINK_S)
-    driver = opened(line)
+    line = SerialLine(Controller(FreeStage()), wire, byte_s=10 / 57600, think_s=0.01)
+    driver = Smc100(ActuatorSettings(port=line.start()), Scene())
+    driver.open()
     is_over, times = threading.Event(), defaultdict(list)
 
     def poll() -> None:
