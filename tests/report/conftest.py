@@ -1,6 +1,4 @@
-"""A loading experiment in closed form (Cattaneo-Mindlin, then sliding), as the pipeline would have
-reported it.
-"""
+"""A loading experiment in closed form: Cattaneo and Mindlin's contact, then sliding."""
 
 from __future__ import annotations
 
@@ -29,9 +27,7 @@ class Loading:
 
 
 def potential(r: np.ndarray, a: float) -> np.ndarray:
-    """Azimuthal mean of the displacement of a traction sqrt(1 - r^2/a^2), times 2 pi G / ((1 -
-    nu/2)).
-    """
+    """Azimuthal mean of the displacement under sqrt(1 - r^2/a^2), times 2 pi G / (1 - nu/2)."""
     outside = np.maximum(r, a)
     far = (
         np.pi
@@ -76,7 +72,7 @@ def loading() -> Loading:
             radial_displacement(r, c) + slid + LENS_M_PER_N * force + rng.normal(0, 0.1e-6, r.shape)
         )
         ring_ux = radial_displacement(rings, c) + slid
-        told = 0.1 < c / HERTZ_M < 0.97
+        is_measured = 0.1 < c / HERTZ_M < 0.97
         snapshots.append(
             Snapshot(
                 frame,
@@ -97,8 +93,8 @@ def loading() -> Loading:
                 ring_ux,
                 np.full(rings.shape, 2e-8),
                 float(slid),
-                float(c + rng.normal(0, 2e-5)) if told else np.nan,
-                2e-5 / max(c / HERTZ_M, 0.1) if told else np.nan,
+                float(c + rng.normal(0, 2e-5)) if is_measured else np.nan,
+                2e-5 / max(c / HERTZ_M, 0.1) if is_measured else np.nan,
             )
         )
     summary = Summary(

@@ -84,11 +84,11 @@ def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
 
 def test_the_measured_stick_radii_have_their_error_bars(figure: Figure, loading: Any) -> None:
     axes = figure.subfigs[0].axes[1]
-    told = [s for s in loading.snapshots if math.isfinite(s.stick_radius_m)]
+    measured = [s for s in loading.snapshots if math.isfinite(s.stick_radius_m)]
     segments = axes.collections[0].get_segments()
-    assert len(segments) == len(told)
+    assert len(segments) == len(measured)
     np.testing.assert_allclose(
-        [s[1][1] - s[0][1] for s in segments], [2e3 * s.stick_radius_sd_m for s in told]
+        [s[1][1] - s[0][1] for s in segments], [2e3 * s.stick_radius_sd_m for s in measured]
     )
 
 
