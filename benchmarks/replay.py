@@ -14,7 +14,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from app.gui.view_state import read, resolve, scene_of
+from app.gui.source import setup_of
+from app.gui.view_state import read, resolve
 from app.replay import make_replay
 
 
@@ -27,11 +28,11 @@ def main(session: Path, jumps: int) -> None:
     replay = make_replay(session, pace=None)
     replay.playback.pause()
     replay.start()
-    scene, view, took = scene_of(replay), None, []
+    setup, view, took = setup_of(replay), None, []
     for _ in range(jumps):
         replay.browser.show(random.randrange(replay.frame_count))
         began = time.perf_counter()
-        view = resolve(scene, read(replay, 0), view)
+        view = resolve(setup, read(replay, 0), view)
         took.append(time.perf_counter() - began)
     replay.browser.show(None)
     began = time.perf_counter()
