@@ -62,7 +62,7 @@ class ResultPanel(CellRow):
     """The settings of the run and, once it has ended, its result."""
 
     def __init__(self) -> None:
-        super().__init__(spacing=8)  # the uncertainties need room
+        super().__init__(spacing=12)  # the uncertainties need room
         self.heading, self.notes = label("Settings of the run", "heading"), label("", "muted")
         self.notes.setWordWrap(True)
         self.body.insertWidget(0, self.heading)
