@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from analysis.options import quantity
+from app.records import Counts, Health, Outcome, Phase, Summary
 from app.report.quantities import summary_quantities
-from app.results import Counts, Health, Outcome, Phase, Summary
 from app.settings import Config
 
 DASH = "–"  # stands for a value that is not known

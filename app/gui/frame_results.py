@@ -13,8 +13,8 @@ import numpy as np
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.gui.cells import number, typeset
 from app.gui.source import Image, Rect, Setup
+from app.records import F32, F64, ContactResult, Snapshot
 from app.report.quantities import measured_text
-from app.results import F32, F64, ContactResult, Snapshot
 from app.settings import Config
 
 LARGEST_DISPLAY_PX = 1000  # of wider images every second, third ... pixel is shown
@@ -94,20 +94,25 @@ def shown_image(full: Image) -> ShownImage:
 def frame_results(snapshot: Snapshot, setup: Setup) -> FrameResults:
     """What is drawn of `snapshot`, which has a displacement field."""
     # the motion of the lens is taken off
-    ux_um = snapshot.ux_px * np.float32(setup.pixel_um) - np.float32(snapshot.lens_m * 1e6)
-    has_traction = snapshot.stress_field_pa.size
+    assert snapshot.field is not None
+    assert snapshot.motion is not None
+    lens_um = np.float32(snapshot.motion.lens_m * 1e6)
+    ux_um = snapshot.field.ux_px * np.float32(setup.pixel_um) - lens_um
+    traction = None
+    if snapshot.stress_field_pa is not None:
+        kpa = snapshot.stress_field_pa * np.float32(1e-3)
+        traction = _overlay(kpa, "σₓ", "kPa", snapshot, setup)
     return FrameResults(
         snapshot.frame,
         _overlay(ux_um, "uₓ", "µm", snapshot, setup),
-        _overlay(snapshot.stress_field_pa * np.float32(1e-3), "σₓ", "kPa", snapshot, setup)
-        if has_traction
-        else None,
-        traction_profile(snapshot, setup.config) if snapshot.stress_radius_m.size else None,
+        traction,
+        traction_profile(snapshot, setup.config),
     )
 
 
 def _overlay(values: F32, symbol: str, unit: str, snapshot: Snapshot, setup: Setup) -> Overlay:
-    when = f", t = {snapshot.time_s:.2f} s" if math.isfinite(snapshot.time_s) else ""
+    time_s = snapshot.conditions.time_s
+    when = f", t = {time_s:.2f} s" if math.isfinite(time_s) else ""
     caption = f"{symbol} of frame {snapshot.frame}{when}"
     return Overlay(values, setup.grid_rect_px, symmetric_limit(values), symbol, unit, caption)
 
@@ -120,25 +125,32 @@ def symmetric_limit(values: F32) -> float:
     return next(step * decade for step in LIMITS if top <= step * decade)
 
 
-def traction_profile(snapshot: Snapshot, config: Config) -> TractionProfile:
-    """The profile of the shear traction, beside that of Cattaneo and Mindlin for the same c."""
-    radius_m, P, c = snapshot.stress_radius_m, snapshot.normal_force_n, snapshot.stick_radius_m
+def traction_profile(snapshot: Snapshot, config: Config) -> TractionProfile | None:
+    """The profile of the shear traction, beside that of Cattaneo and Mindlin for the same c.
+
+    None where the displacement was not inverted.
+    """
+    profile, traction, stick = snapshot.stress, snapshot.traction, snapshot.stick
+    if profile is None or traction is None:
+        return None
+    radius_m, P = profile.radius_m, snapshot.conditions.normal_force_n
+    c = stick.stick_radius_m if stick else math.nan
     model = np.full(radius_m.shape, math.nan)
-    if P > 0 and math.isfinite(c):
+    if P > 0 and stick:
         sample = config.sample
         a = hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
-        mu = snapshot.full_slip_pa / hertz.peak_pressure(P, a)
+        mu = stick.full_slip_pa / hertz.peak_pressure(P, a)
         Q = mu * P * (1 - min(1.0, c / a) ** 3)
         model = cattaneo_mindlin.traction(radius_m, Q, mu, P, a)
-    force = typeset(measured_text(snapshot.stress_force_n, snapshot.stress_force_sd_n))
+    force = typeset(measured_text(traction.stress_force_n, traction.stress_force_sd_n))
     return TractionProfile(
         radius_m * 1e3,
-        snapshot.stress_pa * 1e-3,
-        snapshot.stress_sd_pa * 1e-3,
+        profile.stress_pa * 1e-3,
+        profile.sd_pa * 1e-3,
         model * 1e-3,
         c * 1e3,
-        snapshot.peak_radius_m * 1e3,
-        f"∫σ dA = {force} N, Q = {number(snapshot.shear_force_n, 3)} N",
+        traction.peak_radius_m * 1e3,
+        f"∫σ dA = {force} N, Q = {number(snapshot.conditions.shear_force_n, 3)} N",
     )
 
 

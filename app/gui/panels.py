@@ -9,7 +9,7 @@ from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row
-from app.results import Phase
+from app.records import Phase
 
 
 class CellView(QWidget):

@@ -17,7 +17,7 @@ from app.gui.run_curves import ForceStrips, model_curve
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import Panel, column, label
-from app.results import F64
+from app.records import F64
 
 STRIP_STEP_S = 0.2  # the strips are redrawn for so much more: they take most of a redraw's time
 NOTHING: F64 = np.empty(0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +11,16 @@ from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin
 from app.gui.source import Setup
-from app.results import F64, Phase, Snapshot, Summary
+from app.records import F64, Phase, Snapshot, Summary, series_of
 
+DRAWN = (
+    "travel_m",
+    "shear_force_n",
+    "stick_radius_m",
+    "stick_radius_sd_m",
+    "peak_radius_m",
+    "peak_radius_sd_m",
+)
 MOST_UNCERTAIN = 0.2  # radii of the largest traction are left out beyond this share of uncertainty
 
 
@@ -63,35 +70,27 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup) -> C
     """`curves` with the points of newer `snapshots`; the same object if there are none."""
     if not snapshots:
         return curves
-    loaded = [s for s in snapshots if s.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
-    loading = [(s.travel_m * 1e6, s.shear_force_n) for s in loaded]
-    sticking = [
-        (s.shear_force_n, s.stick_radius_m * 1e3, np.nan_to_num(s.stick_radius_sd_m * 1e3))
-        for s in loaded
-    ]
-    peaks = [
-        (s.shear_force_n, s.peak_radius_m * 1e3)
-        for s in loaded
-        if s.peak_radius_sd_m < MOST_UNCERTAIN * s.peak_radius_m
-    ]
+    loaded = [s for s in snapshots if s.conditions.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
+    travel, shear, stick, stick_sd, peak, peak_sd = (series_of(loaded, name) for name in DRAWN)
+    is_certain = peak_sd < MOST_UNCERTAIN * peak
     newest, start_s = snapshots[-1], curves.drive_start_s
-    if math.isfinite(newest.time_s):
+    if math.isfinite(newest.conditions.time_s):
         middle = newest.sample + setup.config.exposure_samples / 2
-        start_s = middle / setup.sample_rate_hz - newest.time_s
+        start_s = middle / setup.sample_rate_hz - newest.conditions.time_s
     return Curves(
         curves.seen + len(snapshots),
-        _with_points(curves.loading, loading),
-        _with_points(curves.sticking, sticking),
-        _with_points(curves.peaks, peaks),
+        _with_points(curves.loading, travel * 1e6, shear),
+        _with_points(curves.sticking, shear, stick * 1e3, np.nan_to_num(stick_sd * 1e3)),
+        _with_points(curves.peaks, shear[is_certain], peak[is_certain] * 1e3),
         start_s,
         newest,
-        next((s for s in reversed(snapshots) if s.ux_px.size), curves.newest_field),
+        next((s for s in reversed(snapshots) if s.field), curves.newest_field),
     )
 
 
-def _with_points(curve: F64, points: Sequence[tuple[float, ...]]) -> F64:
-    """`curve` with those of `points` that have no NaN."""
-    new = np.reshape(np.array(points, dtype=np.float64), (-1, curve.shape[1]))
+def _with_points(curve: F64, *columns: F64) -> F64:
+    """`curve` with those points, given by their columns, that have no NaN."""
+    new = np.column_stack(columns)
     return np.concatenate([curve, new[np.isfinite(new).all(axis=1)]])
 
 

@@ -24,7 +24,7 @@ from app.gui.frame_results import (
 )
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.source import Image, PlaybackSource, RunSource, Setup
-from app.results import F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
+from app.records import F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
 
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
 
@@ -101,13 +101,14 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     shown, shown_field = curves.newest, curves.newest_field
     normal_n, shear_n = (float(f[-1]) if len(f) else math.nan for f in reading.forces[1:])
     sentence = cells.operator_sentence(
-        health, outcome, normal_n, shown.travel_m if shown else math.nan, config
+        health, outcome, normal_n, shown.conditions.travel_m if shown else math.nan, config
     )
     if reading.browsed is not None:
         shown = reading.browsed
-        shown_field = shown if shown.ux_px.size else None
-        normal_n, shear_n = shown.normal_force_n, shown.shear_force_n
-    travel_m, stick_m = (shown.travel_m, shown.stick_radius_m) if shown else (math.nan, math.nan)
+        shown_field = shown if shown.field else None
+        normal_n, shear_n = shown.conditions.normal_force_n, shown.conditions.shear_force_n
+    travel_m = shown.conditions.travel_m if shown else math.nan
+    stick_m = shown.stick.stick_radius_m if shown and shown.stick else math.nan
     if reading.image is not None and (image is None or image.full is not reading.image):
         image = shown_image(reading.image)
     if shown_field is None:

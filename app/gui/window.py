@@ -22,7 +22,7 @@ from app.gui.reader import Answer, ViewReader
 from app.gui.source import RunSource, Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import column
-from app.results import Outcome
+from app.records import Outcome
 
 TICK_MS = 15  # one part of the window is drawn per tick, so that a key waits for one part at most
 REFRESH_S = 0.1  # from the beginning of one redraw to the next

@@ -8,7 +8,7 @@ Prevost et al. 2013, Figs 5, 6, 7 and 14.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
 from analysis.mechanics import cattaneo_mindlin
-from app.results import F64, ContactResult, Phase, Snapshot, Summary
+from app.records import F64, ContactResult, Phase, Snapshot, Summary, series_of
 
 # five instants on the way to t_s, and one in sliding or at the end, as multiples of t_s
 INSTANTS = (0.19, 0.38, 0.57, 0.76, 0.95, 1.4)
@@ -48,9 +48,9 @@ def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) ->
     than six in a drive of fewer frames.
     """
     drive = [
-        (s.time_s, i)
+        (s.conditions.time_s, i)
         for i, s in enumerate(snapshots)
-        if s.phase is Phase.DRIVE and math.isfinite(s.time_s)
+        if s.conditions.phase is Phase.DRIVE and math.isfinite(s.conditions.time_s)
     ]
     if not drive:
         return []
@@ -86,7 +86,7 @@ def experiment_figure(
         Size of a pixel on the interface.
     """
     numbered = [snapshots[i] for i in numbered_instants(snapshots, summary)]
-    drive = [s for s in snapshots if s.phase is Phase.DRIVE]
+    drive = [s for s in snapshots if s.conditions.phase is Phase.DRIVE]
     centre = contact.centre_px if contact else (grid_x_px.mean(), grid_y_px.mean())
     x_mm, y_mm = (
         (px - middle) * pixel_m * 1e3
@@ -115,12 +115,16 @@ def experiment_figure(
         for panel in panels[len(numbered) :]:
             panel.set_visible(False)
         for number, (panel, shot) in enumerate(zip(panels, numbered, strict=False), 1):
-            ux_um = (np.asarray(shot.ux_px, np.float64) * pixel_m - shot.lens_m) * 1e6
+            assert shot.field is not None
+            assert shot.motion is not None
+            ux_um = (np.asarray(shot.field.ux_px, np.float64) * pixel_m - shot.motion.lens_m) * 1e6
             _draw_field(panel, ux_um, x_mm, y_mm, has_label=number % 3 == 0)
-            when = f"$t$ = {shot.time_s:.1f} s,  $Q$ = {shot.shear_force_n:.3f} N"
+            now = shot.conditions
+            when = f"$t$ = {now.time_s:.1f} s,  $Q$ = {now.shear_force_n:.3f} N"
             panel.set_title(f"{number}:  {when}", pad=3)
             _draw_circle(panel, apparent_m, ec="#ff5a4d", ls="--")
-            _draw_circle(panel, shot.stick_radius_m, ec="white")
+            if shot.stick:
+                _draw_circle(panel, shot.stick.stick_radius_m, ec="white")
             panel.label_outer()
         if title:
             figure.suptitle(title, fontsize=8, color=GREY)
@@ -133,19 +137,11 @@ def write_picture(figure: Figure, path: Path) -> None:
         figure.savefig(path, dpi=200)
 
 
-def _array(values: Iterable[float]) -> F64:
-    return np.fromiter(values, np.float64)
-
-
 def _draw_force(
     axes: Any, drive: Sequence[Snapshot], numbered: Sequence[Snapshot], summary: Summary | None
 ) -> None:
     """Draw Q(delta) with the numbered instants (Fig. 5)."""
-    axes.plot(
-        _array(s.travel_m * 1e6 for s in drive),
-        _array(s.shear_force_n for s in drive),
-        c=BLUE,
-    )
+    axes.plot(series_of(drive, "travel_m") * 1e6, series_of(drive, "shear_force_n"), c=BLUE)
     if summary and math.isfinite(summary.static_force_n):
         axes.axhline(summary.static_force_n, color=GREY, lw=0.7, ls=":")
         place = (0.02, summary.static_force_n)
@@ -153,7 +149,7 @@ def _draw_force(
             "$Q_s$", place, (0, 2), ("axes fraction", "data"), "offset points", color=GREY
         )
     for number, shot in enumerate(numbered, 1):
-        x, y = shot.travel_m * 1e6, shot.shear_force_n
+        x, y = shot.conditions.travel_m * 1e6, shot.conditions.shear_force_n
         axes.plot([x], [y], "o", ms=8.5, mfc="white", mec=BLUE, mew=0.8, zorder=3)
         axes.annotate(str(number), (x, y), ha="center", va="center_baseline", fontsize=6, zorder=4)
     axes.margins(y=0.12)
@@ -166,11 +162,11 @@ def _draw_force(
 
 def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | None) -> None:
     """Draw the stick radius against Q, and Cattaneo and Mindlin's (Fig. 14)."""
-    stuck = [s for s in drive if math.isfinite(s.stick_radius_m)]
+    stuck = [s for s in drive if s.stick]
     axes.errorbar(
-        _array(s.shear_force_n for s in stuck),
-        _array(s.stick_radius_m * 1e3 for s in stuck),
-        np.nan_to_num(_array(s.stick_radius_sd_m * 1e3 for s in stuck)),
+        series_of(stuck, "shear_force_n"),
+        series_of(stuck, "stick_radius_m") * 1e3,
+        np.nan_to_num(series_of(stuck, "stick_radius_sd_m") * 1e3),
         fmt="o",
         ms=2,
         color=BLUE,
@@ -196,9 +192,9 @@ def _draw_ring_displacements(
     axes: Any, drive: Sequence[Snapshot], radius_m: float, summary: Summary | None
 ) -> None:
     """Draw u_x at r = 0, a/2, 3a/4 and a against time, and how t_s follows from them (Fig. 7)."""
-    time = _array(s.time_s for s in drive)
+    time, centre = series_of(drive, "time_s"), series_of(drive, "centre_ux_m")
     for share, colour in zip(RADII, RADII_COLOURS, strict=True):
-        ux = _array(_at_radius(s, share * radius_m) if share else s.centre_ux_m for s in drive)
+        ux = np.array([_at_radius(s, share * radius_m) for s in drive]) if share else centre
         if np.isfinite(ux).any():
             name = "0" if share == 0 else "a" if share == 1 else f"{share:g} a"
             axes.plot(time, ux * 1e6, color=colour, label=f"$r = {name}$")
@@ -218,10 +214,9 @@ def _draw_ring_displacements(
 
 def _at_radius(shot: Snapshot, radius_m: float) -> float:
     """Ring mean of u_x at a radius, linear between the rings; NaN outside them."""
-    good = np.isfinite(shot.ring_ux_m)
-    if not good.any():
+    if shot.rings is None or not (good := np.isfinite(shot.rings.ux_m)).any():
         return math.nan
-    r, ux = shot.ring_radius_m[good], shot.ring_ux_m[good]
+    r, ux = shot.rings.radius_m[good], shot.rings.ux_m[good]
     return float(np.interp(radius_m, r, ux, left=math.nan, right=math.nan))
 
 

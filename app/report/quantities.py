@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from analysis.options import UNITS
-from app.results import Summary
+from app.records import Summary
 
 
 def decimals_for(number: float, digits: int) -> int:

@@ -6,8 +6,8 @@ import dataclasses
 import math
 from typing import Any, NamedTuple
 
+from app.records import Counts, Outcome, Summary
 from app.report.quantities import summary_quantities
-from app.results import Counts, Outcome, Summary
 
 
 class Row(NamedTuple):

@@ -13,7 +13,7 @@ from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_c
 from app.gui.frame_results import shown_image, symmetric_limit
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
-from app.results import Counts, Phase
+from app.records import Counts, Phase
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
     snapshot = run.snapshots_since(199)[0]
     assert frame is not None
     field = frame.displacement
-    expected = snapshot.ux_px * 7.04 - 0.68 * snapshot.shear_force_n
+    expected = snapshot.field.ux_px * 7.04 - 0.68 * snapshot.conditions.shear_force_n
     np.testing.assert_allclose(field.values, expected, rtol=1e-4, atol=1e-3)
     assert np.isnan(field.values[0, 0])
     assert field.rect_px == (5.0, 5.0, 10.0 * len(run.grid_x_px), 10.0 * len(run.grid_y_px))
@@ -124,7 +124,8 @@ def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
     circles = look(run.at(200)).circles
     assert circles.centre_px == run.centre_px
     assert circles.apparent_px == pytest.approx(run.radius_m / 7.04e-6)
-    assert circles.stick_px == pytest.approx(run.snapshots_since(199)[0].stick_radius_m / 7.04e-6)
+    stick = run.snapshots_since(199)[0].stick
+    assert circles.stick_px == pytest.approx(stick.stick_radius_m / 7.04e-6)
 
 
 def test_what_did_not_change_is_the_same_object(run: ScriptedRun) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.records import Counts, Outcome, Phase, Summary
 from app.report.quantities import Measurement, decimals_for
 from app.report.summary import compared_rows, outcome_data, outcome_rows, plain, summary_rows
-from app.results import Counts, Outcome, Phase, Summary
 
 NAN = math.nan
 MEASURED = Summary(
