@@ -11,7 +11,8 @@ import random
 import time
 from pathlib import Path
 
-from app.gui.view_state import read, resolve, scene_of
+from app.gui.source import setup_of
+from app.gui.view_state import read, resolve
 from app.replay import make_replay
 from benchmarks.report import Report
 
@@ -23,11 +24,11 @@ def measure(report: Report, session: Path, jumps: int = 100) -> None:
     replay = make_replay(session, pace=None)
     replay.playback.pause()
     replay.start()
-    scene, view, took = scene_of(replay), None, []
+    setup, view, took = setup_of(replay), None, []
     for _ in range(jumps):
         replay.browser.show(random.randrange(replay.frame_count))
         began = time.perf_counter()
-        view = resolve(scene, read(replay, 0), view)
+        view = resolve(setup, read(replay, 0), view)
         took.append(time.perf_counter() - began)
     report.times("jump to a frame", took)
     replay.browser.show(None)

@@ -100,13 +100,9 @@ class InterfaceView(Panel):
         for depth, item in enumerate((self.image, self.overlay, *self._marks)):
             item.setZValue(depth)
             plot.addItem(item)
+        colours, pen = theme.displacement_map(), theme.GRID
         self.colour_bar = pg.ColorBarItem(
-            values=(-1, 1),
-            colorMap=theme.displacement_map(),
-            label="uₓ (µm)",
-            interactive=False,
-            width=16,
-            pen=theme.GRID,
+            values=(-1, 1), colorMap=colours, label="uₓ (µm)", interactive=False, width=16, pen=pen
         )
         self.colour_bar.setImageItem(self.overlay, insert_in=plot)
         axis = self.colour_bar.getAxis("right")

@@ -42,10 +42,10 @@ class CellView(QWidget):
 class CellRow(Panel):
     """Named values side by side, in columns of equal width."""
 
-    def __init__(self) -> None:
+    def __init__(self, spacing: int = 16) -> None:
         super().__init__()
         self.views: list[CellView] = []
-        self._row = row(spacing=16)
+        self._row = row(spacing=spacing)
         self.body = column(self._row, margins=(12, 8, 12, 8))
         self.setLayout(self.body)
 
@@ -62,7 +62,7 @@ class ResultPanel(CellRow):
     """The settings of the run and, once it has ended, its result."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(spacing=12)  # the uncertainties need room
         self.heading, self.notes = label("Settings of the run", "heading"), label("", "muted")
         self.notes.setWordWrap(True)
         self.body.insertWidget(0, self.heading)

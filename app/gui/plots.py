@@ -59,15 +59,9 @@ class CurvesView(QWidget):
     def show_setup(self, setup: Setup) -> None:
         """Empty the curves for a new run; the travel axis spans the travel of the drive."""
         self._loading = self._sticking = self._forces = None
-        for curve in (
-            self.loading_curve,
-            self.stick_curve,
-            self.peak_curve,
-            self.model_curve,
-            self.normal_curve,
-            self.shear_curve,
-        ):
-            curve.setData([], [])
+        for plot in (self.loading, self.sticking, self.traction, self.normal, self.shear):
+            for curve in plot.getPlotItem().listDataItems():
+                curve.setData([], [])
         self.stick_band.show(NOTHING, NOTHING, NOTHING)
         self._show_profile(None)
         for line in (self.static_line, self.onset_line, self.apparent_line):
@@ -148,23 +142,10 @@ class CurvesView(QWidget):
 
     def _build_sticking(self) -> None:
         self.sticking = theme.plot_widget("shear force Q (N)", "stick radius c (mm)")
-        self.stick_curve = pg.PlotDataItem(
-            pen=None,
-            symbol="o",
-            symbolSize=4,
-            symbolBrush=theme.STICK,
-            symbolPen=None,
-            antialias=True,
-            name="c of uₓ ± sd",
-        )
-        self.peak_curve = pg.PlotDataItem(
-            pen=None,
-            symbol="+",
-            symbolSize=5,
-            symbolBrush=None,
-            symbolPen=theme.SHEAR,
-            name="largest σ",
-        )
+        filled = {"symbol": "o", "symbolSize": 4, "symbolBrush": theme.STICK, "symbolPen": None}
+        crosses = {"symbol": "+", "symbolSize": 5, "symbolBrush": None, "symbolPen": theme.SHEAR}
+        self.stick_curve = pg.PlotDataItem(pen=None, antialias=True, name="c of uₓ ± sd", **filled)
+        self.peak_curve = pg.PlotDataItem(pen=None, name="largest σ", **crosses)
         self.model_curve = _model_curve("Cattaneo–Mindlin, μP = Qₛ")
         self.apparent_line = _guide(self.sticking, 0, "a")
         _add_legend(self.sticking)

@@ -79,8 +79,8 @@ def displacement_map() -> Any:
 
 
 def plot_widget(bottom: str, left: str) -> Any:
-    """An empty plot with these axis labels, which name the units, drawn in software."""
-    widget = pg.PlotWidget(background=PANEL, useOpenGL=False)
+    """An empty plot with these axis labels, which name the units."""
+    widget = pg.PlotWidget(background=PANEL)
     plot = widget.getPlotItem()
     for side, text in (("bottom", bottom), ("left", left)):
         axis = plot.getAxis(side)

@@ -1,5 +1,6 @@
-"""A run made of closed forms: Cattaneo and Mindlin's contact pulled through a spring, frame by
-frame, without devices or threads.
+"""A run made of closed forms: Cattaneo and Mindlin's contact, pulled through a spring.
+
+It has neither devices nor threads.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ PERIOD = 125
 
 
 class ScriptedRun:
-    """`at(frame)` says how far the run has gone; everything else follows from it."""
+    """A run that has gone as far as `at` says."""
 
     def __init__(
         self,
@@ -112,9 +113,7 @@ class ScriptedRun:
         return snapshot
 
     def _sheared(self, snapshot: Snapshot, c: float) -> Snapshot:
-        """Cattaneo and Mindlin's traction of that c with a peak of 30 kPa at full slip, 2 kPa too
-        high everywhere.
-        """
+        """Cattaneo and Mindlin's traction for c, 30 kPa at the centre in full slip, plus 2 kPa."""
         radii = np.linspace(0, 3e-3, 61)
 
         def hertz_like(r: float) -> Any:

@@ -1,4 +1,4 @@
-"""The window in use: it draws what the run gives, and stops the motion whatever the run does."""
+"""The window in use: it draws what the run measures, and stops the motion in every state of it."""
 
 import gc
 import signal
@@ -82,8 +82,9 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
 
 
 def test_the_qt_binding_counts_its_references() -> None:
-    """PySide6 6.12.0 takes a reference of None with every call on Python before 3.12, which ends
-    the program within minutes.
+    """PySide6 6.12.0 loses a reference to None with every call, on Python before 3.12.
+
+    The program then ends within minutes.
     """
     thing = QObject()
     before = sys.getrefcount(None)
@@ -94,7 +95,7 @@ def test_the_qt_binding_counts_its_references() -> None:
     )
 
 
-def test_everything_the_run_gives_is_drawn(
+def test_everything_that_the_run_measures_is_drawn(
     qtbot: QtBot, window: MainWindow, run: ScriptedRun
 ) -> None:
     begin(qtbot, window, run, 50)

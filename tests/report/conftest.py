@@ -1,6 +1,4 @@
-"""A loading experiment in closed form (Cattaneo-Mindlin, then sliding), as the pipeline would have
-reported it.
-"""
+"""A loading experiment in closed form: Cattaneo and Mindlin's contact, then sliding."""
 
 from __future__ import annotations
 
@@ -39,9 +37,7 @@ class Loading:
 
 
 def potential(r: np.ndarray, a: float) -> np.ndarray:
-    """Azimuthal mean of the displacement of a traction sqrt(1 - r^2/a^2), times 2 pi G / ((1 -
-    nu/2)).
-    """
+    """Azimuthal mean of the displacement under sqrt(1 - r^2/a^2), times 2 pi G / (1 - nu/2)."""
     outside = np.maximum(r, a)
     far = (
         np.pi

@@ -89,11 +89,11 @@ def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
 
 def test_the_measured_stick_radii_have_their_error_bars(figure: Figure, loading: Any) -> None:
     axes = figure.subfigs[0].axes[1]
-    found = [s.stick for s in loading.snapshots if s.stick]
+    measured = [s.stick for s in loading.snapshots if s.stick]
     segments = axes.collections[0].get_segments()
-    assert len(segments) == len(found)
+    assert len(segments) == len(measured)
     np.testing.assert_allclose(
-        [s[1][1] - s[0][1] for s in segments], [2e3 * stick.stick_radius_sd_m for stick in found]
+        [s[1][1] - s[0][1] for s in segments], [2e3 * stick.stick_radius_sd_m for stick in measured]
     )
 
 
