@@ -47,7 +47,7 @@ def compare(
 ) -> None:
     """Report the account of the run, and how far the file is from the world."""
     account(report, outcome, {"samples lost": 0}, column)
-    renderer, wrong = Renderer(world.settings), 0
+    renderer, wrong = Renderer(world.scenario), 0
     with h5py.File(path) as file:
         triggers, images = file["/entry/triggers"], file["/entry/instrument/camera/data"]
         index, sample, row = (triggers[name][:] for name in ("index", "sample", "image"))

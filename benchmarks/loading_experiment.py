@@ -87,7 +87,7 @@ def compare_radii(report: Report, recorded: Recorded) -> None:
     hertz_m = recorded.world.state(recorded.reference).hertz_radius_m
     share, error, stated, peak_error, peak_stated = np.array(found).T / hertz_m
     report.table("Stick radius c as a share of a_H")
-    has_cusp = recorded.world.settings.law == "cattaneo-mindlin"
+    has_cusp = recorded.world.scenario.sim.law == "cattaneo-mindlin"
     if has_cusp:
         chosen, name = (share >= 0.3) & (share <= 0.9), "from u_x, c/a_H from 0.3 to 0.9"
         tell_radii(report, name, error[chosen], stated[chosen], 0.05)
@@ -147,7 +147,7 @@ def compare_traction(report: Report, recorded: Recorded, profiles: list[np.ndarr
 def compare_summary(report: Report, recorded: Recorded) -> None:
     """The quantities of the summary against the truth; an error in % is relative."""
     session, world = recorded.session, recorded.world
-    summary, contact, known = session.summary, session.contact, world.settings
+    summary, contact, known = session.summary, session.contact, world.scenario
     assert summary is not None
     assert contact is not None
     at_rest, truth = world.state(recorded.reference), world.truth(int(recorded.samples[-1]))
@@ -157,9 +157,9 @@ def compare_summary(report: Report, recorded: Recorded) -> None:
     radius = contact.apparent_radius_m, contact.apparent_radius_sd_m, at_rest.apparent_radius_m
     onset = summary.onset_time_s, summary.onset_time_sd_s, onset_s
     static = summary.static_force_n, math.nan, truth.mu_s * force
-    length = summary.law_length_m, summary.law_length_sd_m, known.slip_length_m
-    modulus = summary.young_modulus_pa, summary.young_modulus_sd_pa, known.young_modulus_pa
-    has_law = known.law == "elasto-plastic"
+    length = summary.law_length_m, summary.law_length_sd_m, known.sim.slip_length
+    modulus = summary.young_modulus_pa, summary.young_modulus_sd_pa, known.sample.young_modulus
+    has_law = known.sim.law == "elasto-plastic"
     report.table("Summary of the experiment")
     for name, unit, scale, (measured, sd, true), error_unit, at_most in (
         ("apparent radius a", "um", 1e6, radius, "um", 45),

@@ -12,12 +12,13 @@ import time
 from collections.abc import Callable
 
 from benchmarks.report import Report
+from drivers.clock import SampleClock
 from drivers.emulators.ni import EmulatedNiForces
 from drivers.errors import DeviceError
 from drivers.protocols import TriggerTrain
-from drivers.scene import Scene
-from drivers.settings import ForceSettings
-from drivers.sim.settings import WorldSettings
+from drivers.settings import CameraSettings, ForceSettings
+from drivers.sim.scenario import Scenario
+from drivers.sim.world import World
 
 SUBJECT = "NI driver"
 READS = 50
@@ -25,9 +26,10 @@ READS = 50
 
 def opened(counter: str) -> EmulatedNiForces:
     """A driver that samples and sends eight triggers a second."""
-    forces = EmulatedNiForces(
-        ForceSettings(exposure_counter=counter), Scene(WorldSettings(image_shape=(6, 8)), pace=1.0)
-    )
+    settings = ForceSettings(exposure_counter=counter)
+    scenario = Scenario(forces=settings, camera=CameraSettings(width=64, height=64))
+    clock = SampleClock(float(settings.sample_rate))
+    forces = EmulatedNiForces(settings, clock, World(scenario, pace=1.0))
     forces.open()
     forces.start(TriggerTrain(0, 125))
     return forces

@@ -21,8 +21,7 @@ import numpy as np
 
 from app import config, live
 from app.engine import pipeline, tractions
-from app.engine.history import Conditions
-from app.records import Phase
+from app.records import Conditions, Phase
 from benchmarks.report import Report
 from drivers.sim.images import Renderer
 from drivers.sim.world import World
@@ -67,12 +66,12 @@ class Drive:
             None, [f"camera.divisor={DIVISOR}", "sim.law=elasto-plastic", *overrides]
         )
         live.prepare(settings, lambda what: None)
-        self.world = world = World(live.make_bench(settings, None).world.settings, pace=None)
+        self.world = world = World(live.make_bench(settings, None).world.scenario, pace=None)
         world.start()
-        world.advance(world.settings.settled_sample + 100)
-        self.renderer, self.at_rest = Renderer(world.settings), world.now
+        world.advance(world.scenario.settled_sample + 100)
+        self.renderer, self.at_rest = Renderer(world.scenario), world.now
         world.move(300e-6, 5e-6)
-        self.line = pipeline.Pipeline(settings, world.settings.image_shape)
+        self.line = pipeline.Pipeline(settings)
         self.step(0, 0, Phase.BACKGROUND)
         began = time.perf_counter()
         self.step(1, self.at_rest, Phase.REFERENCE)
@@ -87,7 +86,7 @@ class Drive:
             self.renderer.image(state, frame),
             Conditions(
                 phase=phase,
-                time_s=(sample - self.at_rest) / self.world.settings.sample_rate_hz,
+                time_s=(sample - self.at_rest) / self.world.scenario.forces.sample_rate,
                 normal_force_n=state.normal_force_n,
                 shear_force_n=state.shear_force_n,
                 travel_m=state.stage_m,

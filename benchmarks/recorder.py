@@ -24,12 +24,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.recorder import Recorder
-from app.records import Phase, Snapshot
+from app.records import (
+    Conditions,
+    DisplacementField,
+    Header,
+    Motion,
+    Phase,
+    ReceivedFrame,
+    RingProfile,
+    Samples,
+    Snapshot,
+    Stick,
+)
 from app.session.journal import journal_of
 from app.session.repair import repair
 from app.session.writer import SessionWriter
 from benchmarks.report import Report
-from drivers.protocols import Frame
 
 SUBJECT = "Recording"
 SHAPE, GRID, RINGS = (1200, 1600), (119, 159), 40
@@ -40,32 +50,34 @@ QUEUE_S, FLUSH_S = 4.0, 0.4
 def snapshot(frame: int) -> Snapshot:
     """Results of a frame, of the usual size."""
     field, ring = np.zeros(GRID, np.float32), np.zeros(RINGS)
-    numbers = (0.0, 0.5, 0.1, 1e-6, 1e-8)  # time, P, Q, travel, lens
-    fields = (field, field, field, field, field, np.zeros(GRID, np.uint8))
-    stick = (0.0, 1e-3, 1e-5)  # u_x at the centre, c, its uncertainty
     return Snapshot(
-        frame, DIVISOR * frame, Phase.DRIVE, *numbers, *fields, ring, ring, ring, *stick
+        frame,
+        DIVISOR * frame,
+        Conditions(Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6),
+        Motion(1e-8, 0.0),
+        DisplacementField(field, field, field, field, field, np.zeros(GRID, np.uint8)),
+        RingProfile(ring, ring, ring),
+        Stick(1e-3, 1e-5, 2e4),
     )
 
 
 def create(path: Path, compression: str) -> SessionWriter:
     """An empty session."""
-    return SessionWriter.create(
-        path,
+    header = Header(
+        frame_shape=SHAPE,
+        frame_dtype="uint8",
+        versions={},
         config_toml="",
         sample_rate_hz=RATE_HZ,
-        frame_shape=SHAPE,
-        frame_dtype=np.dtype(np.uint8),
-        exposure_samples=10,
-        divisor=DIVISOR,
         first_trigger=0,
+        divisor=DIVISOR,
+        exposure_samples=10,
         pixel_m=7.04e-6,
         grid_x_px=np.arange(GRID[1], dtype=float),
         grid_y_px=np.arange(GRID[0], dtype=float),
-        versions={},
-        compression=compression,
-        overwrite=True,
+        compression="gzip" if compression == "gzip" else "none",
     )
+    return SessionWriter.create(path, header, overwrite=True)
 
 
 class Measured:
@@ -106,9 +118,9 @@ class Measured:
         began, fullest, block = time.monotonic(), 0.0, np.ones((DIVISOR, 2))
         for n in range(frames):
             time.sleep(max(0.0, began + n * DIVISOR / RATE_HZ - time.monotonic()))
-            self.recorder.samples(DIVISOR * n, block, block)
-            self.recorder.frame(Frame(n, DIVISOR * n, images[n % len(images)]))
-            self.recorder.snapshot(snapshot(n))
+            self.recorder.append(Samples(DIVISOR * n, block, block))
+            self.recorder.append(ReceivedFrame(n, DIVISOR * n, images[n % len(images)]))
+            self.recorder.append(snapshot(n))
             fullest = max(fullest, self.recorder.fill)
         self.recorder.end()
         self.thread.join()

@@ -16,7 +16,10 @@ from scipy import ndimage
 
 from benchmarks.report import Report
 from drivers.sim.images import Renderer
-from drivers.sim.world import State, World, WorldSettings
+from drivers.sim.scenario import Scenario
+from drivers.sim.settings import SimSettings
+from drivers.sim.truth import State
+from drivers.sim.world import World
 
 SUBJECT = "Simulated pictures"
 SLOPE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -41,7 +44,7 @@ def apparent_shift_px(reference, picture, box=20):
 
 def states() -> dict[str, State]:
     """Three moments of a drive."""
-    world = World(WorldSettings(press_sample=0, press_duration=1), pace=None)
+    world = World(Scenario(sim=SimSettings(press_time=0.0), press_samples=1), pace=None)
     world.start()
     world.advance(2)
     world.move(300e-6, 5e-6)
@@ -63,7 +66,7 @@ def cpu_ms(work: Callable[[], object], times: int) -> float:
 
 def measure(report: Report) -> None:
     """Compare the two renderers."""
-    fast, exact = (Renderer(WorldSettings(renderer=name)) for name in ("fast", "exact"))
+    fast, exact = (Renderer(Scenario(sim=SimSettings(renderer=name))) for name in ("fast", "exact"))
     for name, state in states().items():
         truth = exact.grey(state, exact=True)
         shift = apparent_shift_px(truth, fast.grey(state, exact=False))

@@ -14,7 +14,7 @@ import numpy as np
 from app import config, live
 from app.engine.run import Run
 from app.records import Outcome
-from app.sections import Config
+from app.settings import Config
 from benchmarks.report import Report
 from drivers.bench import Bench
 from drivers.sim.truth import State
@@ -78,9 +78,9 @@ def account(
 
 def middle_of_exposure(world: World, sample: Any) -> Any:
     """The sample whose state a frame shows that began its exposure at `sample`."""
-    return sample + world.settings.exposure_samples // 2
+    return sample + world.scenario.exposure_samples // 2
 
 
 def lens_centre_px(world: World, state: State) -> np.ndarray:
     """Centre (x, y) of the contact in the image."""
-    return np.array(state.lens_centre_m) / world.settings.pixel_m
+    return np.array(state.lens_centre_m) / world.scenario.camera.pixel

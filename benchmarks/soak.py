@@ -31,7 +31,7 @@ import psutil
 
 from app.engine.run import Run
 from app.errors import UserError
-from app.records import Outcome
+from app.records import Outcome, ReceivedFrame
 from benchmarks.report import Report
 from benchmarks.simulated import account, experiment
 
@@ -114,17 +114,18 @@ def slow_down(run: Run, bytes_per_s: float) -> None:
     """
     create = run._create_sink
 
-    def slowed(*about: Any) -> Any:
-        sink = create(*about)
-        append, free_at = sink.append_frame, time.monotonic()
+    def slowed() -> Any:
+        sink = create()
+        append, free_at = sink.append, time.monotonic()
 
-        def slowly(index: int, sample: int, image: np.ndarray) -> None:
+        def slowly(record: Any) -> None:
             nonlocal free_at
-            free_at = max(free_at, time.monotonic()) + image.nbytes / bytes_per_s
-            time.sleep(max(0.0, free_at - time.monotonic()))
-            append(index, sample, image)
+            if isinstance(record, ReceivedFrame):
+                free_at = max(free_at, time.monotonic()) + record.image.nbytes / bytes_per_s
+                time.sleep(max(0.0, free_at - time.monotonic()))
+            append(record)
 
-        sink.append_frame = slowly  # type: ignore[method-assign]
+        sink.append = slowly
         return sink
 
     run._create_sink = slowed

@@ -16,11 +16,11 @@ from collections import defaultdict
 
 from benchmarks.report import Report
 from drivers.actuator_newport import Smc100
+from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
 SUBJECT = "Stopping the actuator"
@@ -30,7 +30,7 @@ POLL_S = 0.05
 def stop_often(wire: str, stops: int) -> dict[str, list[float]]:
     """Seconds of each step, one value per stop; the failure of the line happens once."""
     line = SerialLine(Controller(FreeStage()), wire, byte_s=10 / 57600, think_s=0.01)
-    driver = Smc100(ActuatorSettings(port=line.start()), Scene())
+    driver = Smc100(ActuatorSettings(port=line.start()), SampleClock(1000.0))
     driver.open()
     is_over, times = threading.Event(), defaultdict(list)
 
