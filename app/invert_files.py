@@ -27,7 +27,6 @@ from app.errors import UserError
 
 F64 = NDArray[np.float64]
 
-METHODS = ("axisymmetric", "regularised", "cgls", "van-cittert")
 SUFFIXES = (".csv", ".npz")
 HALF = 0.5  # of the bump that the contact makes in the field: what its centre is computed from
 

@@ -2,29 +2,28 @@
 the images of a run.
 
 ================================  ============================================================
-paper, section 2.3.2 and Fig. 4   `DirectTracker`: direct correlation, 2D Gaussian, warm start
-beyond the paper                  `Correlation`: that, IC-GN and shared passes behind one `Tracker`;
-`strain`
+paper, section 2.3.2 and Fig. 4   ``Correlation(method="direct")``: direct correlation, 2D Gaussian
+beyond the paper                  the methods ``shared`` and ``icgn``; `strain`
 ================================  ============================================================
 """
 
-from analysis.dic.correlation import INTERPOLANTS, METHODS, Correlation, compile_kernels
+from analysis.dic.correlation import compile_kernels, open_tracker
 from analysis.dic.field import Field, Tracker
 from analysis.dic.grid import Grid
 from analysis.dic.status import Status
 from analysis.dic.strain import Strain, strain
-from analysis.dic.tracker import DirectTracker
+from analysis.settings import INTERPOLANTS, METHODS, Correlation
 
 __all__ = [
     "INTERPOLANTS",
     "METHODS",
     "Correlation",
-    "DirectTracker",
     "Field",
     "Grid",
     "Status",
     "Strain",
     "Tracker",
     "compile_kernels",
+    "open_tracker",
     "strain",
 ]

@@ -4,13 +4,14 @@ session.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from app.commands.names import picture_of
 from app.commands.terminal import output, print_rows, say
 from app.errors import UserError
-from app.results import Outcome
+from app.records import Outcome
 
 
 def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
@@ -95,15 +96,14 @@ def _draw(session: Path, as_json: bool) -> Path | None:
     """The picture of a session, made from what is on disk; None, with the reason on the terminal,
     where there is nothing to draw.
     """
-    from app.report.figures import experiment_picture, numbered_instants
-    from app.results import without_fields
+    from app.report.figures import experiment_figure, numbered_instants, write_picture
     from app.session.reader import SessionReader
 
     path = picture_of(session)
     try:
         with SessionReader(session) as reader:
-            snapshots = [without_fields(snapshot) for snapshot in reader.snapshots()]
-            summary = reader.summary()
+            snapshots = [replace(snapshot, field=None) for snapshot in reader.snapshots()]
+            summary = reader.outcome.summary
             instants = numbered_instants(snapshots, summary)
             if not instants:
                 if not as_json:
@@ -111,16 +111,16 @@ def _draw(session: Path, as_json: bool) -> Path | None:
                 return None
             for i in instants:
                 snapshots[i] = reader.snapshot(i)
-            experiment_picture(
+            figure = experiment_figure(
                 snapshots,
                 reader.contact(),
                 summary,
-                reader.grid_x_px,
-                reader.grid_y_px,
-                reader.pixel_m,
-                path,
+                reader.header.grid_x_px,
+                reader.header.grid_y_px,
+                reader.header.pixel_m,
                 title=session.name,
             )
+            write_picture(figure, path)
     except (UserError, OSError) as error:
         if not as_json:
             say(f"no picture: {error}")

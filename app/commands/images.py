@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from analysis.settings import Correlation
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output
-from app.config import ConfigError, from_data
 from app.errors import UserError
-from app.sections import Dic
 
 if TYPE_CHECKING:
     from app.dic_files import FilesSummary
@@ -21,17 +19,13 @@ def dic(
     reference: Path,
     images: Sequence[Path],
     fields: Path,
+    correlation: Correlation,
     *,
     mask: Path | None,
     roi: tuple[int, int, int, int] | None,
     overwrite: bool,
-    **asked: Any,
 ) -> int:
-    """Correlate image files and write the fields; the exit code.
-
-    `asked` are settings by their names in ``[dic]``.
-    """
-    settings = _settings(asked)
+    """Correlate image files and write the fields; the exit code."""
     check_writable(fields)
     if fields.exists() and not overwrite:
         raise UserError(
@@ -44,27 +38,17 @@ def dic(
             reference,
             list(images),
             fields,
-            settings,
+            correlation,
             mask=mask,
             roi=roi,
             overwrite=overwrite,
             on_progress=bar.show,
         )
-    _tell(summary)
+    _report(summary)
     return DONE
 
 
-def _settings(asked: dict[str, Any]) -> Dic:
-    """What the command line asks, within the limits of the settings file."""
-    try:
-        return from_data({"dic": asked}, "dic").dic
-    except ConfigError as error:
-        raise UserError(
-            re.sub(r"\bdic\.(\w+)", lambda key: "--" + key[1].replace("_", "-"), str(error))
-        ) from None
-
-
-def _tell(summary: FilesSummary) -> None:
+def _report(summary: FilesSummary) -> None:
     fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
     output().print(
         f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}"

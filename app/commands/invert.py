@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,10 @@ from rich.table import Table
 
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output, print_json
-from app.config import averaging_box_px, from_record
+from app.config import from_record
 from app.errors import UserError
 from app.field_files import read_fields
 from app.invert_files import (
-    METHODS,
     SUFFIXES,
     Block,
     Inverted,
@@ -27,11 +27,12 @@ from app.invert_files import (
     invert_series,
     noise_of,
 )
-from app.report.summary import measured_text, plain
-from app.results import Phase
-from app.sections import Config, Dic
+from app.records import Phase, series_of
+from app.report.quantities import measured_text
+from app.report.summary import plain
 from app.session.fields import is_session
 from app.session.reader import SessionReader
+from app.settings import INVERSIONS, Config, flag
 
 SHOWN = 40  # lines of the table
 
@@ -39,22 +40,18 @@ SHOWN = 40  # lines of the table
 def invert(
     path: Path,
     destination: Path | None,
-    *,
-    method: str,
+    given: dict[str, Any],
     frames: list[int],
-    pixel: float | None,
-    box: float | None,
-    centre: tuple[float, float] | None,
+    *,
     overwrite: bool,
     as_json: bool,
-    **material: float | None,
 ) -> int:
     """Invert the fields of a file; the exit code.
 
-    `material` are the options that a session's settings can answer, None: not given.
+    `given` are settings of `InversionSettings`, by name; those of a session replace what is not
+    given, and what a file can not know must be.
     """
-    if method not in METHODS:
-        raise UserError(f"--method: {method} found; there are {', '.join(METHODS)}")
+    method = given.get("method", INVERSIONS[0])
     if destination is not None:
         check_writable(destination)
         if destination.suffix.lower() not in SUFFIXES:
@@ -67,17 +64,11 @@ def invert(
                 f"{destination}: a file of that name exists; choose another name or give"
                 " --overwrite"
             )
-    series, known = _from_session(path) if is_session(path) else _from_fields(path, pixel, box)
-    if centre is not None:
-        series = Series(
-            series.x_m,
-            series.y_m,
-            (centre[0] * 1e-3, centre[1] * 1e-3),
-            series.count,
-            series.fields,
-        )
+    series, known = _from_session(path) if is_session(path) else _from_fields(path, given)
+    if "centre" in given:
+        series = replace(series, centre_m=given["centre"])
     series = _chosen(series, frames)
-    block = _block(known | {name: value for name, value in material.items() if value is not None})
+    block = _block(known | given)
     failures: list[str] = []
     found_centre, results = invert_series(series, block, method, failures)
     writer = TableWriter(destination, series) if destination else None
@@ -112,46 +103,43 @@ def invert(
     return DONE
 
 
-def _from_fields(
-    path: Path, pixel: float | None, box: float | None
-) -> tuple[Series, dict[str, float]]:
-    found = read_fields(path, None if pixel is None else pixel * 1e-6)
-    side = (2 * found.pitch_m[0] if box is None else box * 1e-6) if box != 0 else 0.0
+def _from_fields(path: Path, given: dict[str, Any]) -> tuple[Series, dict[str, float]]:
+    found = read_fields(path, given.get("pixel"))
+    side = given.get("box", 2 * found.pitch_m[0])
 
     def fields() -> Iterator[tuple[int, Any, Any]]:
         return zip(found.frames, found.ux_m, found.sd_m, strict=True)
 
-    return Series(found.x_m, found.y_m, None, len(found.frames), fields), {
-        "box": side,
-        "noise_box": side,
-    }
+    series = Series(found.x_m, found.y_m, None, len(found.frames), fields)
+    return series, {"box": side, "noise_box": side}
 
 
 def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
     with SessionReader(path) as session:
-        config = from_record(session.config_toml, f"{path}: settings")
+        config = from_record(session.header.config_toml, f"{path}: settings")
         contact = session.contact()
         numbers = [
-            i for i, s in enumerate(session.snapshots()) if s.phase is Phase.DRIVE and s.ux_px.size
+            i
+            for i, s in enumerate(session.snapshots())
+            if s.conditions.phase is Phase.DRIVE and s.field is not None
         ]
         if not numbers:
             raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
-        force = float(
-            np.median(
-                [session.snapshot(i).normal_force_n for i in numbers[:: max(1, len(numbers) // 20)]]
-            )
-        )
-        grid = session.grid_x_px, session.grid_y_px
-    pixel_m = config.camera.pixel * 1e-6
+        some = numbers[:: max(1, len(numbers) // 20)]
+        force = float(np.median(series_of(map(session.snapshot, some), "normal_force_n")))
+        grid = session.header.grid_x_px, session.header.grid_y_px
+    pixel_m = config.camera.pixel
 
     def fields() -> Iterator[tuple[int, Any, Any]]:
         with SessionReader(path) as session:
             for i in numbers:
                 s = session.snapshot(i)
+                assert s.field is not None
+                lens_m = s.motion.lens_m if s.motion is not None else math.nan
                 yield (
                     s.frame,
-                    s.ux_px * np.float64(pixel_m) - s.lens_m,
-                    s.ux_std_px * np.float64(pixel_m),
+                    s.field.ux_px * np.float64(pixel_m) - lens_m,
+                    s.field.ux_std_px * np.float64(pixel_m),
                 )
 
     centre = (
@@ -160,13 +148,11 @@ def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
         else (contact.centre_px[0] * pixel_m, contact.centre_px[1] * pixel_m)
     )
     x_m, y_m = (np.asarray(axis, np.float64) * pixel_m for axis in grid)
-    return Series(x_m, y_m, centre, len(numbers), fields), _known(
-        config, force, config.dic, pixel_m
-    )
+    return Series(x_m, y_m, centre, len(numbers), fields), _known(config, force)
 
 
-def _known(config: Config, force: float, dic: Dic, pixel_m: float) -> dict[str, float]:
-    sample = config.sample
+def _known(config: Config, force: float) -> dict[str, float]:
+    sample, dic, pixel_m = config.sample, config.dic, config.camera.pixel
     return {
         "normal_force": force,
         "modulus": sample.young_modulus,
@@ -174,41 +160,28 @@ def _known(config: Config, force: float, dic: Dic, pixel_m: float) -> dict[str, 
         "radius": sample.lens_radius,
         "roughness": sample.roughness,
         "thickness": sample.thickness,
-        "box": averaging_box_px(dic) * pixel_m,
+        "box": dic.averaging_box_px * pixel_m,
         "noise_box": dic.box * pixel_m,
     }
 
 
-def _block(asked: dict[str, Any]) -> Block:
-    missing = [
-        f"--{name.replace('_', '-')}"
-        for name in ("normal_force", "modulus", "poisson", "radius")
-        if name not in asked
-    ]
+def _block(known: dict[str, Any]) -> Block:
+    needed = ("normal_force", "modulus", "poisson", "radius")
+    missing = [flag(name) for name in needed if name not in known]
     if missing:
         raise UserError(
             f"invert: {', '.join(missing)} not given; a file of fields does not say what they were"
             " measured on"
         )
-    for name in ("normal_force", "modulus", "radius"):
-        if not 0 < asked[name] < math.inf:
-            raise UserError(
-                f"--{name.replace('_', '-')}: {asked[name]:g} found; give a positive number"
-            )
-    if not 0 <= asked["poisson"] <= 0.5:
-        raise UserError(f"--poisson: {asked['poisson']:g} found; give 0 to 0.5")
-    for name in ("roughness", "thickness"):
-        if not 0 <= asked.get(name, 0.0) < math.inf:
-            raise UserError(f"--{name}: {asked[name]:g} found; give 0 or more")
     return Block(
-        P=asked["normal_force"],
-        E=asked["modulus"] * 1e6,
-        nu=asked["poisson"],
-        R=asked["radius"] * 1e-3,
-        roughness=asked.get("roughness", 0.0) * 1e-6,
-        thickness=asked.get("thickness", 0.0) * 1e-3 or math.inf,
-        box=asked["box"],
-        noise_box=asked["noise_box"],
+        P=known["normal_force"],
+        E=known["modulus"],
+        nu=known["poisson"],
+        R=known["radius"],
+        roughness=known.get("roughness", 0.0),
+        thickness=known.get("thickness", 0.0) or math.inf,
+        box=known["box"],
+        noise_box=known["noise_box"],
     )
 
 
@@ -225,7 +198,7 @@ def _chosen(series: Series, frames: list[int]) -> Series:
     def fields() -> Iterator[tuple[int, Any, Any]]:
         return (field for field in series.fields() if field[0] in frames)
 
-    return Series(series.x_m, series.y_m, series.centre_m, len(set(frames)), fields)
+    return replace(series, count=len(set(frames)), fields=fields)
 
 
 def _data(one: Inverted) -> dict[str, Any]:

@@ -4,7 +4,6 @@ a table of curves, or a figure.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,12 @@ from numpy.typing import NDArray
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz, jkr
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.loading import AxisymmetricLoading, Contact, State
+from analysis.options import quantity
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, output, print_json, print_rows
 from app.errors import UserError
 from app.report.summary import Row
+from app.settings import ModelSettings
 
 F64 = NDArray[np.float64]
 
@@ -28,47 +29,6 @@ POINTS = 301  # a is one of them
 WIDEST, FARTHEST = 3.0, 1.5
 SHARP = 2e-3  # a length below this part of that shift asks for more modes
 FAINT = 0.01  # of the peak pressure: where a rough contact is taken to end
-
-
-LIMITS = {  # of the options, mostly those of the settings file
-    "normal_force": (1e-6, 100, "N"),
-    "modulus": (1e-6, 1e6, "MPa"),
-    "poisson": (0, 0.5, ""),
-    "radius": (1e-3, 1e5, "mm"),
-    "friction": (1e-3, 5, ""),
-    "length": (0, 1000, "um"),
-    "roughness": (0, 1000, "um"),
-    "thickness": (0, 1e4, "mm"),
-    "adhesion": (0, 1e4, "mJ/m2"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class System:
-    """What is asked, in the units of the command line."""
-
-    normal_force: float
-    modulus: float
-    poisson: float
-    radius: float
-    friction: float
-    length: float
-    roughness: float
-    thickness: float
-    adhesion: float
-
-    def __post_init__(self) -> None:
-        for name, (least, most, unit) in LIMITS.items():
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise UserError(
-                    f"--{name.replace('_', '-')}: {value:g} found; give {least:g} to {most:g} {unit}".rstrip()
-                )
-        if self.thickness > 0 and self.length == 0:
-            raise UserError(
-                "--thickness: a layer is solved for a rough interface only; give --length more than"
-                " 0 with it"
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,19 +51,15 @@ class Quantity:
 
 
 def model(
+    system: ModelSettings,
     path: Path | None,
     shear_force: float | None,
     share: float | None,
     *,
     overwrite: bool,
     as_json: bool,
-    **asked: float,
 ) -> int:
-    """Print the numbers of a contact and write its curves; the exit code.
-
-    `asked` are the fields of `System`.
-    """
-    system = System(**asked)
+    """Print the numbers of a contact and write its curves; the exit code."""
     if path is not None:
         if path.suffix.lower() not in SUFFIXES:
             raise UserError(
@@ -135,7 +91,7 @@ def model(
     return DONE
 
 
-def _force(system: System, shear_force: float | None, share: float | None) -> float:
+def _force(system: ModelSettings, shear_force: float | None, share: float | None) -> float:
     """The shear force Q in newtons that is asked for, one way or the other."""
     if shear_force is not None and share is not None:
         raise UserError("--shear-force and --share: both were given; give one of them")
@@ -161,27 +117,28 @@ class Sheared:
     that the modes hold to 0.5 % of mu p0.
     """
 
-    def __init__(self, system: System, Q: float) -> None:
+    def __init__(self, system: ModelSettings, Q: float) -> None:
         self.system, self.Q = system, Q
         self.P, self.E, self.nu, self.R = (
             system.normal_force,
-            system.modulus * 1e6,
+            system.modulus,
             system.poisson,
-            system.radius * 1e-3,
+            system.radius,
         )
-        self.L, self.h = system.length * 1e-6, system.roughness * 1e-6
+        self.L, self.h = system.length, system.roughness
         self.a = hertz.contact_radius(self.P, self.E, self.nu, self.R)
         if self.a > self.R / 2:
             raise UserError(
                 f"a contact of radius {self.a * 1e3:.3g} mm found, too wide for Hertz; press less"
-                f" on this sphere of {system.radius:g} mm"
+                f" on this sphere of {quantity(system, 'radius')}"
             )
         self.cm = system.friction, self.P, self.a, self.E, self.nu
         self.loading: AxisymmetricLoading | None = None
         self.state: State | None = None
         if self.L > 0:
-            thickness = system.thickness * 1e-3 or math.inf
-            contact = Contact(self.P, self.E, self.nu, self.R, system.friction, self.L, thickness)
+            contact = Contact(
+                self.P, self.E, self.nu, self.R, system.friction, self.L, system.depth
+            )
             self.loading = AxisymmetricLoading(
                 contact, 64 if self.L / contact.full_shift > SHARP else 128
             )
@@ -278,9 +235,7 @@ class Sheared:
             ]
         if self.system.thickness:
             found.append(
-                Quantity(
-                    "thickness_m", "thickness of the block", "H", self.system.thickness * 1e-3, *mm
-                )
+                Quantity("thickness_m", "thickness of the block", "H", self.system.thickness, *mm)
             )
         if self.h > 0:
             apparent = greenwood_tripp.apparent_radius(a, self.R, self.h)
@@ -321,7 +276,7 @@ class Sheared:
         return found + self._adhesive()
 
     def _adhesive(self) -> list[Quantity]:
-        w = self.system.adhesion * 1e-3
+        w = self.system.adhesion
         if w == 0:
             return []
         a = float(jkr.contact_radius(self.P, w, self.E, self.nu, self.R))
@@ -434,7 +389,7 @@ def _figure(path: Path, curves: dict[str, F64], sheared: Sheared) -> None:
             left.plot(r, curves["p_rough_kpa"], color=BLUE, label="rough (Greenwood-Tripp)")
         left.plot(r, p, "--", color=RED, label="smooth (Hertz)")
         left.set(ylabel="pressure $p$ (kPa)", title="(a) pressure")
-        rough = f"rough interface, $L$ = {system.length:g} µm" if system.length else ""
+        rough = f"rough interface, $L$ = {_in_words(system, 'length')}" if system.length else ""
         smooth = "Cattaneo-Mindlin" + (", half-space" if system.thickness else "")
         pairs = (
             (right, "r_mm", "sigma", "kpa"),
@@ -466,11 +421,15 @@ def _figure(path: Path, curves: dict[str, F64], sheared: Sheared) -> None:
             panel.set_ylim(bottom=0)
             panel.legend()
         low_right.set_xlim(0, curves["delta_um"][-1])
-        layer = f", {system.thickness:g} mm thick" if system.thickness else ""
+        layer = f", {_in_words(system, 'thickness')} thick" if system.thickness else ""
         title = (
-            f"$P$ = {system.normal_force:g} N, $E$ = {system.modulus:g} MPa, ν ="
-            f" {system.poisson:g}, $R$ = {system.radius:g} mm,"
-            f" µ = {mu:g}, $h$ = {system.roughness:g} µm{layer}"
+            f"$P$ = {_in_words(system, 'normal_force')}, $E$ = {_in_words(system, 'modulus')}, ν ="
+            f" {system.poisson:g}, $R$ = {_in_words(system, 'radius')},"
+            f" µ = {mu:g}, $h$ = {_in_words(system, 'roughness')}{layer}"
         )
         figure.suptitle(title, fontsize=8, color=GREY)
         figure.savefig(path, dpi=200)
+
+
+def _in_words(system: ModelSettings, name: str) -> str:
+    return quantity(system, name).replace("um", "µm")

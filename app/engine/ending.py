@@ -4,12 +4,15 @@ done.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 
 from app.engine.experiment import ExperimentFailed
 from app.errors import UserError
 from drivers.errors import DeviceError
+
+LOG = logging.getLogger(__name__)
 
 
 def sentence(who: str, error: Exception) -> str:
@@ -61,6 +64,7 @@ class Ending:
         try:
             step()
         except Exception as error:
+            LOG.debug("%s: the end of the run is called for", who, exc_info=error)
             self.call(sentence(who, error), failed=True)
 
     def close(self) -> None:
@@ -77,6 +81,7 @@ class Ending:
         return thread
 
     def _note(self, reason: str, *, failed: bool) -> None:
+        LOG.log(logging.ERROR if failed else logging.INFO, "%s", reason)
         with self._lock:
             if self._closed:
                 return

@@ -40,7 +40,7 @@ class HilRun:
         assert self.outcome is not None, "the run did not end"
         self.world, self.counts = self.bench.world, self.outcome.counts
         with SessionReader(path) as s:
-            _, self.volts, self.newtons = s.forces()
+            self.volts, self.newtons = s.forces().volts, s.forces().forces
             self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}
             self.events = s.events()
         with h5py.File(path) as f:
@@ -69,7 +69,7 @@ class HilRun:
         """Indices of recorded images that are not, to the bit, the world at the sample that the
         file gives them.
         """
-        renderer, half = Renderer(self.world.settings), self.world.settings.exposure_samples // 2
+        renderer, half = Renderer(self.world.scenario), self.world.scenario.exposure_samples // 2
         looked_at = among or self.frames
         return [
             index

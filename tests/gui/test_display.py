@@ -48,7 +48,7 @@ def test_a_library_that_is_not_there_does_not_load() -> None:
     assert not display._loads("libthat_does_not_exist.so.0")
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="X11 is asked on Linux only")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="X11 is used on Linux only")
 def test_an_x_server_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     if not display._loads("libxcb.so.1"):
         pytest.skip("no X11 library on this system")

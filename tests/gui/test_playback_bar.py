@@ -1,4 +1,4 @@
-"""The bar under a replay: what it tells the source, and when it is there."""
+"""The bar under a replay: what it does to the replay, and when it is there."""
 
 import pytest
 from PySide6.QtCore import Qt
@@ -7,7 +7,7 @@ from scripted_run import ScriptedRun
 from app.gui.window import MainWindow
 
 
-class Hands:
+class Playback:
     def __init__(self):
         self.pace, self.is_paused, self.calls = 1.0, False, []
 
@@ -26,7 +26,7 @@ class Hands:
         self.pace = pace
 
 
-class Pages:
+class Browser:
     number = None
 
     def show(self, number):
@@ -34,13 +34,13 @@ class Pages:
 
 
 class ScriptedReplay(ScriptedRun):
-    """A run of which any frame can be looked at."""
+    """A run of which any frame can be shown."""
 
     can_browse = True
 
     def __init__(self):
         super().__init__(width=480, height=360)
-        self.playback, self.browser, self.frame_count = Hands(), Pages(), 330
+        self.playback, self.browser, self.frame_count = Playback(), Browser(), 330
 
     @property
     def is_browsing(self):
@@ -102,7 +102,7 @@ def test_keys_and_slider_move_through_the_frames(shown, qtbot):
     assert bar.slider.focusPolicy() == Qt.FocusPolicy.NoFocus  # the arrows belong to the frames
 
 
-def test_where_no_frame_can_be_looked_at_yet_the_slider_is_off(shown):
+def test_where_no_frame_can_be_browsed_yet_the_slider_is_off(shown):
     source = ScriptedReplay().at(200)
     source.can_browse = False
     bar = shown(source).playback
@@ -114,7 +114,7 @@ def test_where_no_frame_can_be_looked_at_yet_the_slider_is_off(shown):
     assert bar.slider.isEnabled()
 
 
-def test_the_window_shows_the_frame_that_is_looked_at(shown, qtbot):
+def test_the_window_shows_the_frame_that_is_browsed(shown, qtbot):
     source = ScriptedReplay().at(300)
     window = shown(source)
     source.start()

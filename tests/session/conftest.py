@@ -14,8 +14,8 @@ from session_material import CONTACT, OUTCOME, Session, record
 def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Session:
     """A finished session and what went into it, for all tests: to be copied, not to be changed."""
     writer, written = record(tmp_path_factory.mktemp("session") / "session.h5")
-    writer.write_contact(CONTACT)
-    writer.finish(OUTCOME)
+    writer.append(CONTACT)
+    writer.append(OUTCOME)
     writer.close()
     return written
 

@@ -1,0 +1,62 @@
+"""The log of the program: a file beside each session that is recorded, and the terminal on request.
+
+Every module that has something to log uses the logger of its own name. The log is for finding out
+afterwards why a run went as it did; what the operator must know is in the window and the session.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+PACKAGES = ("app", "drivers")
+FORMAT = "%(asctime)s %(levelname)-7s %(threadName)s %(name)s: %(message)s"
+
+
+class _SessionLog(logging.FileHandler):
+    """A log file that gives up once it can not be written: a full disk ends a run by its own name."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Write no more."""
+        del record
+        _detach(self)
+
+
+def to_terminal() -> None:
+    """Show the log on standard error from now on."""
+    _attach(logging.StreamHandler())
+
+
+@contextmanager
+def beside(session: Path) -> Iterator[None]:
+    """Everything that is logged meanwhile also goes to ``SESSION.h5.log`` beside the session.
+
+    Where that file can not be written the session can not be either, which is reported elsewhere.
+    """
+    try:
+        handler = _SessionLog(session.with_name(f"{session.name}.log"), encoding="utf-8")
+    except OSError:
+        yield
+        return
+    _attach(handler)
+    try:
+        yield
+    finally:
+        _detach(handler)
+        handler.close()
+
+
+def _attach(handler: logging.Handler) -> None:
+    handler.setFormatter(logging.Formatter(FORMAT))
+    for package in PACKAGES:
+        logger = logging.getLogger(package)
+        logger.setLevel(logging.DEBUG)
+        logger.propagate = False
+        logger.addHandler(handler)
+
+
+def _detach(handler: logging.Handler) -> None:
+    for package in PACKAGES:
+        logging.getLogger(package).removeHandler(handler)

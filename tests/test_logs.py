@@ -1,0 +1,71 @@
+"""The log: a file beside each recorded session, and the terminal with --verbose."""
+
+import json
+import logging
+import subprocess
+import sys
+
+from short_run import SHORT
+
+from app import config, live, logs
+
+QUICK = (*SHORT, "stress.method=none", "run.travel=4")
+
+
+def log_files():
+    """Files that the program logs to at this moment."""
+    handlers = logging.getLogger("app").handlers
+    return [handler for handler in handlers if isinstance(handler, logging.FileHandler)]
+
+
+def test_the_log_beside_a_session_tells_what_the_run_did(tmp_path):
+    session = tmp_path / "sample7.h5"
+    settings = config.load(None, [*QUICK, "sim.faults=['lost-trigger 9']"])
+    run = live.make_run(settings, session, pace=None)
+    run.start()
+    outcome = run.wait(100)
+    assert outcome.state == "done"
+    log = (tmp_path / "sample7.h5.log").read_text(encoding="utf-8")
+    for phase in ("background", "contact", "reference", "drive", "end"):
+        assert f"kind='phase', text='{phase}'" in log
+    assert "simulated forces: two sensors at 1000 Hz" in log
+    assert "index=9" in log  # the lost trigger
+    assert outcome.reason in log
+    assert "read back as they were written" in log
+    assert log.count("\n") < 60, "one line per thing that happened, none per frame"
+    assert not log_files(), "the file is let go of when the run has ended"
+
+
+def test_an_exception_that_ends_a_run_is_in_the_log_with_its_traceback(tmp_path):
+    session = tmp_path / "failed.h5"
+    run = live.make_run(config.load(None, list(QUICK)), session, pace=None)
+    run._experiment.advance = lambda now: 1 / 0
+    run.start()
+    assert run.wait(100).state == "failed"
+    log = (tmp_path / "failed.h5.log").read_text(encoding="utf-8")
+    assert "Traceback" in log
+    assert "ZeroDivisionError" in log
+
+
+def test_a_log_that_can_not_be_written_changes_nothing(tmp_path):
+    (tmp_path / "x.h5.log").mkdir()
+    with logs.beside(tmp_path / "x.h5"):
+        logging.getLogger("app.test").warning("nobody reads this")
+    assert not log_files()
+
+
+def test_verbose_shows_the_log_on_standard_error_and_nothing_else_changes(tmp_path):
+    overrides = [part for setting in QUICK for part in ("--set", setting)]
+    run = ["run", "--headless", "--pace", "max", "--json", "-o", "a.h5", *overrides]
+    done = subprocess.run(
+        [sys.executable, "-m", "app", "--verbose", *run],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["state"] == "done"
+    assert "INFO" in done.stderr
+    assert "kind='phase', text='drive'" in done.stderr
