@@ -331,7 +331,7 @@ def test_the_program_ends_cleanly_as_a_process(session, command):
             capture_output=True,
             text=True,
             check=False,
-            timeout=60,
+            timeout=400,
             cwd=session.parent,
             env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
         )

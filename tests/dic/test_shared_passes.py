@@ -147,7 +147,7 @@ print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tol
             capture_output=True,
             text=True,
             check=False,
-            timeout=100,
+            timeout=400,
         )
         assert done.returncode == 0, done.stderr
         return np.array(json.loads(done.stdout.splitlines()[-1]))

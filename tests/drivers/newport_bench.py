@@ -14,7 +14,7 @@ from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError
 from drivers.settings import ActuatorSettings
 
-PATIENT_S = 30.0
+PATIENT_S = 60.0
 
 
 class Told:

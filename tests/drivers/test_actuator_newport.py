@@ -238,7 +238,7 @@ def test_the_module_loads_no_vendor_library():
         "import sys, drivers.actuator_newport, drivers.emulators.newport; assert 'serial' not in"
         " sys.modules"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=400)
 
 
 # ------------------------------------------------------------------ limits

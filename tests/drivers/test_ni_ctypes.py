@@ -37,7 +37,7 @@ def stub(tmp_path_factory):
             Path(__file__).with_name("libnidaqmx_stub.c"),
         ],
         check=True,
-        timeout=60,
+        timeout=400,
     )
     return library
 

@@ -22,6 +22,7 @@ SMALL = (
     "run.normal_force=0.1",
     "run.travel=60",
     "dic.threads=1",
+    "stress.method=none",
 )
 TRAIN = TriggerTrain(0, 100)
 
@@ -144,7 +145,7 @@ def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("stored") / "first.h5"
     run = live.make_run(config.load(None, SMALL), path, pace=None)
     run.start()
-    return path, run.wait(100)
+    return path, run.wait(400)
 
 
 def again(path, recorded, *sources, sabotage=lambda run: None):
@@ -159,7 +160,7 @@ def again(path, recorded, *sources, sabotage=lambda run: None):
     run = live.make_run(config.load(None, overrides), path, pace=None)
     sabotage(run)
     run.start()
-    outcome = run.wait(100)
+    outcome = run.wait(400)
     assert outcome.counts.frames_skipped == 0
     return outcome
 

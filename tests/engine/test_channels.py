@@ -43,7 +43,7 @@ def test_waiting_sender_continues_when_there_is_room():
     sender = threading.Thread(target=lambda: [channel.put(n, 100) for n in range(1, 20)])
     sender.start()
     assert [channel.get(10) for _ in range(20)] == list(range(20))
-    sender.join(10)
+    sender.join(60)
     assert not sender.is_alive()
 
 
@@ -61,7 +61,7 @@ def test_broken_channel_releases_a_waiting_sender():
     sender = threading.Thread(target=send)
     sender.start()
     channel.break_off()
-    sender.join(10)
+    sender.join(60)
     assert caught == [True]
 
 
@@ -80,7 +80,7 @@ def test_latest_with_a_waiting_sender_skips_nothing():
     sender = threading.Thread(target=lambda: [channel.put(n) for n in range(50)])
     sender.start()
     assert [channel.get(10) for _ in range(50)] == list(range(50))
-    sender.join(10)
+    sender.join(60)
     assert channel.skipped == 0
 
 

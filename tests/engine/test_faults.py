@@ -17,9 +17,10 @@ SMALL = (
     "run.normal_force=0.1",
     "run.travel=60",
     "dic.threads=1",
+    "stress.method=none",
 )
 DRIVE = 4500  # a sample by which the drive has begun; it ends beyond 16,000
-TIMEOUT = 100
+TIMEOUT = 400
 
 
 class Ended:

@@ -34,7 +34,7 @@ FAULTS = (
     'sim.faults=["lost-trigger 40 2", "lost-trigger 61 9", "daq-overflow 5500 60"]',
     "forces.on_overflow=continue",
 )
-PATIENCE_S = 60.0
+PATIENCE_S = 400.0
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("recorded") / "a.h5"
     run = live.make_run(config.load(None, (*SMALL, *FAULTS)), path, pace=None)
     run.start()
-    assert run.wait(100).state == "done"
+    assert run.wait(400).state == "done"
     return path
 
 

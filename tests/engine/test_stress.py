@@ -25,10 +25,11 @@ SMALL = (
     "run.normal_force=0.1",
     "run.travel=60",
     "dic.threads=1",
+    "stress.method=none",
 )
 DIVISOR = 125
 PACE = 1e6  # not None: the bench does not wait for the disk, nor for the analysis
-TIMEOUT = 100
+TIMEOUT = 400
 
 
 class Stressed:

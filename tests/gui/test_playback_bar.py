@@ -123,12 +123,12 @@ def test_the_window_shows_the_frame_that_is_browsed(shown, qtbot):
             "frame 299" in window.interface.caption.text()
             or "frame 300" in window.interface.caption.text()
         ),
-        timeout=20000,
+        timeout=60_000,
     )
     window.playback.slider.setValue(150)
-    qtbot.waitUntil(lambda: "frame 150" in window.interface.caption.text(), timeout=20000)
+    qtbot.waitUntil(lambda: "frame 150" in window.interface.caption.text(), timeout=60_000)
     window.playback.slider.setValue(2)  # before the reference there is no field
     qtbot.waitUntil(
-        lambda: "frame" not in window.interface.caption.text() and not window._parts, timeout=20000
+        lambda: "frame" not in window.interface.caption.text() and not window._parts, timeout=60_000
     )
     assert window.curves.stress_curve.xData is None or not len(window.curves.stress_curve.xData)

@@ -5,6 +5,7 @@ layer's equations of equilibrium.
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -144,6 +145,7 @@ def test_a_layer_moves_as_its_equations_of_equilibrium_say(nu: float) -> None:
     G, H = 1.0, 1.0
     lam = 2 * G * nu / (1 - 2 * nu)
 
+    @cache
     def compliance(q):
         k = lam / (lam + 2 * G)
         step = np.array(

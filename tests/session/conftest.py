@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import shutil
+from copy import deepcopy
 from pathlib import Path
 
 import pytest
 from session_material import CONTACT, OUTCOME, Session, record
 
 
-@pytest.fixture
-def session(tmp_path: Path) -> Session:
-    """A finished session and what went into it."""
-    writer, written = record(tmp_path / "session.h5")
+@pytest.fixture(scope="session")
+def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A finished session and what went into it, for all tests: to be copied, not to be changed."""
+    writer, written = record(tmp_path_factory.mktemp("session") / "session.h5")
     writer.append(CONTACT)
     writer.append(OUTCOME)
     writer.close()
+    return written
+
+
+@pytest.fixture
+def session(recorded_once: Session, tmp_path: Path) -> Session:
+    """A finished session of one's own and what went into it."""
+    written = deepcopy(recorded_once)
+    written.path = Path(shutil.copy(recorded_once.path, tmp_path / "session.h5"))
     return written

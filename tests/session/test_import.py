@@ -38,7 +38,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
         config.load(None, (*SHORT, f'sim.faults=["lost-trigger {LOST}"]')), path, pace=None
     )
     run.start()
-    outcome = run.wait(100)
+    outcome = run.wait(400)
     assert outcome is not None
     assert (outcome.state, outcome.counts.frames_lost) == ("done", 1)
     return path
@@ -69,7 +69,7 @@ def few(original: Path) -> Path:
 def replayed(path: Path) -> tuple[int, int, str]:
     replay = Replay(path, pace=None)
     replay.start()
-    outcome = replay.wait(100)
+    outcome = replay.wait(400)
     assert outcome is not None
     assert outcome.state == "done", outcome.reason
     comparison = replay.comparison()

@@ -192,7 +192,7 @@ def test_the_example_of_the_documentation_runs(session: Written) -> None:
     env = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, str(ROOT / "docs/read_session.py"), str(session.path)]
     done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60, env=env
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=400, env=env
     )
     assert done.returncode == 0, done.stderr
     assert "1003 samples, 8 triggers, lost: [(3, 380, 'no image within 0.5 s')]" in done.stdout
