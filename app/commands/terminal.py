@@ -1,5 +1,5 @@
-"""What the program says on the terminal: tables and results on standard output, progress and errors
-on standard error.
+"""Output on the terminal: tables and results on standard output, progress and errors on standard
+error.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ class RowLike(Protocol):
 
 
 def output() -> Console:
-    """Standard output as it is now, never wrapped or coloured by what is in the text."""
+    """Standard output, without wrapping, and without markup in the text."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
 
 def say(sentence: str) -> None:
-    """One line for the person at the terminal, on standard error."""
+    """Print one line for the person at the terminal, on standard error."""
     Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(
         f"slipscope: {sentence}"
     )
 
 
 def print_json(data: Any) -> None:
-    """One JSON document on standard output."""
+    """Print one JSON document on standard output."""
     typer.echo(json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False))
 
 
 def print_rows(title: str, rows: Sequence[RowLike]) -> None:
-    """A three-column table without frame lines."""
+    """Print a table of three columns without frame lines."""
     console = Console(highlight=False, markup=False)
     console.print(title, style="bold", soft_wrap=True)
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
@@ -72,50 +72,42 @@ def print_rows(title: str, rows: Sequence[RowLike]) -> None:
 
 @contextmanager
 def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
-    """Every error as one sentence and an exit code: 2 what the user can mend in what was asked, 1 a
-    failure. Never a traceback.
+    """Turn every error into one sentence and an exit code: 2 for an argument, file or setting that
+    can not be used, 1 for a failure. There is never a traceback.
 
-    With `as_json` the sentence comes as ``{"error": ...}`` on standard output; with `debug` the
-    exception goes through.
+    With `as_json` the sentence is printed as ``{"error": ...}`` on standard output; with `debug` the
+    exception is raised as it is.
     """
     try:
         yield
-    except (UserError, ConfigError, DeviceNotFound) as error:
-        _end(str(error), BAD_INPUT, error, as_json, debug)
-    except (DeviceError, OSError) as error:
-        _end(str(error), FAILED, error, as_json, debug)
-    except KeyboardInterrupt as error:
-        _end(
-            "Ctrl-C: left before the end; what was flushed to a session is safe",
-            FAILED,
-            error,
-            as_json,
-            debug,
-        )
     except (typer.Exit, typer.Abort):
         raise
-    except Exception as error:
-        sentence = (
-            f"unexpected {type(error).__name__}: {error}; `slipscope --debug ...` shows where it"
-            " came from"
-        )
-        _end(sentence, FAILED, error, as_json, debug)
+    except (Exception, KeyboardInterrupt) as error:
+        if debug:
+            raise
+        sentence = " ".join(_sentence(error).split())
+        if as_json:
+            print_json({"error": sentence})
+        else:
+            say(sentence)
+        is_mendable = isinstance(error, UserError | ConfigError | DeviceNotFound)
+        raise typer.Exit(BAD_INPUT if is_mendable else FAILED) from None
 
 
-def _end(sentence: str, code: int, error: BaseException, as_json: bool, debug: bool) -> None:
-    if debug:
-        raise error
-    sentence = " ".join(sentence.split())
-    if as_json:
-        print_json({"error": sentence})
-    else:
-        say(sentence)
-    raise typer.Exit(code) from None
+def _sentence(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return "Ctrl-C: stopped before the end; what was flushed to a session is safe"
+    if isinstance(error, UserError | ConfigError | DeviceError | OSError):
+        return str(error)
+    return (
+        f"unexpected {type(error).__name__}: {error}; `slipscope --debug ...` shows where it came"
+        " from"
+    )
 
 
 class Bar:
-    """A progress bar on standard error, gone when it is done; a line per tenth where that is no
-    terminal; nothing where `quiet`.
+    """A progress bar on standard error that disappears at the end; without a terminal, a line for
+    every tenth; if `quiet`, nothing.
     """
 
     def __init__(self, description: str, *, quiet: bool) -> None:
@@ -142,7 +134,7 @@ class Bar:
         self._progress.stop()
 
     def show(self, description: str, share: float) -> None:
-        """Set the text and the share done, 0 to 1."""
+        """Set the text and the share that is done, 0 to 1."""
         self._progress.update(self._task, description=description, completed=share)
         if self._lines_left and share >= self._lines_left[0]:
             self._lines_left = [tenth for tenth in self._lines_left if tenth > share]
