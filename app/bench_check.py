@@ -1,5 +1,5 @@
-"""`slipscope check`: goes through a bench device by device, then takes a few seconds of data, and
-moves only what it was allowed to.
+"""`slipscope check`: tests a bench device by device, then takes a few seconds of data; moves only what
+it is allowed to.
 """
 
 from __future__ import annotations
@@ -8,16 +8,28 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.doctor import Finding
+from analysis.options import UNITS
+from app.doctor import Finding, problem
 from app.engine.pipeline import sensor_chain
 from app.settings import Config
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout
-from drivers.protocols import Actuator, Frame, LostFrame, SampleBlock, TriggerTrain
+from drivers.protocols import (
+    Actuator,
+    Camera,
+    ForceSource,
+    Frame,
+    LostFrame,
+    SampleBlock,
+    TriggerTrain,
+)
+
+Device = Actuator | Camera | ForceSource
 
 SECONDS = 2.0  # of data
 HOME_TIMEOUT_S = 120.0
@@ -25,54 +37,56 @@ READ_TIMEOUT_S = 3.0
 
 
 def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterator[Finding]:
-    """Findings one by one, as they come; a device that fails does not keep the others from being
-    looked at.
+    """Findings one by one, as they come; the others are checked even if one device fails.
 
     Parameters
     ----------
     home : bool
-        Whether the stage may look for its origin.
+        Whether the stage may search its origin.
     move_um : float
-        How far the stage may move, and back; 0: it may not.
+        How far the stage may move, and back; 0: not at all.
     """
+    devices: dict[str, Device] = {
+        "actuator": bench.actuator,
+        "camera": bench.camera,
+        "forces": bench.forces,
+    }
     opened = []
-    for label, device in (
-        ("actuator", bench.actuator),
-        ("camera", bench.camera),
-        ("forces", bench.forces),
-    ):
-        finding = _attempt(label, lambda device=device: _opened(device))  # type: ignore[misc]
+    for label, device in devices.items():
+        finding = _attempt(label, _open, device)
         yield finding
         if finding.is_fine:
             opened.append(label)
     try:
         if "actuator" in opened and home:
-            yield _attempt("home", lambda: _home(bench.actuator))
+            yield _attempt("home", _home, bench.actuator)
         if "actuator" in opened and move_um:
-            yield _attempt("move", lambda: _move(config, bench.actuator, move_um * 1e-6))
+            way_m = move_um * UNITS["um"]
+            yield _attempt("move", _move, bench.actuator, way_m, config.run.velocity)
         if {"camera", "forces"} <= set(opened):
             yield from _take_data(config, bench)
     finally:
-        for label, device in (
-            ("forces", bench.forces),
-            ("camera", bench.camera),
-            ("actuator", bench.actuator),
-        ):
-            closing = _attempt(label, lambda device=device: device.close() or "closed")  # type: ignore[misc]
+        for label, device in reversed(devices.items()):
+            closing = _attempt(label, _close, device)
             if not closing.is_fine:
                 yield closing
 
 
-def _attempt(label: str, step: Callable[[], str]) -> Finding:
+def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Finding:
     try:
-        return Finding(label, step())
+        return Finding(label, step(*arguments))
     except DeviceError as error:
-        return Finding(label, str(error), False, True)
+        return problem(label, str(error), needed=True)
 
 
-def _opened(device: object) -> str:
-    device.open()  # type: ignore[attr-defined]
-    return f"{device.name}: {device.describe()}"  # type: ignore[attr-defined]
+def _open(device: Device) -> str:
+    device.open()
+    return f"{device.name}: {device.describe()}"
+
+
+def _close(device: Device) -> str:
+    device.close()
+    return "closed"
 
 
 def _home(actuator: Actuator) -> str:
@@ -81,9 +95,8 @@ def _home(actuator: Actuator) -> str:
     return f"the origin was found, the stage is at {actuator.position_m() * 1e3:.4f} mm"
 
 
-def _move(config: Config, actuator: Actuator, way_m: float) -> str:
-    """There and back, at the velocity of the run, or slower than that only if the actuator is."""
-    velocity = config.run.velocity
+def _move(actuator: Actuator, way_m: float, velocity: float) -> str:
+    """Move the stage there and back, and compare the distances."""
     start = actuator.position_m()
     actuator.set_velocity(velocity)
     began = time.monotonic()
@@ -94,8 +107,8 @@ def _move(config: Config, actuator: Actuator, way_m: float) -> str:
     _wait_until_still(actuator, 3 * abs(way_m) / velocity + 5)
     left = actuator.position_m() - start
     return (
-        f"{way_m * 1e6:g} um asked, {reached * 1e6:.2f} um reached in {took:.1f} s,"
-        f" {left * 1e6:+.2f} um left after the way back"
+        f"{way_m * 1e6:g} um requested, {reached * 1e6:.2f} um reached in {took:.1f} s,"
+        f" {left * 1e6:+.2f} um off after the way back"
     )
 
 
@@ -116,7 +129,7 @@ def _wait_until_still(actuator: Actuator, timeout_s: float) -> None:
 
 @dataclass
 class _Data:
-    """What came in the seconds of data."""
+    """The data of these seconds."""
 
     volts: list[NDArray[np.float64]] = field(default_factory=list)
     lost_samples: int = 0
@@ -127,12 +140,11 @@ class _Data:
 
 
 def _take_data(config: Config, bench: Bench) -> Iterator[Finding]:
-    """A few seconds of samples and frames, and what they say of the wiring."""
+    """A few seconds of samples and frames, and what they show of the wiring."""
     train = TriggerTrain(0, config.camera.divisor)
     samples = max(round(SECONDS * config.forces.sample_rate), 3 * config.camera.divisor)
     data = _Data()
-    taken = _attempt("data", lambda: _acquire(bench, train, samples, data))
-    yield taken
+    yield _attempt("data", _acquire, bench, train, samples, data)
     if data.volts:
         yield from _forces(config, np.concatenate(data.volts))
     if data.image is not None:
@@ -166,7 +178,7 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
     problems = [f"{data.lost_samples} samples were lost"] if data.lost_samples else []
     if data.frames < due:
         problems.append(
-            data.lost[0] if data.lost else "the camera did not answer to triggers; check its line"
+            data.lost[0] if data.lost else "the camera did not answer triggers; check its line"
         )
     if problems:
         raise DeviceError(f"{account}: {'; '.join(problems)}")
@@ -174,7 +186,7 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
 
 
 def _collect(bench: Bench, data: _Data, timeout_s: float) -> bool:
-    """Take what the camera has; whether there was anything."""
+    """Take the answers that the camera has; whether there were any."""
     found = False
     while True:
         try:
@@ -200,27 +212,13 @@ def _forces(config: Config, volts: NDArray[np.float64]) -> Iterator[Finding]:
             f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force:+.4f} N, std"
             f" {unsteady:.2f} mN"
         )
+        advice = ""
         if used >= 0.98:
-            yield Finding(
-                label,
-                text,
-                False,
-                True,
-                f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
-                " forces.range",
-                symbol,
-            )
+            advice = f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
+            advice += " forces.range"
         elif np.ptp(reading) == 0:
-            yield Finding(
-                label,
-                text,
-                False,
-                True,
-                "it does not change by one step of the converter: is anything connected?",
-                symbol,
-            )
-        else:
-            yield Finding(label, text, symbol=symbol)
+            advice = "it does not change by one step of the converter: is anything connected?"
+        yield Finding(label, text, not advice, bool(advice), advice, symbol)
 
 
 def _picture(config: Config, image: NDArray[np.generic]) -> Finding:

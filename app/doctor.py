@@ -1,4 +1,4 @@
-"""What this computer has and lacks for SlipScope: packages, devices, display, disk, processor."""
+"""What SlipScope needs of this computer: packages, devices, display, disk, processor."""
 
 from __future__ import annotations
 
@@ -30,10 +30,17 @@ ROOM_FOR_A_RUN = 2 * 1000**3  # bytes; the default experiment takes 0.7 GB
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """One thing that was checked.
 
-    `needed` tells whether a run is impossible without it; `advice` how to get it, empty where all
-    is well.
+    Attributes
+    ----------
+    label, found : str
+    is_fine : bool
+    needed : bool
+        Whether a run is impossible without it.
+    advice : str
+        What to do if it is not fine.
+    symbol : str
     """
 
     label: str
@@ -49,16 +56,18 @@ class Finding:
         return f"{self.found}; {self.advice}" if self.advice else self.found
 
 
+def problem(label: str, found: str, advice: str = "", *, needed: bool = False) -> Finding:
+    """A finding that is not fine."""
+    return Finding(label, found, False, needed, advice)
+
+
 def packages() -> list[Finding]:
     """Every package that SlipScope is installed with, and its version."""
     try:
         requirements = metadata.requires(DISTRIBUTION) or []
     except metadata.PackageNotFoundError:
-        return [
-            Finding(
-                DISTRIBUTION, "not installed", False, True, "in its folder, run: pip install -e ."
-            )
-        ]
+        advice = "in its folder, run: pip install -e ."
+        return [problem(DISTRIBUTION, "not installed", advice, needed=True)]
     found = [Finding(DISTRIBUTION, metadata.version(DISTRIBUTION))]
     needed = {
         re.split(r"[^\w.-]", text, maxsplit=1)[0]: text
@@ -69,7 +78,7 @@ def packages() -> list[Finding]:
         try:
             found.append(Finding(name, metadata.version(name)))
         except metadata.PackageNotFoundError:
-            found.append(Finding(name, "missing", False, True, f'pip install "{requirement}"'))
+            found.append(problem(name, "missing", f'pip install "{requirement}"', needed=True))
     return found
 
 
@@ -83,49 +92,45 @@ def vendor_packages() -> list[Finding]:
             advice = (
                 f"in the folder of SlipScope: pip install '.[{extra}]', and the vendor's driver"
             )
-            findings.append(
-                Finding(name, f"not installed, needed only for {what}", False, False, advice)
-            )
+            findings.append(problem(name, f"not installed, needed only for {what}", advice))
     return findings
 
 
 def display() -> Finding:
-    """Whether a window can be opened, found out without Qt."""
+    """Whether a window can be opened, checked without Qt."""
     from app.gui.display import display_problem
 
-    problem = display_problem()
-    return (
-        Finding("display", "a window can be opened")
-        if problem is None
-        else Finding("display", problem, False)
-    )
+    reason = display_problem()
+    if reason is None:
+        return Finding("display", "a window can be opened")
+    return problem("display", reason)
 
 
 def devices() -> list[Finding]:
-    """The names that a settings file may give as `source`, by kind of device."""
+    """The possible values of `source` in the settings, by kind of device."""
     from drivers.bench import DRIVERS
 
     return [Finding(kind, ", ".join(names)) for kind, names in DRIVERS.items()]
 
 
 def found_by(module: str, *arguments: Any) -> list[Finding]:
-    """The devices that a driver finds on this computer, each with the name to write in the
-    settings; or why it can not look.
+    """The devices that a driver finds on this computer, each with the name to write in the settings;
+    or why it can not search.
     """
     from drivers.errors import DeviceError
 
     try:
         found = import_module(module).find(*arguments)
     except DeviceError as error:
-        return [Finding("none", str(error), False)]
+        return [problem("none", str(error))]
     return [Finding(device.device, device.description) for device in found] or [
         Finding("none", "no device was found")
     ]
 
 
 def connected() -> list[Finding]:
-    """What is connected to this computer; nothing is opened for longer than it takes to read a
-    name, nothing moves.
+    """The devices that are connected to this computer; nothing is opened for longer than it takes to
+    read a name, and nothing moves.
     """
     return [
         Finding(kind, f"{f.label}: {f.value}", f.is_fine)
@@ -135,70 +140,53 @@ def connected() -> list[Finding]:
 
 
 def computer() -> list[Finding]:
-    """Processor, memory, and room on the disk of the current folder."""
+    """Processor, memory, and disk."""
     import psutil
 
     cores = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
-    findings = [
-        Finding("cores", f"{cores}")
-        if cores >= 2
-        else Finding("cores", "1", False, False, "a run at pace 1 wants two")
+    enough = Finding("cores", f"{cores}")
+    memory = Finding("memory", f"{psutil.virtual_memory().total / 2**30:.1f} GiB")
+    return [
+        enough if cores >= 2 else problem("cores", "1", "a run at pace 1 needs two"),
+        memory,
+        disk(),
     ]
-    findings.append(Finding("memory", f"{psutil.virtual_memory().total / 2**30:.1f} GiB"))
+
+
+def disk() -> Finding:
+    """Room on the disk of the current folder."""
     try:
         free = shutil.disk_usage(Path.cwd()).free
     except OSError as error:
-        return [
-            *findings,
-            Finding(
-                "disk",
-                f"not readable: {error.strerror}",
-                False,
-                True,
-                "change to a folder that exists",
-            ),
-        ]
-    room = free >= ROOM_FOR_A_RUN
+        found, advice = f"not readable: {error.strerror}", "change to a folder that exists"
+        return problem("disk", found, advice, needed=True)
     found = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
-    return [
-        *findings,
-        Finding(
-            "disk", found, room, False, "" if room else "the default experiment takes about 0.7 GB"
-        ),
-    ]
+    if free >= ROOM_FOR_A_RUN:
+        return Finding("disk", found)
+    return problem("disk", found, "the default experiment takes about 0.7 GB")
 
 
 def kernel_cache() -> Finding:
-    """Where compiled code is kept between starts, and whether it can be."""
+    """Where compiled code is kept between starts, and whether it can be kept there."""
     import analysis
 
     override = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(override) if override else Path(analysis.__file__).parent
     compiled = sum(1 for _ in folder.rglob("*.nbi"))
     if not os.access(folder, os.W_OK):
-        return Finding(
-            "compiled code",
-            f"{folder} can not be written",
-            False,
-            False,
-            "set NUMBA_CACHE_DIR to a folder that can",
-        )
-    return Finding(
-        "compiled code",
-        f"{compiled} functions kept in {folder}"
-        if compiled
-        else f"none yet in {folder}; the first start compiles",
-    )
+        advice = "set NUMBA_CACHE_DIR to a folder that can"
+        return problem("compiled code", f"{folder} can not be written", advice)
+    if not compiled:
+        return Finding("compiled code", f"none yet in {folder}; the first start compiles")
+    return Finding("compiled code", f"{compiled} functions kept in {folder}")
 
 
 def examine() -> dict[str, list[Finding]]:
     """All findings, by heading."""
-    python = Finding(
-        "python",
-        f"{platform.python_version()} ({platform.python_implementation()}, {platform.machine()})",
-    )
+    build = f"({platform.python_implementation()}, {platform.machine()})"
+    python = Finding("python", f"{platform.python_version()} {build}")
     return {
         "program": [python, Finding("platform", platform.platform()), *packages()],
         "sources of devices": devices(),
@@ -209,7 +197,7 @@ def examine() -> dict[str, list[Finding]]:
 
 
 def as_data(finding: Finding) -> dict[str, Any]:
-    """A finding for machines."""
+    """A finding as plain data, for JSON."""
     return {
         "name": finding.label,
         "found": finding.found,

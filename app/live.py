@@ -1,4 +1,4 @@
-"""A live run from settings: the one place where engine, bench and session file are put together."""
+"""A live run from settings: the place where engine, bench and session file are connected."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def expected_bytes(config: Config) -> int:
 
 
 def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
-    """Refuse, before anything moves, a session that can not be written.
+    """Refuse a session that can not be written, before anything moves.
 
     Raises
     ------
@@ -100,15 +100,14 @@ def make_run(
     Parameters
     ----------
     pace : float or None
-        Simulated seconds per second; None: as fast as the machine. A bench with a real device runs
-        at 1.
+        Simulated seconds per second; None: as fast as possible. A bench with a real device runs at 1.
     bench : Bench, optional
-        The bench to use, made with `make_bench` from the same settings and pace.
+        The bench to use, made by `make_bench` from the same settings and pace.
 
     Raises
     ------
     UserError
-        The session can not be written, or a device of that name is not known.
+        The session can not be written, or the bench does not run at that pace.
     """
     check_output(config, output, overwrite=overwrite)
     bench = bench or make_bench(config, pace)

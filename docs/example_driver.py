@@ -1,4 +1,4 @@
-"""A whole driver, as an example: a stepper on a microcontroller that understands lines of text
+"""A complete driver as an example: a stepper on a microcontroller that understands lines of text
 (tests/drivers/test_example_driver.py).
 
 Its protocol: ``M <um> <um/s>`` moves to a position, ``P`` answers the position in um, ``B`` answers
@@ -11,7 +11,8 @@ import threading
 from typing import Any
 
 from drivers.clock import SampleClock
-from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
+from drivers.motion import check_target, check_velocity
 from drivers.settings import ActuatorSettings
 
 
@@ -31,51 +32,36 @@ class TextStage:
 
     def open(self) -> None:
         """Claim the port; nothing moves."""
-        import serial  # here, and nowhere else: the program runs where it is not installed
+        import serial  # here and nowhere else: the program also runs where it is not installed
 
+        waits = {"timeout": 0.5, "write_timeout": 0.5}
         try:
-            self._line = serial.serial_for_url(
-                self._port, baudrate=self._baud, timeout=0.5, write_timeout=0.5
-            )
+            self._line = serial.serial_for_url(self._port, baudrate=self._baud, **waits)
         except (OSError, ValueError) as error:
-            raise DeviceNotFound(
-                f"{self.name}: port '{self._port}' was asked, it can not be opened ({error}); check"
-                " actuator.port"
-            ) from error
+            what = f"port '{self._port}' can not be opened ({error})"
+            raise DeviceNotFound(f"{self.name}: {what}; check actuator.port") from error
 
     def describe(self) -> str:
-        """Where it is."""
+        """Its position."""
         return f"at {self.position_m() * 1e6:.1f} um"
 
     def home(self) -> None:
-        """This stage has no origin to find."""
-        raise DeviceFault(
-            f"{self.name}: it was asked to find its origin, it has no switch for it; move it by"
-            " hand"
-        )
+        """This stage has no origin."""
+        raise DeviceFault(f"{self.name}: it has no origin to search; move it by hand")
 
     def set_velocity(self, velocity_m_s: float) -> None:
-        """Speed of the moves to come."""
-        if not 0 < velocity_m_s <= self.velocity_limit_m_s:  # refuses NaN too
-            raise OutOfLimits(
-                f"{self.name}: {velocity_m_s * 1e6:g} um/s was asked; stay at or below"
-                f" {self.velocity_limit_m_s * 1e6:g} um/s"
-            )
+        """Set the speed of later moves."""
+        check_velocity(self.name, velocity_m_s, self.velocity_limit_m_s)
         self._send("")
         self._velocity = velocity_m_s
 
     def move_to(self, position_m: float) -> None:
         """Start a bounded move."""
-        low, high = self.travel_limits_m
-        if not low <= position_m <= high:
-            raise OutOfLimits(
-                f"{self.name}: {position_m * 1e3:g} mm was asked; stay between {low * 1e3:g} and"
-                f" {high * 1e3:g} mm"
-            )
+        check_target(self.name, position_m, self.travel_limits_m)
         self._send(f"M {position_m * 1e6:.3f} {self._velocity * 1e6:.3f}")
 
     def position_m(self) -> float:
-        """Where it is now."""
+        """Present position."""
         return float(self._ask("P")) * 1e-6
 
     def is_moving(self) -> bool:
@@ -98,22 +84,15 @@ class TextStage:
             self._send(command)
             answer = self._line.readline().decode("ascii", "replace").strip()
         if not answer:
-            raise DeviceTimeout(
-                f"{self.name}: '{command}' was asked, no answer came within 0.5 s; check its cable"
-                " and power"
-            )
+            what = f"no answer to '{command}' came within 0.5 s"
+            raise DeviceTimeout(f"{self.name}: {what}; check its cable and power")
         return str(answer)
 
     def _send(self, command: str) -> None:
         with self._lock:
             if self._line is None:
-                raise DeviceFault(
-                    f"{self.name}: '{command}' was asked, it is not open; open it first"
-                )
+                raise DeviceFault(f"{self.name}: it is not open; open it first")
             try:
                 self._line.write(f"{command}\n".encode() if command else b"")
             except OSError as error:
-                raise DeviceFault(
-                    f"{self.name}: '{command}' was asked, the line is dead ({error}); check its"
-                    " cable"
-                ) from error
+                raise DeviceFault(f"{self.name}: its line is dead ({error}); check it") from error

@@ -1,7 +1,8 @@
-"""A stage on a Newport SMC100CC or CONEX-CC controller. Metres outside, millimetres on the line.
+"""A stage on a Newport SMC100CC or CONEX-CC controller. The driver counts in metres, the controller in
+millimetres.
 
-What happened to the stage a controller keeps until ``TS`` asks for its state; ``TE`` asks what was
-wrong with the last command.
+A controller keeps errors of the stage until the query ``TS`` reads its state, and the error of the
+last command until ``TE`` reads that.
 
 References
 ----------
@@ -19,12 +20,13 @@ from typing import ClassVar
 
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
+from drivers.motion import check_target, check_velocity
 from drivers.newport_line import NewportLine, find
 from drivers.settings import ActuatorSettings
 
 __all__ = ["ConexCc", "Smc100", "find"]
 
-STOPS_WITHIN_S = 2.0  # the fastest moves need half of that to slow down
+STOPS_WITHIN_S = 2.0  # the fastest moves need half of that to decelerate
 _NUMBER = r"([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)"
 
 HOME_FIRST = "home it with the block free to travel: `slipscope check BENCH.toml --home`"
@@ -66,7 +68,8 @@ _CONEX_STATES = _STATES | {
 _REMEDIES = {
     "NOT REFERENCED": HOME_FIRST,
     "CONFIGURATION": "leave it with Newport's program",
-    "DISABLE": "its motor is off: find out why, then `slipscope check BENCH.toml --home` switches it on and goes to the origin",
+    "DISABLE": "its motor is off: find out why, then switch it on and go to the origin with"
+    " `slipscope check BENCH.toml --home`",
     "JOGGING": "let go of its keypad",
     "TRACKING": "end the tracking with Newport's program",
     "READY T": "end the tracking with Newport's program",
@@ -113,7 +116,7 @@ class NewportStage:
 
     name: ClassVar[str]
     _baud: ClassVar[int]
-    _signature: ClassVar[str]  # in what it says of itself
+    _signature: ClassVar[str]  # a part of its version
     _states: ClassVar[dict[str, str]]
 
     def __init__(self, settings: ActuatorSettings, clock: SampleClock) -> None:
@@ -131,29 +134,25 @@ class NewportStage:
     # ------------------------------------------------------------------ open and closed
 
     def open(self) -> None:
-        """Claim the port and read what is there: model, stage, state, limits. Nothing moves.
+        """Claim the port and read model, stage, state and limits. Nothing moves.
 
         Raises
         ------
         DeviceNotFound
-            There is no such port, or something else is behind it.
+            There is no such port, or another device is connected to it.
         DeviceFault, DeviceTimeout
             Another program has the port, or nothing answers.
         """
         if self._line is not None:
             return
         s = self._settings
-        self._fault, self._is_under_way, self._is_prepared, self._stop_sent_at = (
-            "",
-            False,
-            False,
-            None,
-        )
+        self._fault, self._stop_sent_at = "", None
+        self._is_under_way = self._is_prepared = False
         self._line = line = NewportLine(self.name, s.port, s.address, s.baud or self._baud)
         try:
             self._version = self._identified(line)
             self._stage = line.ask("ID?", "(.*)")
-            # a move of an earlier program
+            # an earlier program may have left it moving
             self._is_under_way = self._look()[1].startswith(_IN_MOTION)
             self._prepare(line)
         except BaseException:
@@ -169,31 +168,27 @@ class NewportStage:
                 raise
             version = line.heard
         if self._signature not in version:
-            other = next(
-                (kind.name for kind in (Smc100, ConexCc) if kind._signature in version), ""
-            )
-            remedy = (
-                f"take the driver of the {other}"
-                if other
-                else "only SMC100CC and CONEX-CC are known (an ESP30x is not): check port and baud"
-            )
+            remedy = "only SMC100CC and CONEX-CC are known (an ESP30x is not): check port and baud"
+            for other in (Smc100, ConexCc):
+                if other._signature in version:
+                    remedy = f"use the driver of the {other.name}"
             raise DeviceNotFound(
-                f"{self.name}: {self._settings.port} was asked who it is, the answer was"
+                f"{self.name}: the device on {self._settings.port} says that it is"
                 f" {version.strip()!r}; {remedy}"
             )
         return version.strip()
 
     def _prepare(self, line: NewportLine) -> None:
-        """Give the controller the limits of the settings as soon as it takes them, and learn its
+        """Give the controller the limits of the settings as soon as it accepts them, and read its
         own.
         """
         s = self._settings
         low, high = s.travel
         if self._look()[1].startswith("READY from"):
-            # of these signs only; `move_to` keeps to the rest
+            # the controller takes limits of these signs only; `move_to` checks the others
             for command, limit in (("SL", min(low, 0.0)), ("SR", max(high, 0.0))):
                 letter = line.tell(command + _mm(limit)) if math.isfinite(limit) else "@"
-                # C, G, N: its own limit is narrower
+                # C, G, N: the limit of the controller itself is narrower
                 self._check("@" if letter in "CGN" else letter, f"the soft limit {command}")
             if float(line.ask("VA?", _NUMBER)) > s.max_velocity * 1e3:
                 self._check(line.tell("VA" + _mm(s.max_velocity)), "its velocity limit")
@@ -204,14 +199,14 @@ class NewportStage:
         )
         if not low < high:
             raise OutOfLimits(
-                f"{self.name}: its soft limits leave nothing of the travel in the settings; change"
-                " one of them"
+                f"{self.name}: its soft limits and the travel in the settings have nothing in"
+                " common; change one of them"
             )
         self.travel_limits_m = low, high
 
     def describe(self) -> str:
         """Firmware, stage, state in words, position and travel."""
-        line, (bits, state) = self._ready("what it is"), self._look()
+        line, (bits, state) = self._ready(), self._look()
         low, high = self.travel_limits_m
         return (
             f"{self._version}, stage {self._stage}, {'; '.join([state, *_in_words(bits)])},"
@@ -234,95 +229,86 @@ class NewportStage:
     # ------------------------------------------------------------------ motion
 
     def home(self) -> None:
-        """Let the controller search its origin; where it knows it, go there.
+        """Let the controller search its origin, or go there if it knows it already.
 
         A motor that is off is switched on first.
         """
-        line = self._ready("to find its origin")
+        line = self._ready()
         with self._commanding:
             stops, state = line.stops, self._look()[1]
             if state.startswith("DISABLE"):
-                self._check(line.tell("MM1"), "to switch its motor on")
+                self._check(line.tell("MM1"), "switching its motor on")
                 state = self._look()[1]
             if state.startswith("READY"):
                 self.move_to(0.0)
             else:
-                self._begin("OR", "EL", "to find its origin", stops)
+                self._begin("OR", "EL", "a search of the origin", stops)
 
     def set_velocity(self, velocity_m_s: float) -> None:
-        """Speed of the moves to come."""
-        line = self._ready("for a velocity")
-        asked = f"a velocity of {velocity_m_s * 1e6:.6g} um/s"
-        if not 0 < velocity_m_s <= self.velocity_limit_m_s:
-            raise OutOfLimits(
-                f"{self.name}: {asked} was asked; use one above 0 and up to"
-                f" {self.velocity_limit_m_s * 1e6:g} um/s, as in the settings"
-            )
+        """Set the speed of later moves."""
+        line = self._ready()
+        check_velocity(self.name, velocity_m_s, self.velocity_limit_m_s)
         with self._commanding:
-            self._check(line.tell("VA" + _mm(velocity_m_s)), asked)
+            wish = f"a velocity of {velocity_m_s * 1e6:.6g} um/s"
+            self._check(line.tell("VA" + _mm(velocity_m_s)), wish)
 
     def move_to(self, position_m: float) -> None:
         """Start a move that ends by itself.
 
-        One that a stop overtakes on its way to the controller is not sent.
+        A move that a stop overtakes on the way to the controller is not sent.
         """
-        line = self._ready("to move")
+        line = self._ready()
         stops = line.stops
-        asked = f"a move to {position_m * 1e3:.6g} mm"
         with self._commanding:
             if not self._is_prepared:
                 self._prepare(line)
-            low, high = self.travel_limits_m
-            if not low <= position_m <= high:  # refuses NaN too
-                raise OutOfLimits(
-                    f"{self.name}: {asked} was asked; its travel is {low * 1e3:g} to {high * 1e3:g}"
-                    " mm"
-                )
-            self._begin("PA" + _mm(position_m), "M", asked, stops)
+            check_target(self.name, position_m, self.travel_limits_m)
+            wish = f"a move to {position_m * 1e3:.6g} mm"
+            self._begin("PA" + _mm(position_m), "M", wish, stops)
 
-    def _begin(self, command: str, done: str, asked: str, stops: int) -> None:
-        line = self._ready(asked)
+    def _begin(self, command: str, done: str, wish: str, stops: int) -> None:
+        line = self._ready()
         before = self._fault, self._stop_sent_at, self._is_under_way
         self._fault, self._stop_sent_at, self._is_under_way = "", None, True
         try:
             letter = line.tell(command, done=done, unless_stopped_since=stops)
         except DeviceError:
             with contextlib.suppress(DeviceError):
-                line.stop()  # nobody knows whether it moves
+                line.stop()  # it may be moving
             raise
         if letter != "@":
             self._fault, self._stop_sent_at, self._is_under_way = before
-        self._check(letter, asked)
+        self._check(letter, wish)
 
     def position_m(self) -> float:
-        """Where the encoder says that the stage is.
+        """Position by the encoder.
 
-        Raises `DeviceFault` after a move that failed, until the next.
+        Raises `DeviceFault` after a move that failed, until the next one.
         """
-        position = float(self._ready("for its position").ask("TP", _NUMBER)) * 1e-3
+        position = float(self._ready().ask("TP", _NUMBER)) * 1e-3
         self._raise_fault()
         return position
 
     def is_moving(self) -> bool:
-        """Whether it moves or searches its origin.
+        """Whether the stage moves or searches its origin.
 
-        Raises `DeviceFault` after a move that failed, until the next.
+        Raises `DeviceFault` after a move that failed, until the next one.
         """
         _, state = self._look()
         self._raise_fault()
         return state.startswith(_IN_MOTION)
 
     def stop(self) -> None:
-        """Send the command to stop at once, past whatever else waits for the line, and ask once
-        what became of it.
+        """Send the command to stop at once, before whatever else waits for the line, and read the
+        state once.
 
-        A stage that still moves two seconds later is a fault that `is_moving` and `position_m`
-        raise.
+        If the stage still moves two seconds later, `is_moving` and `position_m` raise a fault.
 
         Raises
         ------
         DeviceFault, DeviceTimeout
-            The line is dead or the controller mute: it may still be moving, to the end of its move.
+            The line is dead or the controller does not answer: the stage may still be moving, until
+            its move ends.
         """
         line = self._line
         if line is None:
@@ -332,16 +318,16 @@ class NewportStage:
             line.stop()
             self._look(urgent=True)
         except DeviceError:
-            self._is_under_way = False  # told once; `close` need not tell it again
+            self._is_under_way = False  # reported once; `close` need not report it again
             raise
 
-    # ------------------------------------------------------------------ what the controller says
+    # ------------------------------------------------------------------ answers of the controller
 
     def _look(self, *, urgent: bool = False) -> tuple[int, str]:
-        """Error bits, which this clears in the controller, and state in words; what they mean for a
-        move under way is kept.
+        """Error bits, which this clears in the controller, and the state in words; notes what they
+        mean for a move under way.
         """
-        line = self._ready("for its state")
+        line = self._ready()
         word = line.ask("TS", "([0-9A-Fa-f]{6})", urgent=urgent)
         bits, state = (
             int(word[:4], 16),
@@ -350,7 +336,7 @@ class NewportStage:
             ),
         )
         if state.startswith("HOMING"):
-            bits &= ~_END_SWITCHES  # it may search its origin at one of them
+            bits &= ~_END_SWITCHES  # the origin may be at one of them
         moves, stopped_at = state.startswith(_IN_MOTION), self._stop_sent_at
         if self._is_under_way and (bits or not (moves or stopped_at or state.startswith("READY"))):
             remedy = next(
@@ -370,26 +356,26 @@ class NewportStage:
                     f"{self.name}: it was told to stop {STOPS_WITHIN_S:g} s ago and is still"
                     f" {state}; switch its motor off"
                 )
-            line.stop()  # again: it slows down, or has missed it
+            line.stop()  # again: it decelerates, or has missed the command
         return bits, state
 
-    def _ready(self, asked: str) -> NewportLine:
+    def _ready(self) -> NewportLine:
         if self._line is None:
-            raise DeviceFault(f"{self.name}: asked {asked} before it was ready; open it first")
+            raise DeviceFault(f"{self.name}: it is not ready; open it first")
         return self._line
 
     def _raise_fault(self) -> None:
         if self._fault:
             raise DeviceFault(self._fault)
 
-    def _check(self, letter: str, asked: str) -> None:
+    def _check(self, letter: str, wish: str) -> None:
         if letter == "@":
             return
         reason = _REFUSALS.get(letter, f"its manual does not name the error {letter}")
         if letter == "V" or letter not in _REFUSALS:
-            reason += f" ({self._ready(asked).ask('TB' + letter, '(.*)').strip()})"
+            reason += f" ({self._ready().ask('TB' + letter, '(.*)').strip()})"
         kind = OutOfLimits if letter in "CG" else DeviceFault
-        raise kind(f"{self.name}: {asked} was asked, the controller refused: {reason}")
+        raise kind(f"{self.name}: {wish} was requested, the controller refused: {reason}")
 
 
 class Smc100(NewportStage):

@@ -29,8 +29,8 @@ _POLL_MS = 10
 
 
 def find(producer: str = "") -> list[Found]:
-    """The cameras that a GenTL producer sees, or all that are registered on this computer; opens
-    none.
+    """The cameras that a GenTL producer sees, or those of all producers that are registered on this
+    computer; none is opened.
 
     Raises
     ------
@@ -55,47 +55,22 @@ class GenTLCamera(GenICamCamera):
         self._acquirer: Any = None
         self._genapi: Any = None
         self._transport = ""
-        # harvesters' stop must not come while it looks for an image
+        # harvesters must not be stopped while it fetches an image
         self._receiving = threading.Lock()
 
     def _claim(self) -> Found:
         self._harvester = _harvester(self._settings.producer)
         self._genapi = library("genicam.genapi")
         self._errors = (self._genapi.GenericException, library("genicam.gentl").GenericException)
-        number, info = self._choose(self._harvester.device_info_list)
+        infos = self._harvester.device_info_list
+        number = self._choice([(_names(info), _found(info)) for info in infos])
         with _interrupt_kept():
             self._acquirer = self._harvester.create(number)
         self._acquirer.timeout_period_on_client_fetch_call = 1.0
-        # else harvesters looks a thousand times a second
+        # by default harvesters polls a thousand times a second
         self._acquirer.timeout_period_on_update_event_data_call = _POLL_MS
-        self._transport = _text(info, "tl_type")
-        return _found(info)
-
-    def _choose(self, infos: Any) -> tuple[int, Any]:
-        wanted, names = (
-            self._settings.device,
-            ("serial_number", "user_defined_name", "display_name", "id_"),
-        )
-        named = [
-            (n, info)
-            for n, info in enumerate(infos)
-            if not wanted or wanted in {_text(info, name) for name in names}
-        ]
-        if len(named) == 1:
-            return named[0]
-        there = (
-            ", ".join(f"{found.device} ({found.description})" for found in map(_found, infos))
-            or "none"
-        )
-        if named:
-            raise DeviceNotFound(
-                f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial"
-                " number of one"
-            )
-        raise DeviceNotFound(
-            f"{self.name}: it was asked, found: {there}; check its cable and power, camera.device"
-            " and camera.producer"
-        )
+        self._transport = _text(infos[number], "tl_type")
+        return _found(infos[number])
 
     def _release(self) -> None:
         acquirer, self._acquirer = self._acquirer, None
@@ -118,7 +93,7 @@ class GenTLCamera(GenICamCamera):
 
     def _receive(self, wait_s: float) -> Delivered | None:
         with self._receiving:
-            # incomplete ones it drops
+            # this drops incomplete images
             buffer = self._acquirer.try_fetch(timeout=max(wait_s, 1e-3)) if self._waits else None
             if buffer is None:
                 return None
@@ -139,11 +114,9 @@ class GenTLCamera(GenICamCamera):
             buffer.payload.components[0] if buffer.payload and buffer.payload.components else None
         )
         if component is None or component.data.size != self.shape[0] * self.shape[1]:
-            what = (
-                "no image in it"
-                if component is None
-                else f"{component.data.size} pixels in it, not {self.shape[1]} x {self.shape[0]}"
-            )
+            what = "no image"
+            if component is not None:
+                what = f"{component.data.size} pixels, not {self.shape[1]} x {self.shape[0]}"
             return Delivered(frame_id, stamp, None, f"a buffer came with {what}")
         image = np.array(component.data, self.dtype).reshape(self.shape)
         image.setflags(write=False)
@@ -175,7 +148,7 @@ class GenTLCamera(GenICamCamera):
 
 
 def _harvester(producer: str) -> Any:
-    """The producer loaded, or all those that are registered, and their cameras listed."""
+    """Harvesters with the producer, or with all that are registered, and a list of their cameras."""
     try:
         harvester = library("harvesters.core").Harvester()
     except ImportError as error:
@@ -183,24 +156,18 @@ def _harvester(producer: str) -> Any:
             f"GenTL camera: its package can not be loaded ({error}); in the folder of SlipScope:"
             " pip install '.[gentl]'"
         ) from error
-    registered = (
-        Path(folder)
-        for folder in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep)
-        if folder
-    )
-    for path in (
-        [producer]
-        if producer
-        else [str(file) for folder in registered for file in sorted(folder.glob("*.cti"))]
-    ):
+    paths = [producer]
+    if not producer:
+        folders = filter(None, os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep))
+        paths = [str(file) for folder in folders for file in sorted(Path(folder).glob("*.cti"))]
+    for path in paths:
         try:
-            ctypes.CDLL(path)  # harvesters skips what it can not load
+            ctypes.CDLL(path)  # harvesters silently skips what it can not load
         except OSError as error:
             harvester.reset()
             raise DeviceNotFound(
-                f"GenTL camera: producer '{path}' can not be loaded ({error}); install the camera"
-                " maker's GenTL producer,"
-                " and set camera.producer to its .cti file"
+                f"GenTL camera: producer '{path}' can not be loaded ({error}); install the GenTL"
+                " producer of the camera's vendor, and set camera.producer to its .cti file"
             ) from error
         harvester.add_file(path)
     harvester.update()
@@ -209,7 +176,7 @@ def _harvester(producer: str) -> Any:
 
 @contextmanager
 def _interrupt_kept() -> Iterator[None]:
-    """The interrupt key, which harvesters takes for itself in the main thread, is given back."""
+    """Give the handler of Ctrl-C, which harvesters replaces in the main thread, back its place."""
     handler = signal.getsignal(signal.SIGINT)
     try:
         yield
@@ -219,10 +186,15 @@ def _interrupt_kept() -> Iterator[None]:
 
 
 def _text(info: Any, name: str) -> str:
-    """A property of a camera that its producer may not know."""
+    """A property of a camera; empty if its producer does not know it."""
     with suppress(library("genicam.gentl").GenericException):
         return str(getattr(info, name))
     return ""
+
+
+def _names(info: Any) -> set[str]:
+    names = ("serial_number", "user_defined_name", "display_name", "id_")
+    return {_text(info, name) for name in names}
 
 
 def _found(info: Any) -> Found:

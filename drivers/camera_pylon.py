@@ -1,5 +1,5 @@
-"""A Basler camera through pylon: fired on a line by the DAQ board, images one by one and none
-replaced by a newer one.
+"""A Basler camera through pylon, triggered on a line by the DAQ board; no image is replaced by a newer
+one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _NO_ID = 2**64 - 1
 
 
 def find() -> list[Found]:
-    """All cameras that pylon sees: serial number, model and how they are connected; opens none.
+    """All cameras that pylon sees: serial number, model and kind of connection; none is opened.
 
     Raises
     ------
@@ -49,33 +49,11 @@ class PylonCamera(GenICamCamera):
         self._pylon, self._genicam = _library(), library("pypylon.genicam")
         self._errors = (self._genicam.GenericException,)
         factory = self._pylon.TlFactory.GetInstance()
-        info = self._choose(factory.EnumerateDevices())
+        infos = factory.EnumerateDevices()
+        info = infos[self._choice([(_names(info), _found(info)) for info in infos])]
         self.device = self._pylon.InstantCamera(factory.CreateDevice(info))
         self.device.Open()
         return _found(info)
-
-    def _choose(self, infos: Any) -> Any:
-        wanted = self._settings.device
-        named = [
-            d
-            for d in infos
-            if wanted in ("", d.GetSerialNumber(), d.GetUserDefinedName(), d.GetFriendlyName())
-        ]
-        if len(named) == 1:
-            return named[0]
-        there = (
-            ", ".join(f"{found.device} ({found.description})" for found in map(_found, infos))
-            or "none"
-        )
-        if named:
-            raise DeviceNotFound(
-                f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial"
-                " number of one"
-            )
-        raise DeviceNotFound(
-            f"{self.name}: it was asked, found: {there}; check its cable and power, or"
-            " camera.device"
-        )
 
     def _release(self) -> None:
         device, self.device = self.device, None
@@ -93,7 +71,7 @@ class PylonCamera(GenICamCamera):
         return _FIRST_ID.get(self.device.GetDeviceInfo().GetDeviceClass())
 
     def _receive(self, wait_s: float) -> Delivered | None:
-        # RetrieveResult is not let wait: its first time-out after a start may never come (pylon
+        # RetrieveResult must not wait itself: after a start, its first wait may never end (pylon
         # 12.4)
         if self.device.GetGrabResultWaitObject().Wait(round(wait_s * 1e3)):
             result = self.device.RetrieveResult(0, self._pylon.TimeoutHandling_Return)
@@ -101,8 +79,7 @@ class PylonCamera(GenICamCamera):
                 return self._delivered(result)
         if self.device.IsCameraDeviceRemoved():
             raise DeviceFault(
-                f"{self.name}: a frame was asked, the camera is gone; check its cable and power,"
-                " then start a new run"
+                f"{self.name}: the camera is gone; check its cable and power, then start a new run"
             )
         return None
 
@@ -115,7 +92,7 @@ class PylonCamera(GenICamCamera):
                 None,
                 f"grab failed: {result.ErrorDescription} (0x{result.ErrorCode:08x})",
             )
-        image = result.Array  # a copy of its own, unpacked
+        image = result.Array  # an unpacked copy
         image.setflags(write=False)
         if not result.TimeStamp:
             return Delivered(frame_id, None, image)
@@ -145,6 +122,10 @@ class PylonCamera(GenICamCamera):
             f"{node.GetMin():g} to {node.GetMax():g}"
             + (f" in steps of {node.GetInc():g}" if has_step else ""),
         )
+
+
+def _names(info: Any) -> set[str]:
+    return {info.GetSerialNumber(), info.GetUserDefinedName(), info.GetFriendlyName()}
 
 
 def _found(info: Any) -> Found:

@@ -1,12 +1,12 @@
-"""What can go wrong with a device, as one small tree.
+"""What can go wrong with a device, as one small tree of errors.
 
-Every message is one sentence that an operator can act on: who, what was asked, what was found, what
-to do.
+Every message is one sentence that an operator can act on: which device, what it should have done,
+what happened instead, and what to do about it.
 """
 
 
 class DeviceError(Exception):
-    """A device can not do what the bench needs; the message says who, what and what to do."""
+    """A device can not do what the bench needs."""
 
 
 class DeviceNotFound(DeviceError):
@@ -14,7 +14,7 @@ class DeviceNotFound(DeviceError):
 
 
 class DeviceTimeout(DeviceError):
-    """The device did not answer, or sent no data, in the time it had."""
+    """The device did not answer, or sent no data, within the time it was given."""
 
 
 class OutOfLimits(DeviceError):
@@ -22,4 +22,4 @@ class OutOfLimits(DeviceError):
 
 
 class DeviceFault(DeviceError):
-    """The device reported a failure of its own: stalled, overflowed, unplugged."""
+    """The device reported a failure of its own: it stalled, overflowed or was unplugged."""

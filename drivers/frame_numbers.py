@@ -1,5 +1,5 @@
-"""Which trigger does each delivered image belong to? One answer per trigger, in order, and never a
-silent shift.
+"""Which trigger each delivered image belongs to: one answer per trigger, in order, without a silent
+shift.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
 
 PATIENCE_S = {"proved": 2.0, "timed": 2.0, "inferred": 1.0}
-"""Images, and the samples taken with them, reach the program within this time of the exposure, or
-half a trigger period if that is more.
+"""Images, and the samples taken with them, reach the program within this time after the exposure, or
+within half a trigger period if that is longer.
 """
 
-_IDS = 65535  # a 16-bit frame id goes from 65535 to 1; 0 is not used
-_BACK = 32768  # a step this long, or longer, is a step back
+_IDS = 65535  # after 65535 a 16-bit frame id continues with 1; 0 is not used
+_BACK = 32768  # a step of this length or more is a step back
 _SLICE_S = 0.02
 _REMEDY = (
     "wire the camera's exposure output to a counter of the board, which proves each frame's trigger"
@@ -29,16 +29,16 @@ _MISSED = "missed trigger: the board counted no exposure for it"
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """What the camera's library hands over for one exposure.
+    """The result of one exposure, from the camera's library.
 
     Attributes
     ----------
     frame_id : int or None
-        The camera's own number; None where the library lost it.
+        The camera's own number; None if the library has lost it.
     timestamp_s : float or None
-        The camera's clock; None where it has none.
+        Of the camera's clock; None if it has none.
     image : ndarray or None
-        None where the grab failed, for the `reason`.
+        None if the grab failed, for the `reason`.
     """
 
     frame_id: int | None
@@ -48,15 +48,15 @@ class Delivered:
 
 
 class FrameNumbers:
-    """The account of one run: takes what the camera delivers, gives a `Frame` or `LostFrame` for
+    """The account of one run: takes what the camera delivers, and gives a `Frame` or `LostFrame` for
     each trigger.
 
-    The best of three ways is taken. *proved*: the board counts exposures; each belongs to the last
-    trigger before it, and the camera numbers images as it exposes. *timed*: gaps between the
-    camera's timestamps are whole trigger periods. *inferred*: images come in the order of the
-    triggers. In all three a jump of the camera's frame ids is a loss. Without a counter, which
-    trigger the camera missed can be told only where images come slowly enough to belong to one
-    trigger alone; where it can not, that is a `DeviceFault`.
+    There are three ways, and the best possible one is used. *proved*: the board counts exposures;
+    each of them belongs to the last trigger before it, and the camera numbers images as it exposes.
+    *timed*: gaps between the camera's timestamps are multiples of the trigger period. *inferred*:
+    images come in the order of the triggers. In all three, a jump of the camera's frame ids is a
+    loss. Without a counter, it is certain which trigger the camera has missed only if images come
+    slowly enough to belong to a single trigger; otherwise that is a `DeviceFault`.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ class FrameNumbers:
     clock : SampleClock
     exposure_samples : int
     first_id : int or None
-        Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None where the transport does
-        not say: that of the first image.
+        Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None if the transport does not
+        define it: that of the first image is taken.
     """
 
     def __init__(
@@ -80,30 +80,26 @@ class FrameNumbers:
     ) -> None:
         self._name, self._train, self._clock = name, train, clock
         self._rate, self._open, self._first_id = clock.sample_rate_hz, exposure_samples, first_id
-        self._next = 0  # trigger to be answered
-        self._exposure = 0  # of it, where the board counts them
+        self._next = 0  # the trigger to be answered
+        self._exposure = 0  # its exposure, if the board counts them
         self._last_id: int | None = None
         self._stamp: float | None = None
-        self._newest = -1  # number of the newest image: of its exposure (proved) or of its trigger
+        self._newest = -1  # number of the newest image's exposure (proved) or of its trigger
         self._waiting: dict[int, Delivered] = {}
         self._lost: dict[int, str] = {}
-        self._complaint = ""  # of a failed grab that has no frame id
-        self._is_certain = True  # that all images so far have their true numbers
+        self._complaint = ""  # about a failed grab without a frame id
+        self._is_certain = True  # whether all images so far have their true numbers
         self._unclear_to = -1
-        # (wall clock, sample clock) while no image came
+        # (wall clock, sample clock) at times when no image was waiting
         self._seen: deque[tuple[float, int]] = deque()
-        self._settled = -1  # triggers whose exposure ended before this sample have been waited for
+        self._settled = -1  # images exposed before this sample have had time enough to arrive
 
     @property
     def way(self) -> str:
         """How images get their trigger numbers: "proved", "timed" or "inferred"."""
-        return (
-            "proved"
-            if self._clock.counts_exposures
-            else "inferred"
-            if self._stamp is None
-            else "timed"
-        )
+        if self._clock.counts_exposures:
+            return "proved"
+        return "inferred" if self._stamp is None else "timed"
 
     def describe(self) -> str:
         """The way, in words."""
@@ -116,26 +112,26 @@ class FrameNumbers:
     def answer(
         self, fetch: Callable[[float], Delivered | None], timeout_s: float
     ) -> Frame | LostFrame:
-        """The fate of the next trigger, within `timeout_s`.
+        """The frame of the next trigger, or why it has none, within `timeout_s`.
 
         Parameters
         ----------
         fetch : callable
-            The next image, or None where none comes within so many seconds; may raise a
-            `DeviceError`.
+            Gives the next image, or None if none comes within the given number of seconds; may raise
+            a `DeviceError`.
 
         Raises
         ------
         DeviceTimeout
             Nothing is known about the trigger yet.
         DeviceFault
-            Which trigger an image belongs to can not be told any more.
+            The images can no longer be assigned to triggers.
         """
         give_up = time.monotonic() + timeout_s
         while (answer := self.next()) is None:
             left = give_up - time.monotonic()
             wait = max(0.0, min(left, _SLICE_S))
-            if self._waiting:  # an image, for its exposure to be counted: the clock comes first
+            if self._waiting:  # an image is here whose exposure has not been counted yet
                 self._await_clock(self._clock.now, wait)
                 wait = 0.0
             delivered = fetch(wait)
@@ -146,14 +142,13 @@ class FrameNumbers:
                 if left <= 0:
                     raise DeviceTimeout(
                         f"{self._name}: trigger {self._next} had no answer within {timeout_s:g} s"
-                        f" (sample {self._clock.now},"
-                        f" it falls on {self._train.sample(self._next)}); wait longer, or look at"
-                        " the trigger line"
+                        f" (it falls on sample {self._train.sample(self._next)}, the clock is at"
+                        f" {self._clock.now}); wait longer, or check the trigger line"
                     )
         return answer
 
     def arrived(self, delivered: Delivered) -> None:
-        """Put what was delivered in its place; DeviceFault where it has none."""
+        """Assign what was delivered to its exposure or trigger; DeviceFault if that is not possible."""
         if delivered.frame_id is None:
             if delivered.image is not None:
                 raise self._fault("an image came without a frame id; check cable and camera")
@@ -172,13 +167,13 @@ class FrameNumbers:
             "",
             delivered.timestamp_s or self._stamp,
         )
-        # else it was given up already
+        # an earlier one has been given up already
         if number >= (self._exposure if self._clock.counts_exposures else self._next):
             self._waiting[number] = delivered
 
     def nothing_came(self, now_s: float) -> None:
-        """No image is waiting at this moment of the wall clock: what was exposed long before is
-        lost.
+        """Note that no image is waiting at this time of the wall clock: what was exposed long before
+        is lost.
         """
         patience_s = max(PATIENCE_S[self.way], self._train.divisor / self._rate / 2)
         self._seen.append((now_s, self._clock.now))
@@ -186,9 +181,12 @@ class FrameNumbers:
             self._settled = self._seen.popleft()[1]
 
     def next(self) -> Frame | LostFrame | None:
-        """The next trigger's answer; None while nothing is known.
+        """The next trigger's answer; None while nothing is known about it.
 
-        DeviceFault where nothing ever will be.
+        Raises
+        ------
+        DeviceFault
+            Nothing will ever be known.
         """
         index, sample = self._next, self._train.sample(self._next)
         answer = (
@@ -207,7 +205,8 @@ class FrameNumbers:
             return LostFrame(
                 index,
                 sample,
-                "samples were lost here: which of these triggers the camera missed can not be told",
+                "samples were lost here, so that it is unknown which of these triggers the camera"
+                " missed",
             )
         k, clock, train = self._exposure, self._clock, self._train
         began = clock.exposure(k)
@@ -218,7 +217,7 @@ class FrameNumbers:
                 if cut or clock.now >= sample + train.divisor
                 else None
             )
-        # the exposure's trigger; it may be counted a sample early, never more
+        # the trigger of this exposure, which may be counted one sample early and no more
         last = (began + 1 - train.first) // train.divisor
         at_once = 1  # lost samples put several exposures on one
         while clock.exposure(k + at_once) == began:
@@ -226,8 +225,8 @@ class FrameNumbers:
         pending = last - index + 1
         if at_once > max(pending, 0):
             raise self._fault(
-                f"exposure {k} began on sample {began}, before trigger {index} on {sample}; look"
-                " for noise on the trigger line"
+                f"exposure {k} began on sample {began}, before trigger {index} on {sample}; check"
+                " the trigger line for noise"
             )
         if at_once < pending:
             if at_once > 1:
@@ -248,45 +247,42 @@ class FrameNumbers:
         answer = self._image(index, index, sample, sample)
         if isinstance(answer, LostFrame) and index > self._newest and not self._is_certain:
             raise self._fault(
-                f"there is an image less than triggers by number {index}, and which one was missed"
-                f" can not be told; {_REMEDY}"
+                f"up to trigger {index} there is one image less than triggers, and it is unknown"
+                f" which trigger was missed; {_REMEDY}"
             )
         return answer
 
     def _trigger(self, step: int, stamp_s: float | None) -> tuple[int, str]:
-        """Number of the trigger of an image `step` frame ids after the last one; why triggers
-        between have none, if not for that step.
+        """Number of the trigger of an image `step` frame ids after the last one, and why the triggers
+        between have none, if that step is not the reason.
         """
         fits = self._newest + step
         if stamp_s and self._stamp:
             gap = round((stamp_s - self._stamp) * self._rate / self._train.divisor)
             if gap < step:
                 raise self._fault(
-                    f"{step} images came within {gap} trigger periods; look for noise on the"
-                    f" trigger line, or {_REMEDY}"
+                    f"{step} images came within {gap} trigger periods; check the trigger line for"
+                    f" noise, or {_REMEDY}"
                 )
             missed = gap - step
-            number, why = (
-                self._newest + gap,
-                f"missed trigger: by timestamps {missed} of {gap - 1} were missed here"
-                if missed
-                else "",
-            )
+            number, why = self._newest + gap, ""
+            if missed:
+                why = f"missed trigger: by timestamps {missed} of {gap - 1} were missed here"
         else:
             number, why = max(fits, self._next), ""
         latest = self._clock.now + max(PATIENCE_S["inferred"] * self._rate, self._train.divisor / 2)
         if latest < self._train.sample(number):
             raise self._fault(
-                f"an image came long before trigger {number}; look for noise on the trigger line,"
-                " or for its setting"
+                f"an image came long before trigger {number}; check the trigger line for noise, and"
+                " its setting"
             )
-        # the next trigger's image can not be here yet
+        # the image of the next trigger can not have come yet
         if latest < self._train.sample(number + 1) + self._open:
             self._is_certain = True
         elif number > fits and not why:
             raise self._fault(
-                f"an image came after trigger {number - 1} had none, and whether it is {number}'s"
-                f" can not be told; {_REMEDY}"
+                f"an image came after trigger {number - 1} had none, and it is unknown whether it is"
+                f" that of trigger {number}; {_REMEDY}"
             )
         elif not (stamp_s and self._stamp):
             self._is_certain = False
@@ -307,7 +303,7 @@ class FrameNumbers:
         if began + self._open <= self._settled:
             if self._newest >= 0 and not self._is_certain:
                 raise self._fault(
-                    f"an image is missing by trigger {index}, and which one can not be told;"
+                    f"up to trigger {index} an image is missing, and it is unknown which one;"
                     f" {_REMEDY}"
                 )
             return LostFrame(
@@ -318,7 +314,7 @@ class FrameNumbers:
         return None
 
     def _step(self, frame_id: int) -> int:
-        """How many exposures later than the last delivered one this one is."""
+        """Number of exposures from the last delivered one to this one."""
         last, self._last_id = self._last_id, frame_id
         if last is None:
             self._is_certain = self._first_id is not None or frame_id == 0
@@ -326,8 +322,8 @@ class FrameNumbers:
         step = frame_id - last if frame_id > last else (frame_id - last) % _IDS
         if not 0 < step < _BACK:
             raise self._fault(
-                f"its frame id went from {last} to {frame_id}; start the run anew, check cable and"
-                " camera"
+                f"its frame id went from {last} to {frame_id}; check cable and camera, and start a"
+                " new run"
             )
         return step
 

@@ -1,5 +1,5 @@
-"""What every camera with GenICam features has in common, whichever library reaches it: its
-settings, its triggers, its frame numbers.
+"""What cameras with GenICam features have in common, whichever library reaches them: their settings,
+their triggers, their frame numbers.
 """
 
 from __future__ import annotations
@@ -13,7 +13,13 @@ from typing import Any
 
 from analysis.options import quantity
 from drivers.clock import SampleClock
-from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.errors import (
+    DeviceError,
+    DeviceFault,
+    DeviceNotFound,
+    DeviceTimeout,
+    OutOfLimits,
+)
 from drivers.frame_numbers import Delivered, FrameNumbers
 from drivers.protocols import Found, Frame, LostFrame, TriggerTrain
 from drivers.settings import CameraSettings
@@ -28,11 +34,11 @@ _LIMITS = (
 
 
 class GenICamCamera(ABC):
-    """A camera fired on a line by the DAQ board; see `drivers.protocols.Camera`. A subclass names
-    the library and does what only it can.
+    """A camera that the DAQ board triggers on a line; see `drivers.protocols.Camera`. A subclass calls
+    the library.
 
     Without a trigger line in the settings, trigger and exposure stay as the camera (or its frame
-    grabber) has been set.
+    grabber) is set.
     """
 
     kind = "camera"
@@ -48,7 +54,7 @@ class GenICamCamera(ABC):
         self._found: Found | None = None  # once open
         self._errors: tuple[type[Exception], ...] = ()  # of the library, once it is loaded
 
-    # ------------------------------------------------------------------ what the library does
+    # ------------------------------------------------------------------ calls of the library
 
     @abstractmethod
     def _claim(self) -> Found:
@@ -72,7 +78,7 @@ class GenICamCamera(ABC):
 
     @abstractmethod
     def _node(self, name: str, *, to_read: bool = False) -> Any:
-        """A feature that the camera has and that can be set, or read; else None."""
+        """A feature that the camera has and that can be set (or read); else None."""
 
     @abstractmethod
     def _value(self, node: Any) -> Any: ...
@@ -82,19 +88,19 @@ class GenICamCamera(ABC):
 
     @abstractmethod
     def _offer(self, node: Any) -> tuple[str, ...]:
-        """The choices that a feature has, or its least and largest value and the step."""
+        """The choices of a feature, or its least and largest value and the step."""
 
     # ------------------------------------------------------------------ the life of the device
 
     def open(self) -> None:
-        """Find the camera, claim it, and set it as the settings ask.
+        """Find the camera, claim it, and apply the settings.
 
         Raises
         ------
         DeviceNotFound
             It is not there, or there are several and the settings name none.
         OutOfLimits
-            It can not be set so; the message holds what it offers.
+            It does not have one of the settings; the message says what it offers.
         """
         try:
             self._found = self._claim()
@@ -105,36 +111,33 @@ class GenICamCamera(ABC):
         except self._errors as error:
             self.close()
             raise DeviceFault(
-                f"{self.name}: to open it was asked, {sentence(error)}; end other programs that use"
-                " it"
+                f"{self.name}: it can not be opened ({sentence(error)}); end other programs that"
+                " use it"
             ) from error
 
     def describe(self) -> str:
-        """Model, what it is set to, and how frames get their numbers."""
+        """Model, settings, and how frames get their numbers."""
         s = self._settings
         if self._found is None:
             return f"{self.name}, not open"
         trigger = (
             f"{quantity(s, 'exposure')}, trigger {s.trigger_line}"
             if s.trigger_line
-            else "trigger and exposure as it is set"
+            else "trigger and exposure as the camera is set"
         )
         text = f"{self._found.description}: {s.shape[1]} x {s.shape[0]} {s.pixel_format}, {trigger}"
         return f"{text}; {self._numbers.describe()}" if self._numbers else text
 
     def start(self, train: TriggerTrain) -> None:
-        """Wait for triggers; `OutOfLimits` where they come faster than the camera can follow."""
+        """Wait for triggers; `OutOfLimits` if they come faster than the camera can follow."""
         if self._found is None:
             raise DeviceFault(
-                f"{self.name}: to wait for triggers was asked, it is not open; open it first"
+                f"{self.name}: it can not wait for triggers before it is open; open it first"
             )
         rate = self._clock.sample_rate_hz
-        node = next(
-            (node for name in _LIMITS if (node := self._node(name, to_read=True)) is not None), None
-        )
-        limit = min(
-            self._value(node) if node is not None else math.inf, rate / self.exposure_samples
-        )
+        nodes = (self._node(name, to_read=True) for name in _LIMITS)
+        limits = [self._value(node) for node in nodes if node is not None]
+        limit = min([*limits[:1], rate / self.exposure_samples])
         if rate / train.divisor > limit * 1.001:
             raise OutOfLimits(
                 f"{self.name}: {rate / train.divisor:.4g} Hz asked, {limit:.4g} Hz is its limit"
@@ -146,8 +149,8 @@ class GenICamCamera(ABC):
             self._arm(max(10, math.ceil(_BUFFERED_S * rate / train.divisor)))
         except self._errors as error:
             raise DeviceFault(
-                f"{self.name}: to wait for triggers was asked, {sentence(error)}; close it and open"
-                " it anew"
+                f"{self.name}: it can not wait for triggers ({sentence(error)}); close it and open"
+                " it again"
             ) from error
         self._numbers = FrameNumbers(
             self.name, train, self._clock, self.exposure_samples, self._first_id()
@@ -155,35 +158,36 @@ class GenICamCamera(ABC):
         self._waits = True
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The fate of the next trigger; see `drivers.protocols.Camera.read`.
+        """The frame of the next trigger, or why it has none; see `drivers.protocols.Camera.read`.
 
         Raises
         ------
         DeviceTimeout
-            Nothing is known about it yet, or the camera was stopped meanwhile.
+            Nothing is known about the trigger yet, or the camera was stopped meanwhile.
         DeviceFault
-            The camera is gone, or its images can not be numbered any more.
+            The camera is gone, or its images can no longer be assigned to triggers.
         """
         if self._numbers is None or not self._waits:
             raise DeviceFault(
-                f"{self.name}: a frame was asked, it does not wait for triggers; start it first"
+                f"{self.name}: it has no frames before it waits for triggers; start it first"
             )
         return self._numbers.answer(self._fetch, timeout_s)
 
     def _fetch(self, wait_s: float) -> Delivered | None:
         if not self._waits:
             raise DeviceTimeout(
-                f"{self.name}: a frame was asked, it was stopped meanwhile; start it again"
+                f"{self.name}: it was stopped before the next frame came; start it again"
             )
         try:
             return self._receive(wait_s)
         except self._errors as error:
             raise DeviceFault(
-                f"{self.name}: a frame was asked, {sentence(error)}; check its cable and power"
+                f"{self.name}: a frame can not be read ({sentence(error)}); check its cable and"
+                " power"
             ) from error
 
     def stop(self) -> None:
-        """Wait for triggers no longer; a `read` that waits ends with `DeviceTimeout`."""
+        """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
         if self._waits:
             self._waits = False
             self._attempt(self._disarm)
@@ -201,15 +205,38 @@ class GenICamCamera(ABC):
             action()
         except self._errors as error:
             raise DeviceFault(
-                f"{self.name}: to end it was asked, {sentence(error)}; check its cable and power"
+                f"{self.name}: it can not be stopped ({sentence(error)}); check its cable and power"
             ) from error
+
+    def _choice(self, cameras: list[tuple[set[str], Found]]) -> int:
+        """Number of the camera that the settings name, among all (with their names) that are there.
+
+        Raises
+        ------
+        DeviceNotFound
+            It is not there, or there are several and the settings name none.
+        """
+        wanted = self._settings.device
+        named = [n for n, (names, _) in enumerate(cameras) if not wanted or wanted in names]
+        if len(named) == 1:
+            return named[0]
+        there = ", ".join(f"{found.device} ({found.description})" for _, found in cameras) or "none"
+        if named:
+            raise DeviceNotFound(
+                f"{self.name}: there are {len(named)}: {there}; set camera.device to the serial"
+                " number of one"
+            )
+        raise DeviceNotFound(
+            f"{self.name}: it was not found, there are: {there}; check its cable and power, and"
+            " camera.device"
+        )
 
     # ------------------------------------------------------------------ features
 
     def _configure(self) -> None:
         s = self._settings
         self._set("PixelFormat", s.pixel_format)
-        self._prefer("OffsetX", 0)  # the whole width is offered there only
+        self._prefer("OffsetX", 0)  # only there is the whole width available
         self._prefer("OffsetY", 0)
         self._set("Width", s.shape[1])
         self._set("Height", s.shape[0])
@@ -233,7 +260,7 @@ class GenICamCamera(ABC):
             self._set("LineSource", "ExposureActive")
 
     def _set_trigger(self, line: str) -> None:
-        """A rising edge on the line starts one frame; no other trigger is waited for."""
+        """Let a rising edge on the line start one frame, and switch all other triggers off."""
         selector = self._node("TriggerSelector")
         for other in self._offer(selector) if selector is not None else ():
             self._set("TriggerSelector", other)
@@ -247,32 +274,34 @@ class GenICamCamera(ABC):
         self._prefer("LineMode", "Input")
 
     def _prefer(self, name: str, value: Any) -> None:
-        """Set a feature if the camera has it; where it has not, it behaves so anyway."""
+        """Set a feature if the camera has it; a camera without it behaves in this way anyhow."""
         if self._node(name) is not None:
             self._set(name, value)
 
     def _set(self, name: str, value: Any, other_name: str = "") -> None:
-        """Set a feature, which GigE cameras may have under another name; `OutOfLimits` with what is
-        offered where it can not be.
+        """Set a feature, which GigE cameras may have under another name.
+
+        Raises `OutOfLimits`, with the possible values, if the value is not one of them.
         """
         node = self._node(name)
         if node is None and other_name:
             node = self._node(other_name)
         if node is None:
             raise OutOfLimits(
-                f"{self.name}: {name} = {value} was asked, it has no such feature that can be set;"
-                " see its manual"
+                f"{self.name}: {name} = {value} was requested, it has no such feature that can be"
+                " set; see its manual"
             )
         try:
             self._assign(node, value)
         except self._errors as error:
             raise OutOfLimits(
-                f"{self.name}: {name} = {value} was asked, it offers {', '.join(self._offer(node))}"
+                f"{self.name}: {name} = {value} was requested, it offers"
+                f" {', '.join(self._offer(node))}"
             ) from error
 
 
 def library(name: str) -> Any:
-    """A vendor's module; what its import warns of is ignored, for pypylon dies of a warning that is
+    """A vendor's module. Warnings during its import are ignored: pypylon crashes if one of them is
     made an error.
     """
     with warnings.catch_warnings():
@@ -281,5 +310,5 @@ def library(name: str) -> Any:
 
 
 def sentence(error: Exception) -> str:
-    """The library's words, without the place in its source."""
+    """The library's message without the place in its source."""
     return str(error).split(" : ")[0].strip(". ")

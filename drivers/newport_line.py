@@ -1,8 +1,8 @@
-"""The line to a Newport controller: commands out, answers in, from any thread; serial, or over the
-network.
+"""The line to a Newport controller, serial or over the network: sends commands and reads answers, from
+any thread.
 
-The controllers speak ASCII: ``1PA12.5`` and no answer, or ``1TP`` and the answer ``1TP12.5``. What
-was wrong with a command they keep until ``TE`` asks for it.
+The controllers speak ASCII: ``1PA12.5`` has no answer, ``1TP`` has the answer ``1TP12.5``. A
+controller keeps the error of a command until ``TE`` reads it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeo
 from drivers.protocols import Found
 
 ANSWER_S = 0.25  # the controllers take some 10 ms
-# for one query, with its turn and its repetitions: a dead line is known within a second
+# for one query with its wait and its repetitions, so that a dead line is found within a second
 PATIENCE_S = 0.8
 TRIES = 3
-_DAMAGED = "AS"  # what a command that came damaged is answered with: it is sent again
+_DAMAGED = "AS"  # answers to a command that arrived damaged and is sent again
 
 
 def find() -> list[Found]:
-    """Serial ports of this computer, none of them opened: any may have a controller behind it."""
+    """Serial ports of this computer, any of which may lead to a controller; none is opened."""
     try:
         from serial.tools.list_ports import comports
     except ImportError as error:
@@ -45,14 +45,14 @@ def _no_pyserial(who: str) -> DeviceNotFound:
 class NewportLine:
     """The line to one controller.
 
-    Queries and their answers take turns, one query at a time, and those of a stop come first.
-    Writing has a lock of its own, held for one command only: a stop goes out at once, even while an
-    answer is awaited, for it has none that could be mistaken for another.
+    Only one query at a time waits for its answer, and those of a stop come first. Writing has a lock
+    of its own, held for one command only: a stop is sent at once, even while another answer is
+    awaited, because it has no answer that could be mistaken for that one.
     """
 
     def __init__(self, who: str, port: str, address: int, baud: int) -> None:
-        self.stops = 0  # how often it was told to stop
-        self.heard = ""  # instead of an answer, when the last query failed
+        self.stops = 0  # commands to stop so far
+        self.heard = ""  # what came instead of an answer when the last query failed
         self._who, self._name, self._address = who, port, address
         self._pen = threading.Lock()
         self._turns = threading.Condition()
@@ -67,12 +67,12 @@ class NewportLine:
             try:
                 self._port.close()
                 if self._socket is not None:
-                    self._socket.close()  # pyserial does not where the other side has gone
+                    self._socket.close()  # pyserial does not if the other side has gone
             except Exception as error:
                 raise DeviceFault(f"{self._who}: {self._name} did not close ({error})") from error
 
     def stop(self) -> None:
-        """Send the command to stop, before whatever waits."""
+        """Send the command to stop, before all that waits."""
         with self._pen:
             self.stops += 1
             self._write("ST")
@@ -80,8 +80,8 @@ class NewportLine:
     def ask(
         self, query: str, form: str, *, urgent: bool = False, give_up: float | None = None
     ) -> str:
-        """What a query is answered with, of the given form; asked again where the answer is damaged
-        or does not come.
+        """The answer to a query, of the given form (a regular expression with one group); the query is
+        repeated if the answer is damaged or does not come.
         """
         give_up, heard = give_up or time.monotonic() + PATIENCE_S, ""
         for _ in range(TRIES):
@@ -92,16 +92,20 @@ class NewportLine:
         raise self._unanswered(query, heard)
 
     def tell(self, command: str, *, done: str = "", unless_stopped_since: int | None = None) -> str:
-        """The letter that a command is answered with, "@" for none; sent again where that is in
-        doubt, so it must bear repetition.
+        """The letter of the error of a command, "@" for none. The command is repeated if its arrival
+        is in doubt, so that a repetition must do no harm.
 
-        `done` are letters which say, to a repetition, that it was understood before. Nothing is
-        sent any more once the line has been told to stop more than `unless_stopped_since` times.
+        Parameters
+        ----------
+        done : str
+            Letters with which a repetition is refused if the command had arrived before.
+        unless_stopped_since : int, optional
+            Number of stops so far; nothing is sent any more after a further one.
         """
         give_up, heard, letter = time.monotonic() + PATIENCE_S, "", None
         for attempt in range(TRIES):
             stops = self.stops
-            # what it remembers may be older, or of a stop
+            # the error in its memory may be of an earlier command, or of a stop
             self.ask("TE", "([@A-Z])", give_up=give_up)
             letter, noise = self._exchange(
                 (command, "TE"), "([@A-Z])", give_up, unless_stopped_since=unless_stopped_since
@@ -124,7 +128,7 @@ class NewportLine:
         urgent: bool = False,
         unless_stopped_since: int | None = None,
     ) -> tuple[str | None, str]:
-        """One try: the answer to the last of the commands, or None and what was heard instead."""
+        """One attempt: the answer to the last of the commands, or None and what came instead."""
         prefix, heard = f"{self._address}{commands[-1].rstrip('?')}", ""
         with self._turn(give_up, urgent=urgent), self._alive(commands[0]):
             self._port.reset_input_buffer()
@@ -138,7 +142,7 @@ class NewportLine:
                 if match := re.fullmatch(re.escape(prefix) + form, line):
                     return match[1], ""
                 if line.startswith(prefix) or not re.match(rf"{self._address}[A-Z]{{2}}", line):
-                    break  # damaged; anything else is the late answer to an earlier query
+                    break  # it is damaged; anything else is a late answer to an earlier query
         return None, heard
 
     def _write(self, *commands: str) -> None:
@@ -154,16 +158,17 @@ class NewportLine:
         return raw.decode("ascii", "replace").strip()
 
     @contextmanager
-    def _alive(self, asked: str) -> Iterator[None]:
+    def _alive(self, command: str) -> Iterator[None]:
         try:
             yield
         except DeviceError:
             raise
-        except Exception as error:  # a dead line shows as OSError, termios.error or, when the port is being closed, TypeError
+        # a dead line shows as OSError, as termios.error or, while the port is closed, as TypeError
+        except Exception as error:
             raise DeviceFault(
-                f"{self._who}: '{asked}' was asked, the line {self._name} is dead ({error}); a move"
-                " under way ends by itself at its target:"
-                " check cable and power, then start again"
+                f"{self._who}: '{command}' can not be sent, the line {self._name} is dead ({error}); a"
+                " move under way ends by itself at its target: check cable and power, then start"
+                " again"
             ) from error
 
     @contextmanager
@@ -177,7 +182,7 @@ class NewportLine:
             self._urgent -= urgent
             self._turns.notify_all()
             if not is_mine:
-                raise self._unanswered("what came before", "")
+                raise self._unanswered("an earlier query", "")
             self._is_taken = True
         try:
             yield
@@ -186,23 +191,21 @@ class NewportLine:
                 self._is_taken = False
                 self._turns.notify_all()
 
-    def _unanswered(self, asked: str, heard: str) -> DeviceError:
+    def _unanswered(self, query: str, heard: str) -> DeviceError:
         self.heard = heard
         if heard:
             return DeviceFault(
-                f"{self._who}: '{asked}' was asked {TRIES} times, noisy line {self._name}: the last"
-                f" answer was {heard!r};"
-                " check cable, shield, and the speed of the line"
+                f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy: the"
+                f" last answer was {heard!r}; check cable, shield, and the speed of the line"
             )
         return DeviceTimeout(
-            f"{self._who}: '{asked}' was asked, {self._name} gave no answer within {PATIENCE_S:g}"
-            " s;"
-            " check that the controller is on, its cable, and the port and address in the settings"
+            f"{self._who}: {self._name} gave no answer to '{query}' within {PATIENCE_S:g} s; check"
+            " that the controller is on, its cable, and the port and address in the settings"
         )
 
 
 def _claimed(who: str, port: str, baud: int) -> Any:
-    """The port, open for nobody else where the system can do that."""
+    """The port, opened exclusively if the operating system allows that."""
     try:
         import serial
     except ImportError as error:
@@ -211,25 +214,25 @@ def _claimed(who: str, port: str, baud: int) -> Any:
         opened = serial.serial_for_url(
             port, baudrate=baud, xonxoff=True, timeout=0.05, write_timeout=0.3, exclusive=True
         )
-        # or a stop waits for the acknowledgement of the query before it: 16 ms at worst instead of
-        # 6
+        # otherwise a stop waits for the acknowledgement of the query before it: 16 ms at worst
+        # instead of 6
         if port.startswith("socket://"):
             opened._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return opened
-    except Exception as error:  # SerialException for most, ValueError for a strange name, termios.error for a strange device
+    # SerialException in most cases, ValueError for an odd name, termios.error for an odd device
+    except Exception as error:
         code = getattr(error, "errno", None)
-        # the latter on Windows
+        # PermissionError on Windows
         if code in (errno.EAGAIN, errno.EBUSY) or "PermissionError" in str(error):
             raise DeviceFault(
-                f"{who}: {port} was asked, another program has it open; close that program"
+                f"{who}: another program has {port} open; close that program"
             ) from error
         if code == errno.EACCES:
             raise DeviceFault(
-                f"{who}: {port} was asked, you may not use it; become a member of its group (often"
-                " 'dialout')"
+                f"{who}: you may not use {port}; become a member of its group (often 'dialout')"
             ) from error
         ports = ", ".join(found.device for found in find()) or "none"
         raise DeviceNotFound(
-            f"{who}: the port '{port}' was asked, it can not be opened ({error}); serial ports of"
-            f" this computer: {ports}"
+            f"{who}: the port '{port}' can not be opened ({error}); serial ports of this computer:"
+            f" {ports}"
         ) from error

@@ -1,10 +1,10 @@
 """A board of National Instruments (PCI-6251 and its relatives), in this computer or another one,
 through NI's own `nidaqmx`.
 
-One oscillator makes everything: the samples, the camera's trigger pulses (a counter in ticks of the
-board's 20 MHz that starts with the samples, or a digital line that they clock), and the samples of
-the counter that counts the camera's exposures. Samples are always asked for by their number since
-the start, so that neither a time-out nor an overflow can shift those that follow.
+One oscillator times everything: the samples, the camera's trigger pulses (of a counter in ticks of
+the board's 20 MHz, started with the samples, or of a digital line that the samples clock), and the
+samples of the counter of the camera's exposures. Samples are always read by their number since the
+start, so that neither a time-out nor an overflow can shift those that follow.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ from drivers.protocols import Found, LostSamples, SampleBlock, TriggerTrain
 from drivers.settings import ForceSettings
 
 TIMEBASE_HZ = 20_000_000
-# of one call to the library at most, so that `stop` does not wait longer for a read to end
-WAIT_S = 0.1
+WAIT_S = 0.1  # of one call to the library at most: `stop` waits that long for a read to end
 LAST_SAMPLE = 2**31 - 1  # 24 days at 1 kHz
 WIRINGS = {"differential": "DIFF", "rse": "RSE", "nrse": "NRSE"}
 OPTIONS = [
     ("grpc.enable_http_proxy", 0),
-    # a frozen server or a cut cable is found out by a call that lasts longer than this
+    # a call that lasts longer than this finds that the server is frozen or the cable cut
     ("grpc.keepalive_time_ms", 2000),
     ("grpc.keepalive_timeout_ms", 2000),
     ("grpc.http2.ping_timeout_ms", 2000),
@@ -42,8 +41,12 @@ OPTIONS = [
 
 
 def find() -> list[Found]:
-    """The boards that NI's driver knows on this computer; DeviceNotFound where package or driver is
-    not installed.
+    """The boards that NI's driver lists on this computer.
+
+    Raises
+    ------
+    DeviceNotFound
+        NI's package or driver is not installed.
     """
     need("NI boards", "nidaqmx")
     from nidaqmx.errors import Error
@@ -64,8 +67,8 @@ def _model(board: Any) -> str:
 class NiForces:
     """Two sensors on a board of National Instruments, and the camera's triggers.
 
-    A camera begins to expose some microseconds after its trigger, so that the next sample is the
-    first to count the exposure.
+    A camera begins to expose some microseconds after its trigger, so that the exposure is first
+    counted on the sample after it.
     """
 
     def __init__(self, settings: ForceSettings, clock: SampleClock) -> None:
@@ -78,19 +81,25 @@ class NiForces:
         self._is_running = self._is_gone = False
         self._description = "not open"
         self._channel: Any = None  # to the server
-        self._remote: dict[str, Any] = {}  # what makes NI's objects use it
+        self._remote: dict[str, Any] = {}  # arguments with which NI's objects use the server
         self._inputs: list[Any] = []  # tasks: the two sensors, then the counter of exposures
         self._trigger: Any = None
         self._next = self._margin = self._count = 0
-        self._waiting = 0  # samples, when `backlog` was last asked: they are read at once
+        self._waiting = 0  # samples at the last call of `backlog`: they are read in one block
 
     # ------------------------------------------------------------------ open and close
 
     def open(self) -> None:
-        """Claim inputs and counters, and see that the board can do what the settings say.
+        """Claim inputs and counters, and check that the board has what the settings say.
 
-        Raises DeviceNotFound without package, driver, server, board or channel, OutOfLimits for a
-        rate or a range that the board does not have, DeviceFault where another program uses it.
+        Raises
+        ------
+        DeviceNotFound
+            Package, driver, server, board or channel is not there.
+        OutOfLimits
+            The board does not have the rate or the range.
+        DeviceFault
+            Another program uses the board.
         """
         need(self.name, "nidaqmx")
         self.close()
@@ -102,9 +111,9 @@ class NiForces:
             if self.counts_exposures:
                 self._open_counter()
             with self._ni("the trigger output"):
-                self._make_trigger(TriggerTrain(0, 2)).close()  # only to see that it can be had
+                self._make_trigger(TriggerTrain(0, 2)).close()  # only to check that it is free
         except BaseException:
-            self._is_gone = True  # what has to be said is on its way
+            self._is_gone = True  # closing need not report the same problem again
             self.close()
             raise
 
@@ -123,9 +132,9 @@ class NiForces:
                 else None
             )
         except OSError as error:
-            found = f"it can not be read ({error.strerror})"
             raise DeviceNotFound(
-                f"{self.name}: certificate {certificate} was asked, {found}; correct `certificate`"
+                f"{self.name}: the certificate {certificate} can not be read ({error.strerror});"
+                " correct `certificate`"
             ) from None
         self._channel = (
             grpc.secure_channel(server, trusted, OPTIONS)
@@ -178,7 +187,7 @@ class NiForces:
             ):
                 found = f"the nearest that the board has is {rate:.10g} Hz"
                 raise OutOfLimits(
-                    f"{self.name}: {self.sample_rate_hz:.10g} Hz was asked, {found}; use a sample rate"
+                    f"{self.name}: {self.sample_rate_hz:.10g} Hz was requested, {found}; use a sample rate"
                     " that divides 20 MHz"
                 )
         self._inputs.append(task)
@@ -195,8 +204,8 @@ class NiForces:
         self._inputs.append(task)
 
     def _sample(self, task: Any, clock: str) -> None:
-        """Make it sample without end into a buffer that is read by number and loses its oldest
-        samples where it is not read.
+        """Let a task sample without end, into a buffer that is read by number and that drops its
+        oldest samples if it is not read in time.
         """
         from nidaqmx.constants import AcquisitionType, OverwriteMode, ReadRelativeTo, TaskMode
 
@@ -210,19 +219,17 @@ class NiForces:
         task.control(TaskMode.TASK_COMMIT)
 
     def _make_trigger(self, train: TriggerTrain) -> Any:
-        """The task, not yet started, that sends this train from the start of the samples on."""
+        """The task, not yet started, that sends this train from the first sample on."""
         from nidaqmx.constants import AcquisitionType, TaskMode
 
         s = self._settings
         is_line = s.trigger == "digital"
         first, divisor, high = train.first, train.divisor, train.divisor // 2
         if divisor < 2 or first < 0 or (is_line and first >= divisor):
-            limits = (
-                "a trigger needs 2 samples and can not come before sample 0"
-                + ", a line begins within its first period" * is_line
-            )
+            limits = "a trigger needs 2 samples and can not come before sample 0"
+            limits += ", a digital line begins within its first period" * is_line
             raise OutOfLimits(
-                f"{self.name}: a trigger every {divisor} samples from {first} on was asked;"
+                f"{self.name}: a trigger every {divisor} samples from {first} on was requested;"
                 f" {limits}"
             )
         with self._task() as task:
@@ -259,7 +266,7 @@ class NiForces:
 
     @contextmanager
     def _task(self) -> Iterator[Any]:
-        """A new task, closed again where setting it up fails."""
+        """A new task, closed again if setting it up fails."""
         from nidaqmx import Task
         from nidaqmx.errors import Error
 
@@ -267,12 +274,12 @@ class NiForces:
         try:
             yield task
         except BaseException:
-            with suppress(Error):  # the first error is the one to tell
+            with suppress(Error):  # the first error is the one to report
                 task.close()
             raise
 
     def describe(self) -> str:
-        """Model and serial number, channels, rate, where triggers come out and exposures go in."""
+        """Model and serial number, channels, rate, terminals of triggers and exposures."""
         return self._description
 
     def close(self) -> None:
@@ -297,24 +304,24 @@ class NiForces:
         with self._lock:
             if not self._inputs or self._trigger or self._is_gone:
                 raise DeviceFault(
-                    f"{self.name}: a start was asked, it is not open, or runs already, or is gone;"
+                    f"{self.name}: it can not start, it is not open, or runs already, or is gone;"
                     " open it, or stop it first"
                 )
             self._next = self._margin = self._count = self._waiting = 0
             try:
                 with self._ni("a start"):
                     self._trigger = self._make_trigger(train)
-                    # the sensors last: their start is everybody's
+                    # the sensors last: their start triggers the others
                     for task in (self._trigger, *reversed(self._inputs)):
                         task.start()
             except BaseException:
-                with suppress(DeviceError):  # the first error is the one to tell
+                with suppress(DeviceError):  # the first error is the one to report
                     self._halt()
                 raise
             self._is_running = True
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next block, or the gap where samples were overwritten before they were read; see
+        """The next block, or the gap if samples were overwritten before they were read; see
         `drivers.protocols.ForceSource.read`.
         """
         give_up = time.monotonic() + timeout_s
@@ -322,7 +329,7 @@ class NiForces:
             with self._lock:
                 if not self._is_running:
                     raise DeviceFault(
-                        f"{self.name}: samples were asked, the board is stopped or gone; read"
+                        f"{self.name}: there are no samples, the board is stopped or gone; read"
                         " between start and stop"
                     )
                 with self._ni(f"sample {self._next}"):
@@ -330,17 +337,14 @@ class NiForces:
             if block is not None:
                 return block
             if time.monotonic() >= give_up:
-                asked = (
-                    f"{self.block_samples} samples from {self._next} on were asked within"
-                    f" {timeout_s:g} s"
-                )
                 raise DeviceTimeout(
-                    f"{self.name}: {asked}, they have not all come, none is lost; ask again, or"
-                    " wait longer than a block"
+                    f"{self.name}: {self.block_samples} samples from {self._next} on have not all"
+                    f" come within {timeout_s:g} s, none is lost; read again, or wait longer than a"
+                    " block lasts"
                 )
 
     def _next_block(self, wait_s: float) -> SampleBlock | LostSamples | None:
-        """None: not all of it is there yet."""
+        """The next block or gap; None if not all of it is there yet."""
         from nidaqmx.errors import DaqError
         from nidaqmx.stream_readers import AnalogMultiChannelReader, CounterReader
 
@@ -348,7 +352,7 @@ class NiForces:
         self._waiting = 0
         if first + n > LAST_SAMPLE:
             raise OutOfLimits(
-                f"{self.name}: sample {first} was asked, NI's library reads by number up to"
+                f"{self.name}: sample {first} can not be read, NI's library reads by number up to"
                 f" {LAST_SAMPLE}; start a new run"
             )
         volts, counts = np.empty((2, n)), np.empty(n, np.uint32)
@@ -360,7 +364,7 @@ class NiForces:
         ]
         try:
             for reader, task in zip(readers, self._inputs, strict=True):
-                reader.verify_array_shape = False  # it would ask the board for what we know
+                reader.verify_array_shape = False  # which takes a further call to the board
                 task.in_stream.offset = first
             readers[0].read_many_sample(volts, n, wait_s)
             if self.counts_exposures:
@@ -379,8 +383,8 @@ class NiForces:
         )
 
     def _gap(self) -> LostSamples:
-        """From the next sample to the oldest in the buffer, and further each time that this one too
-        was overwritten before it was read.
+        """The gap from the next sample to the oldest in the buffer, and further each time that this
+        one is overwritten as well before it is read.
         """
         stream, first = self._inputs[0].in_stream, self._next
         oldest = stream.total_samp_per_chan_acquired - stream.input_buf_size
@@ -393,14 +397,14 @@ class NiForces:
         return LostSamples(first, self._next - first, reason)
 
     def _unwrapped(self, counts: NDArray[np.uint32]) -> NDArray[np.int64]:
-        """The counter's 32 bits, continued."""
+        """The counts without the wrap-around of the 32-bit counter."""
         steps = np.diff(counts, prepend=np.uint32(self._count % 2**32))
         total = self._count + np.cumsum(steps, dtype=np.int64)
         self._count = int(total[-1])
         return total
 
     def backlog(self) -> int:
-        """Samples that wait in the buffer of NI's library."""
+        """Number of samples in the buffer of NI's library."""
         with self._lock:
             if not self._is_running:
                 return 0
@@ -428,7 +432,9 @@ class NiForces:
                 self._each([trigger], "close")
 
     def _each(self, tasks: list[Any], action: str) -> None:
-        """Do it to all, also where one fails; a board that is known to be gone need not answer."""
+        """Stop or close all tasks, even if one fails; a board that is known to be gone need not
+        answer.
+        """
         problems: list[DeviceError] = []
         for task in tasks:
             was_gone = self._is_gone
@@ -442,9 +448,7 @@ class NiForces:
 
     @contextmanager
     def _ni(self, asked: str) -> Iterator[None]:
-        """Whatever NI's library raises inside leaves as a sentence, and a board that is gone is
-        remembered as such.
-        """
+        """Turn errors of NI's library into device errors, and note it if the board is gone."""
         from nidaqmx.errors import DaqError, Error
 
         try:
@@ -459,18 +463,17 @@ class NiForces:
                 raise sentence(self.name, asked + there, error) from error
             details = getattr(error.__context__, "details", None)
             kind = DeviceFault if self._inputs else DeviceNotFound
-            self._trigger, self._inputs = None, []  # there is nobody to close them
+            self._trigger, self._inputs = None, []  # no server is left to close them
             raise kind(
-                f"{self.name}: {asked} was asked, the server {self._settings.server} does not"
-                f" answer ({details() if details else error});"
-                " see that NI's gRPC device server runs there, and check address, certificate and"
-                " firewall"
+                f"{self.name}: {asked} was requested, the server {self._settings.server} does not"
+                f" answer ({details() if details else error}); check that NI's gRPC device server"
+                " runs there, and check address, certificate and firewall"
             ) from error
 
     def _boards(self) -> str:
         from nidaqmx.errors import Error
         from nidaqmx.system import System
 
-        with suppress(Error):  # the list is an extra
+        with suppress(Error):  # the list is only an addition to another error
             return ", ".join(System(**self._remote).devices.device_names) or "none"
         return "unknown"

@@ -1,4 +1,4 @@
-"""What the numbers of NI's errors mean for a bench, as sentences that say what to do."""
+"""The numbers of NI's errors, as sentences that say what to do."""
 
 from __future__ import annotations
 
@@ -40,36 +40,42 @@ _KNOWN: tuple[tuple[tuple[int, ...], type[DeviceError], str, str], ...] = (
         "end other programs on this computer, start again",
     ),
 )
-"""NI's codes, the error that they become, what was found, what to do."""
+"""NI's codes, the error that they become, what happened, what to do."""
 
 
 def need(who: str, package: str) -> None:
-    """DeviceNotFound, which says what to install, where a Python package is not there."""
+    """Check that a Python package can be imported.
+
+    Raises
+    ------
+    DeviceNotFound
+        It can not; the message says what to install.
+    """
     try:
         __import__(package)
     except ImportError as error:
         raise DeviceNotFound(
-            f"{who}: package {package} was asked, it is not there ({error}); in the folder of"
+            f"{who}: the package {package} can not be imported ({error}); in the folder of"
             " SlipScope: pip install '.[ni]'"
         ) from None
 
 
 def sentence(who: str, asked: str, error: Exception) -> DeviceError:
-    """Our error, with its sentence, for one of NI's library."""
+    """The error to raise for one of NI's library."""
     from nidaqmx.errors import DaqError, DaqNotFoundError, DaqNotSupportedError
 
     text = str(error).splitlines()[0].rstrip(".")
     if isinstance(error, DaqNotFoundError | DaqNotSupportedError):
         remedy = "install NI-DAQmx from ni.com, or name the `server` that has the board"
         return DeviceNotFound(
-            f"{who}: {asked} was asked, NI's driver is not installed on this computer ({text});"
+            f"{who}: {asked} was requested, NI's driver is not installed on this computer ({text});"
             f" {remedy}"
         )
     if not isinstance(error, DaqError):
         return DeviceFault(
-            f"{who}: {asked} was asked, NI's driver can not do it ({text}); install a newer"
+            f"{who}: {asked} was requested, NI's driver can not do it ({text}); install a newer"
             " NI-DAQmx"
         )
     default = ((), DeviceFault, "{text}", f"look up NI's error {error.error_code}")
     _, kind, found, remedy = next((row for row in _KNOWN if error.error_code in row[0]), default)
-    return kind(f"{who}: {asked} was asked, {found.format(text=text)}; {remedy}")
+    return kind(f"{who}: {asked} was requested, {found.format(text=text)}; {remedy}")

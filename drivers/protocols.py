@@ -1,19 +1,20 @@
-"""The three devices of a bench and what they hand over, all on one clock.
+"""The three devices of a bench and the data that they deliver, all on one clock.
 
 The DAQ sample counter is the only time base: sample 0 is the first sample after
-`ForceSource.start`. The board divides its sample clock to trigger the camera, so trigger ``n``
-falls on sample ``first + n * divisor`` and every frame carries that number. No host time appears
-anywhere.
+`ForceSource.start`. The board divides its sample clock to trigger the camera, so that trigger ``n``
+falls on sample ``first + n * divisor`` and every frame carries that number. The time of the computer
+appears nowhere.
 
-Rules that every implementation keeps (``tests/contracts.py`` runs each one through them):
+A driver is made from the settings of its device and the bench's `drivers.clock.SampleClock`. Every
+driver keeps these rules (``tests/contracts.py`` tests each of them):
 
-- Constructing a device touches nothing; `open` claims the hardware and is the only place that
-  imports a vendor library; `close` may be called at any time, twice, and after a failure.
+- Making a driver touches no hardware. `open` claims the hardware, and is the only place that imports
+  a vendor library; `close` may be called at any time, twice, and after a failure.
 - Order of a run: ``camera.start(train)``, then ``forces.start(train)``, then reads;
   ``forces.stop()`` ends the trigger train.
-- `ForceSource.read` and `Camera.read` are each called from one thread; `Actuator.stop` and `close`
+- `ForceSource.read` and `Camera.read` are each called from one thread, `Actuator.stop` and `close`
   from any thread.
-- Errors are `drivers.errors.DeviceError` only.
+- The only errors are `drivers.errors.DeviceError`.
 """
 
 from __future__ import annotations
@@ -29,17 +30,17 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
-    """A block of consecutive readings of the two capacitive sensors, in volts.
+    """Consecutive readings of the two capacitive sensors.
 
     Attributes
     ----------
     first : int
         Index of the block's first sample on the DAQ sample clock.
     volts : ndarray, shape (n, 2), float64
-        Column 0 the normal sensor, column 1 the shear sensor. The receiver owns the array.
+        Column 0 is the normal sensor, column 1 the shear sensor. The receiver owns the array.
     exposures : ndarray, shape (n,), int64, or None
-        How many exposures of the camera had begun by each sample, counted by the board on its
-        sample clock; None where it does not count.
+        How many exposures of the camera had begun by each sample, as the board counted them on its
+        sample clock; None if it does not count them.
     """
 
     first: int
@@ -54,8 +55,8 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class LostSamples:
-    """Samples that the board took and nobody will ever read: a gap with its place and length, never
-    a shift of what follows.
+    """A gap: samples that the board took and that can not be read any more. The samples after it
+    keep their numbers.
     """
 
     first: int
@@ -82,21 +83,21 @@ class TriggerTrain:
         return self.first + index * self.divisor
 
     def count_before(self, sample: int) -> int:
-        """How many triggers fall strictly before `sample`."""
+        """Number of triggers strictly before `sample`."""
         return max(0, -(-(sample - self.first) // self.divisor))
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of the interface and the trigger that took it.
+    """One image of the interface, with the trigger that took it.
 
     Attributes
     ----------
     index : int
         Trigger number, counted from 0.
     sample : int
-        Sample on which the exposure started: of the trigger, or later where the board counts
-        exposures and saw it late.
+        Sample on which the exposure started: that of the trigger, or a later one if the board
+        counts exposures and found this one late.
     image : ndarray, shape (rows, columns), uint8 or uint16
         Grey levels, read-only; the receiver may keep it.
     """
@@ -108,7 +109,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class LostFrame:
-    """A trigger that gave no image: an index of its own, never a shift of the others."""
+    """A trigger without an image. It keeps its index, and so do the others."""
 
     index: int
     sample: int
@@ -117,8 +118,8 @@ class LostFrame:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A device that a driver's `find` has found: what to write in the settings (`device` or
-    `port`), and what it is.
+    """A device on this computer: what to write in the settings (as `device` or `port`), and a
+    description.
     """
 
     device: str
@@ -127,7 +128,7 @@ class Found:
 
 @runtime_checkable
 class ForceSource(Protocol):
-    """The DAQ board: two voltages on a hardware clock, and the camera's trigger train cut from it."""
+    """The DAQ board: two voltages on a hardware clock, and the camera triggers made from that clock."""
 
     name: str
     sample_rate_hz: float
@@ -137,29 +138,27 @@ class ForceSource(Protocol):
     def open(self) -> None: ...
 
     def describe(self) -> str:
-        """What was found, in a line, once open: model, serial number, what it is set to."""
+        """Model, serial number and settings in one line, once open."""
 
     def start(self, train: TriggerTrain) -> None:
-        """Start sampling at sample 0 and the trigger train with it, on the same edge."""
+        """Start sampling at sample 0, and the trigger train on the same edge."""
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next `block_samples` samples, or more where `backlog` said that more wait, or the gap
-        that takes their place.
+        """The next `block_samples` samples, or more if `backlog` has said that more are waiting, or
+        the gap in their place.
 
-        Each sample comes in order, and once.
+        Samples come in order, each of them once.
 
         Raises
         ------
         DeviceTimeout
-            No full block came in `timeout_s`.
+            No full block came within `timeout_s`.
         DeviceFault
-            The board lost samples or went away; the blocks delivered so far stay valid.
+            The board has failed or is gone; the blocks delivered so far stay valid.
         """
 
     def backlog(self) -> int:
-        """Samples that the board has taken and nobody has read yet: the newest one is that far
-        ahead of the last block.
-        """
+        """Number of samples that the board has taken and that have not been read yet."""
 
     def stop(self) -> None:
         """Stop sampling and the trigger train. May be called twice."""
@@ -179,21 +178,21 @@ class Camera(Protocol):
     def open(self) -> None: ...
 
     def describe(self) -> str:
-        """What was found, in a line, once open; after a start also how frames get their trigger
-        numbers.
+        """Model and settings in one line, once open; after a start, also how frames get their
+        trigger numbers.
         """
 
     def start(self, train: TriggerTrain) -> None:
         """Wait for triggers; call before ``ForceSource.start``."""
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The fate of the next trigger: its frame, or the reason there is none. Indices come in
-        order, each once.
+        """The frame of the next trigger, or the reason why it has none. Indices come in order, each
+        of them once.
 
         Raises
         ------
         DeviceTimeout
-            Nothing is known about the next trigger after `timeout_s` (it may not have happened).
+            Nothing is known about the next trigger after `timeout_s`; perhaps it has not come yet.
         """
 
     def stop(self) -> None: ...
@@ -203,42 +202,43 @@ class Camera(Protocol):
 
 @runtime_checkable
 class Actuator(Protocol):
-    """The drive of the block, along x; metres in the actuator's own coordinate."""
+    """The drive of the block along x; positions are metres in the actuator's own coordinate."""
 
     name: str
 
     @property
     def travel_limits_m(self) -> tuple[float, float]:
-        """Least and greatest position it can be asked for, known once it is open."""
+        """Least and greatest position that it can be sent to, known once it is open."""
 
     @property
     def velocity_limit_m_s(self) -> float:
-        """Greatest velocity it can be asked for, known once it is open."""
+        """Greatest velocity that it can be set to, known once it is open."""
 
     def open(self) -> None:
         """Claim the stage; nothing moves."""
 
     def describe(self) -> str:
-        """What was found, in a line, once open: model, and the state of its controller."""
+        """Model and state of the controller in one line, once open."""
 
     def home(self) -> None:
-        """Find the origin.
+        """Search the origin.
 
-        Returns at once; `is_moving` tells when it is done. Never called unless a user asked for it.
+        Returns at once; `is_moving` says when the search is over. Only ever called because a user
+        has asked for it.
         """
 
     def set_velocity(self, velocity_m_s: float) -> None:
-        """Speed of the moves to come.
+        """Set the speed of later moves.
 
-        Raises `OutOfLimits` and changes nothing where it can not be kept.
+        Raises `OutOfLimits`, and changes nothing, if the stage can not move at that speed.
         """
 
     def move_to(self, position_m: float) -> None:
         """Start a move that ends by itself at `position_m`; returns at once.
 
-        A bounded move is the only way to set the block in motion, so that a dead program leaves a
-        bench that stops by itself. Raises `OutOfLimits` and does not move where the target lies
-        outside `travel_limits_m`.
+        A bounded move is the only way to set the block in motion, so that the bench stops by itself
+        if the program dies. Raises `OutOfLimits`, and does not move, if the target lies outside
+        `travel_limits_m`.
         """
 
     def position_m(self) -> float: ...
@@ -248,7 +248,7 @@ class Actuator(Protocol):
     def stop(self) -> None:
         """End any motion now.
 
-        From any thread, at any time after `open`, also when nothing moves.
+        May be called from any thread at any time after `open`, also when nothing moves.
         """
 
     def close(self) -> None:

@@ -1,9 +1,9 @@
-"""The three devices of a recorded experiment, played back on the sample clock: for benches where
-some devices are there and some are not.
+"""The three devices of a recorded experiment, played back on the sample clock, for benches on which
+only some devices are present.
 
-A stored force source keeps the pace of the recording, each sample and each gap at its number. A
-stored camera hands over the picture of a trigger when its exposure has passed on the clock. A
-stored stage is where it was, whatever it is told.
+A stored force source keeps the pace of the recording, with each sample and each gap at its number. A
+stored camera delivers the image of a trigger when its exposure has passed on the clock. A stored
+stage is where it was at the time, whatever it is told to do.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.motion import check_target, check_velocity
 from drivers.protocols import Frame, Image, LostFrame, LostSamples, SampleBlock, TriggerTrain
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 
 
 class Recording(Protocol):
-    """What was recorded, as the stored devices need it.
+    """The data of an experiment that the stored devices play.
 
     Attributes
     ----------
@@ -30,7 +31,7 @@ class Recording(Protocol):
     pace : float or None
         Seconds of the recording per second; None: as fast as it is read.
     volts : ndarray, shape (n, 2)
-        Readings of the sensors; row is sample, NaN where samples were lost.
+        Readings of the sensors, row i at sample i; NaN where samples were lost.
     sample_rate_hz : float
     divisor : int
         Samples from one trigger to the next; the first was on sample 0.
@@ -51,7 +52,7 @@ class Recording(Protocol):
     positions_m: NDArray[np.float64]
 
     def image(self, index: int) -> Image | str | None:
-        """The image of a trigger, why it has none, or None beyond the last one."""
+        """The image of a trigger, the reason why it has none, or None beyond the last trigger."""
 
 
 class StoredForces:
@@ -69,35 +70,34 @@ class StoredForces:
         self._next = 0
 
     def open(self) -> None:
-        """See that the recording fits the settings."""
-        r = self._recording
-        if r.sample_rate_hz != self.sample_rate_hz:
+        """Check that the recording has the sample rate of the bench."""
+        recorded_hz = self._recording.sample_rate_hz
+        if recorded_hz != self.sample_rate_hz:
             raise OutOfLimits(
-                f"{self.name}: {self.sample_rate_hz:g} Hz was asked, it was recorded at"
-                f" {r.sample_rate_hz:g} Hz;"
-                " set forces.sample_rate to that"
+                f"{self.name}: {self.sample_rate_hz:g} Hz was requested, it was recorded at"
+                f" {recorded_hz:g} Hz; set forces.sample_rate to that"
             )
         self._state = "open"
 
     def describe(self) -> str:
-        """What is played."""
+        """Length and rate of the recording."""
         return f"{len(self._recording.volts)} samples at {self.sample_rate_hz:g} Hz, recorded"
 
     def start(self, train: TriggerTrain) -> None:
         """Play from sample 0 on."""
-        del train
-        self._need("open", "to start")
+        del train  # the recording has its own triggers
+        self._check("open", "can not start")
         self._state, self._began, self._next = "running", time.monotonic(), 0
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
         """The next block, or gap, when its time has come."""
-        self._need("running", "for samples")
+        self._check("running", "has no samples")
         first, volts = self._next, self._recording.volts
         lost = np.isnan(volts[first:, 0])
         if not lost.size:
             raise DeviceFault(
-                f"{self.name}: sample {first} was asked, the recording ends there; it has been"
-                " played to its end"
+                f"{self.name}: the recording ends before sample {first}; it has been played to its"
+                " end"
             )
         if lost[0]:
             n = int(np.argmin(lost)) if not lost.all() else lost.size
@@ -108,34 +108,33 @@ class StoredForces:
             time.sleep(min(wait, timeout_s))
         if wait > timeout_s:
             raise DeviceTimeout(
-                f"{self.name}: {n} samples were asked within {timeout_s:g} s, the pace of the"
-                " recording holds them back; wait longer"
+                f"{self.name}: at the pace of the recording, the next {n} samples take longer than"
+                f" {timeout_s:g} s; wait longer"
             )
         self._next = first + n
         if lost[0]:
-            return LostSamples(first, n, f"{self.name}: they were lost when it was recorded")
+            return LostSamples(first, n, f"{self.name}: samples were lost when it was recorded")
         return SampleBlock(first, volts[first : first + n].copy())
 
     def backlog(self) -> int:
-        """Samples whose time has come and that were not read."""
+        """Number of samples whose time has come and that have not been read."""
         if self._state != "running" or math.isinf(self._pace):
             return 0
-        return max(
-            0, int((time.monotonic() - self._began) * self._pace * self.sample_rate_hz) - self._next
-        )
+        elapsed_s = time.monotonic() - self._began
+        return max(0, int(elapsed_s * self._pace * self.sample_rate_hz) - self._next)
 
     def stop(self) -> None:
-        """Play no further."""
+        """Stop playing."""
         self._state = "open" if self._state == "running" else self._state
 
     def close(self) -> None:
         """Let go of the recording."""
         self._state = "closed"
 
-    def _need(self, state: str, asked: str) -> None:
+    def _check(self, state: str, problem: str) -> None:
         if self._state != state:
             raise DeviceFault(
-                f"{self.name}: it was asked {asked}, it is {self._state}; open and start it first"
+                f"{self.name}: it {problem} while it is {self._state}; open and start it first"
             )
 
 
@@ -156,7 +155,7 @@ class StoredCamera:
         self._is_open = True
 
     def describe(self) -> str:
-        """What is played."""
+        """Size and depth of the recorded images."""
         rows, columns = self.shape
         return f"{columns} x {rows}, {8 * self.dtype.itemsize} bit, recorded"
 
@@ -164,29 +163,28 @@ class StoredCamera:
         """Wait for triggers, which must come as they were recorded."""
         if not self._is_open:
             raise DeviceFault(
-                f"{self.name}: it was asked to wait for triggers, it is closed; open it first"
+                f"{self.name}: it can not wait for triggers while it is closed; open it first"
             )
         if train.divisor != self._recording.divisor:
             raise OutOfLimits(
-                f"{self.name}: a trigger every {train.divisor} samples was asked, it was recorded"
-                f" with one every {self._recording.divisor};"
-                " set camera.divisor to that"
+                f"{self.name}: a trigger every {train.divisor} samples was requested, it was"
+                f" recorded with one every {self._recording.divisor}; set camera.divisor to that"
             )
         self._train, self._next = train, 0
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The picture of the next trigger, once its exposure has passed."""
+        """The image of the next trigger, once its exposure has passed."""
         train, index, clock = self._train, self._next, self._clock
         if train is None:
-            raise DeviceFault(f"{self.name}: a frame was asked, it is not started; start it first")
+            raise DeviceFault(f"{self.name}: it has no frames before it starts; start it first")
         end = train.sample(index) + self.exposure_samples
         clock.wait_for(
             lambda: clock.now >= end or clock.phase == "stopped" or self._train is None, timeout_s
         )
         if clock.now < end or self._train is None:
             raise DeviceTimeout(
-                f"{self.name}: frame {index} was asked within {timeout_s:g} s, its time has not"
-                " come; wait longer, or end here"
+                f"{self.name}: the time of frame {index} has not come within {timeout_s:g} s; wait"
+                " longer, or end here"
             )
         image = self._recording.image(index)
         self._next = index + 1
@@ -200,7 +198,7 @@ class StoredCamera:
         return Frame(index, train.sample(index), image)
 
     def stop(self) -> None:
-        """Wait for triggers no longer."""
+        """Stop waiting for triggers."""
         self._train = None
 
     def close(self) -> None:
@@ -210,8 +208,8 @@ class StoredCamera:
 
 
 class StoredActuator:
-    """The stage of a recorded experiment: it goes where it went, on the clock of the samples, once
-    it was told to move.
+    """The stage of a recorded experiment: once it has been sent anywhere, it repeats the recorded
+    motion on the sample clock.
     """
 
     def __init__(
@@ -221,19 +219,18 @@ class StoredActuator:
         self.name = f"stage of {recording.name}"
         self.travel_limits_m = settings.travel
         self.velocity_limit_m_s = settings.max_velocity
-        self._is_open = self._is_told = False
+        self._is_open = self._is_sent = False
 
     def open(self) -> None:
-        """See that there is a stage in the recording."""
+        """Check that positions of a stage were recorded."""
         if not self._recording.positions_m.size:
             raise DeviceFault(
-                f"{self.name}: its positions were asked, none was recorded; take another"
-                " actuator.source"
+                f"{self.name}: no position was recorded; choose another actuator.source"
             )
         self._is_open = True
 
     def describe(self) -> str:
-        """What is played."""
+        """Number of recorded positions, and the travel."""
         travel = float(np.ptp(self._recording.positions_m))
         return (
             f"{len(self._recording.positions_m)} positions, {travel * 1e6:.1f} um of travel,"
@@ -243,33 +240,23 @@ class StoredActuator:
     def home(self) -> None:
         """Refused: a recorded stage can not be sent anywhere."""
         raise DeviceFault(
-            f"{self.name}: it was asked to find its origin, it is a recording; take a real or"
-            " simulated stage"
+            f"{self.name}: a recording can not search its origin; choose a real or simulated stage"
         )
 
     def set_velocity(self, velocity_m_s: float) -> None:
-        """The recording has its own; only what no stage could do is refused."""
-        self._need("for a velocity")
-        if not 0 < velocity_m_s <= self.velocity_limit_m_s:
-            raise OutOfLimits(
-                f"{self.name}: {velocity_m_s * 1e6:.6g} um/s was asked; use a velocity above 0 and"
-                f" up to {self.velocity_limit_m_s * 1e6:g} um/s"
-            )
+        """Check the limit; the recording keeps its own velocity."""
+        self._check()
+        check_velocity(self.name, velocity_m_s, self.velocity_limit_m_s)
 
     def move_to(self, position_m: float) -> None:
-        """Let the recorded move count as moving from now on."""
-        self._need("to move")
-        low, high = self.travel_limits_m
-        if not low <= position_m <= high:
-            raise OutOfLimits(
-                f"{self.name}: a move to {position_m * 1e3:.6g} mm was asked; its travel is"
-                f" {low * 1e3:g} to {high * 1e3:g} mm"
-            )
-        self._is_told = True
+        """Check the travel; from now on the recorded motion counts as this move."""
+        self._check()
+        check_target(self.name, position_m, self.travel_limits_m)
+        self._is_sent = True
 
     def position_m(self) -> float:
-        """Where the stage was at the newest sample."""
-        self._need("for its position")
+        """Position of the stage at the newest sample."""
+        self._check()
         return float(
             np.interp(
                 self._clock.now, self._recording.position_samples, self._recording.positions_m
@@ -277,23 +264,23 @@ class StoredActuator:
         )
 
     def is_moving(self) -> bool:
-        """Whether the recorded stage has somewhere to go, and was told to."""
-        self._need("whether it moves")
+        """Whether the stage has been sent anywhere and has recorded motion left."""
+        self._check()
         goes = np.flatnonzero(np.diff(self._recording.positions_m))
         return bool(
-            self._is_told
+            self._is_sent
             and goes.size
             and self._clock.now < self._recording.position_samples[goes[-1] + 1]
         )
 
     def stop(self) -> None:
-        """A recording moves nothing; it counts as standing."""
-        self._is_told = False
+        """Count as standing from now on."""
+        self._is_sent = False
 
     def close(self) -> None:
         """Stop, and let go of the recording."""
-        self._is_told = self._is_open = False
+        self._is_sent = self._is_open = False
 
-    def _need(self, asked: str) -> None:
+    def _check(self) -> None:
         if not self._is_open:
-            raise DeviceFault(f"{self.name}: it was asked {asked}, it is closed; open it first")
+            raise DeviceFault(f"{self.name}: it is closed; open it first")

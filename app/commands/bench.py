@@ -1,5 +1,5 @@
-"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: what is there, and whether it
-works.
+"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: which devices there are, and whether
+they work.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from app.doctor import Finding, as_data, examine, found_by
 def check(
     bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: float, as_json: bool
 ) -> int:
-    """Go through a bench and tell what works; the exit code."""
+    """Check a bench and print what works; the exit code."""
     from app.bench_check import check as findings_of
     from app.devices import make_bench
 
@@ -38,7 +38,7 @@ def check(
 
 
 def cameras(producer: str, as_json: bool) -> int:
-    """List the cameras that the drivers find; the exit code, 0 also where there is none."""
+    """List the cameras that the drivers find; the exit code, 0 also if there is none."""
     findings = {
         "pylon": found_by("drivers.camera_pylon"),
         "gentl": found_by("drivers.camera_gentl", producer) if producer else [],
@@ -55,7 +55,7 @@ def cameras(producer: str, as_json: bool) -> int:
 
 
 def doctor(as_json: bool) -> int:
-    """Print the findings; the exit code, 1 where something is missing that every run needs."""
+    """Print the findings; the exit code, 1 if something is missing that every run needs."""
     findings = examine()
     is_able = all(
         finding.is_fine or not finding.needed for group in findings.values() for finding in group

@@ -1,4 +1,4 @@
-"""The report at the end of a run or a replay: numbers on the terminal, a picture beside the
+"""The report at the end of a run or a replay: numbers on the terminal, and a picture beside the
 session.
 """
 
@@ -15,16 +15,16 @@ from app.records import Outcome
 
 
 def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
-    """Tell how a run ended and draw its picture; the same as data.
+    """Print how a run ended and draw its picture; gives the same as data.
 
-    `session` is None where nothing was recorded.
+    `session` is None if nothing was recorded.
     """
     picture = _draw(session, as_json) if session else None
     return _report(outcome, "run", session, picture, as_json, {})
 
 
 def report_replay(source: Any, outcome: Outcome, session: Path, as_json: bool) -> dict[str, Any]:
-    """As of a run; an existing picture is left as it is, for it shows the same results."""
+    """The same for a replay; an existing picture is kept, because it shows the same results."""
     comparison = source.comparison()
     picture: Path | None = picture_of(session)
     if not picture_of(session).exists():
@@ -45,7 +45,7 @@ def report_replay(source: Any, outcome: Outcome, session: Path, as_json: bool) -
 
 
 def report_analysis(source: Any, outcome: Outcome, as_json: bool) -> dict[str, Any]:
-    """As of a run, with what the session held beside what was found now."""
+    """The same for a further analysis, with the recorded results beside the new ones."""
     from app.report.summary import compared_rows, plain
 
     made = source.output if outcome.state == "done" else None
@@ -93,8 +93,8 @@ def _report(
 
 
 def _draw(session: Path, as_json: bool) -> Path | None:
-    """The picture of a session, made from what is on disk; None, with the reason on the terminal,
-    where there is nothing to draw.
+    """Draw the picture of a session from its file; None, with the reason on the terminal, if there is
+    nothing to draw.
     """
     from app.report.figures import experiment_figure, numbered_instants, write_picture
     from app.session.reader import SessionReader

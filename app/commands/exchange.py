@@ -1,4 +1,4 @@
-"""`slipscope export` and `slipscope import`: sessions to and from the files of other programs."""
+"""`slipscope export` and `slipscope import`: sessions to files of other programs, and back."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""`slipscope run` and `slipscope replay`: a run or a replay, in the window or without, and the
-report at its end.
+"""`slipscope run` and `slipscope replay`: a run or a replay, with or without the window, and the report
+at its end.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from app.errors import UserError
 from app.records import Health, Outcome
 
 POLL_S = 0.1
-LEAVE_S = 10.0  # what a run has to come to its end when it is left in a hurry
+LEAVE_S = 10.0  # time for a run to end when the program is left after a second Ctrl-C
 
 
 class Source(Protocol):
-    """A live run or a replay, as far as the terminal needs it."""
+    """A live run or a replay, as the terminal sees it."""
 
     def start(self) -> None: ...
     def wait(self, timeout: float | None = None) -> Outcome | None: ...
@@ -46,11 +46,11 @@ class Recorded:
 
     source: Any
     session: Path
-    before: object  # the mark of a file of that name before the run
+    before: object  # mark of a file of that name before the run, see `mark_of`
 
 
 class _Reports:
-    """The report of each run, made once, when the run has ended: a window may stay open long after."""
+    """The report of each run, made once and as soon as the run has ended: a window may stay open longer."""
 
     def __init__(self, made: list[Recorded], report: Callable[[Recorded], dict[str, Any]]) -> None:
         self._made = made
@@ -59,7 +59,7 @@ class _Reports:
 
     @contextmanager
     def as_they_end(self) -> Iterator[None]:
-        """Report every run as soon as it has ended, beside whatever the calling thread does."""
+        """Report every run as soon as it has ended, while the calling thread does something else."""
         over = threading.Event()
 
         def watch() -> None:
@@ -75,7 +75,7 @@ class _Reports:
             watcher.join()
 
     def of_all(self) -> list[dict[str, Any]]:
-        """The reports of all runs that ended, in order."""
+        """The reports of all runs that have ended, in order."""
         while self._next():
             pass
         return self._reported
@@ -89,7 +89,7 @@ class _Reports:
 
 
 def window_problem(headless: bool) -> str | None:
-    """Why there is no window: asked for (""), or what is missing; None where there is one."""
+    """Why there is no window: what is missing, or "" if none is wanted; None if there is one."""
     if headless:
         return ""
     from app.gui.display import display_problem
@@ -118,14 +118,14 @@ def run(
         raise UserError(
             f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
             if problem
-            else "no window was asked"
+            else "no window is wanted"
         )
     from app.live import make_run
 
     made: list[Recorded] = []
 
     def make() -> Any:
-        """The first run has the name that was asked; further ones in the same window never replace
+        """A run with the given session name; further runs in the same window never replace
         anything.
         """
         again = bool(made)
@@ -141,7 +141,7 @@ def run(
         return made[-1].source
 
     if problem is not None:
-        source = make()  # whatever is wrong with what was asked is said before the long part begins
+        source = make()  # wrong arguments are reported before the long part begins
         _say_why_headless(problem, as_json)
         _follow(source, as_json)
     reports = _Reports(
@@ -170,8 +170,8 @@ def replay(
     overwrite: bool,
     as_json: bool,
 ) -> int:
-    """Replay a session, or analyse it once more into `output` where that or other settings are
-    asked, and report it; the exit code.
+    """Replay a session, or analyse it once more if `output` or other settings are given, and report
+    it; the exit code.
     """
     problem = window_problem(headless)
     once_more = output is not None or bool(overrides)
@@ -182,8 +182,8 @@ def replay(
     made: list[Any] = []
 
     def make() -> Any:
-        """The first analysis has the name that was asked; further ones in the same window never
-        replace anything.
+        """A replay, or an analysis with the given name; further ones in the same window never replace
+        anything.
         """
         if not once_more:
             return make_replay(session, pace=speed)
@@ -204,7 +204,7 @@ def replay(
         _say_why_headless(problem, as_json)
         _follow(source, as_json)
     else:
-        make()  # a session that can not be replayed is refused here, not in a window
+        make()  # a session that can not be replayed is refused here and not in a window
         _in_window(make_and_keep, autostart=True)
         for replayed in made:
             _let_end(replayed)
@@ -234,7 +234,7 @@ def _in_window(make: Callable[[], Any], *, autostart: bool) -> None:
 
 
 def _let_end(source: Source) -> None:
-    """Wait for what the window left behind, once it was told to stop."""
+    """Stop what still runs when the window is closed, and wait for its end."""
     state = source.health().state
     if state not in ("idle", "done", "failed"):
         source.request_stop("the window was closed")
@@ -243,8 +243,8 @@ def _let_end(source: Source) -> None:
 
 
 def _follow(source: Source, as_json: bool) -> Outcome:
-    """Start, show progress, and wait; Ctrl-C stops in good order, a second one stops the motion
-    again and leaves.
+    """Start, show progress, and wait for the end; Ctrl-C stops in good order, a second one stops the
+    motion again and leaves.
     """
     asked_to_stop = False
     try:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def info(session: Path, as_json: bool, verify: bool = False) -> int:
-    """Print what a session holds, and with `verify` the receipt of reading it back; the exit code,
-    1 if it is not as it was recorded.
+    """Print what a session holds and, with `verify`, the result of reading it back; the exit code, 1
+    if it is not as it was recorded.
     """
     from app.report.summary import Row, counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of
@@ -102,7 +102,7 @@ def _read_back(session: Path) -> tuple[Receipt | None, str]:
 
 
 def changed_settings(config: Config) -> dict[str, Any]:
-    """``table.key`` -> value of every setting that is not the default."""
+    """``table.key`` -> value, as in the settings file, of every setting that is not the default."""
     default = values_of(Config())
     return {
         f"{table}.{key}": value

@@ -48,8 +48,8 @@ def invert(
 ) -> int:
     """Invert the fields of a file; the exit code.
 
-    `given` are settings of `InversionSettings`, by name; those of a session replace what is not
-    given, and what a file can not know must be.
+    `given` are settings of `InversionSettings` by name. A session holds those that are not given; a
+    table does not.
     """
     method = given.get("method", INVERSIONS[0])
     if destination is not None:

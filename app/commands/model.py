@@ -4,7 +4,6 @@ a table of curves, or a figure.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,23 +30,43 @@ SHARP = 2e-3  # a length below this part of that shift asks for more modes
 FAINT = 0.01  # of the peak pressure: where a rough contact is taken to end
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """One result: its name in files, what it is, its symbol, its value in SI, and the unit and
-    factor for people.
-    """
-
-    key: str
-    label: str
-    symbol: str
-    value: float
-    unit: str = ""
-    per_si: float = 1.0
-
-    @property
-    def text(self) -> str:
-        """The value with its unit, for people."""
-        return f"{self.value * self.per_si:.4g} {self.unit}".rstrip()
+PER_SI = {"": 1.0, "N": 1.0, "mN": 1e3, "mm": 1e3, "um": 1e6, "kPa": 1e-3, "MPa": 1e-6}
+PER_SI |= {"N/mm": 1e-3, "kPa/um": 1e-9}
+QUANTITIES = {
+    "normal_force_n": ("normal force", "P", "N"),
+    "young_modulus_pa": ("Young's modulus", "E", "MPa"),
+    "poisson": ("Poisson's ratio", "nu", ""),
+    "sphere_radius_m": ("radius of the sphere", "R", "mm"),
+    "friction": ("friction coefficient", "mu", ""),
+    "shear_force_n": ("shear force, {share:.4g} of the greatest", "Q", "N"),
+    "friction_limit_n": ("greatest shear force", "mu P", "N"),
+    "hertz_radius_m": ("contact radius, Hertz", "a_H", "mm"),
+    "peak_pressure_pa": ("pressure at the centre, Hertz", "p0", "kPa"),
+    "indentation_m": ("indentation, Hertz", "a_H^2/R", "um"),
+    "stick_radius_m": ("stick radius, Cattaneo-Mindlin", "c", "mm"),
+    "block_shift_m": ("displacement of the block", "delta", "um"),
+    "block_shift_cm_m": ("the same, Cattaneo-Mindlin", "delta", "um"),
+    "sliding_shift_m": ("at which Cattaneo-Mindlin's slides", "delta_max", "um"),
+    "stiffness_smooth_n_per_m": ("contact stiffness at rest, smooth", "8 G a/(2-nu)", "N/mm"),
+    "stiffness_rough_n_per_m": ("the same, rough interface", "dQ/ddelta", "N/mm"),
+    "elastic_length_m": ("elastic length of the interface", "L", "um"),
+    "interface_stiffness_pa_per_m": ("its stiffness at the centre", "p0/L", "kPa/um"),
+    "peak_radius_m": ("where the traction is greatest", "r", "mm"),
+    "centre_slip_m": ("displacement at the centre", "u_x(0)", "um"),
+    "thickness_m": ("thickness of the block", "H", "mm"),
+    "roughness_m": ("standard deviation of the heights", "h", "um"),
+    "bureau_length_m": ("L of a surface of this roughness", "L(h)", "um"),
+    "apparent_radius_m": ("apparent radius", "a_H + sqrt(R h)", "mm"),
+    "roughness_parameter": ("roughness, Greenwood-Tripp", "alpha", ""),
+    "effective_radius_m": ("effective radius", "a*", "mm"),
+    "faint_radius_m": (f"radius of {FAINT:.0%} of its peak pressure", "", "mm"),
+    "rough_peak_pressure_pa": ("its peak pressure", "p(0)", "kPa"),
+    "jkr_radius_m": ("contact radius, JKR", "a", "mm"),
+    "jkr_indentation_m": ("indentation, JKR", "", "um"),
+    "jkr_pull_off_n": ("pull-off force, JKR", "-3/2 pi w R", "mN"),
+    "tabor_parameter": ("Tabor parameter (JKR above 5)", "", ""),
+}
+"""Key of a result, in SI -> label, symbol and unit for people."""
 
 
 def model(
@@ -63,8 +82,7 @@ def model(
     if path is not None:
         if path.suffix.lower() not in SUFFIXES:
             raise UserError(
-                f"{path}: a name that ends in {', '.join(SUFFIXES)} is needed; the ending tells"
-                " what is written"
+                f"{path}: results are written as {', '.join(SUFFIXES)}; give such an ending"
             )
         check_writable(path)
         if path.exists() and not overwrite:
@@ -81,40 +99,36 @@ def model(
     if path is not None:
         _write(path, numbers, curves, sheared)
     if as_json:
-        print_json({q.key: q.value for q in numbers})
+        print_json(numbers)
         return DONE
-    print_rows(
-        "sphere on a block, pressed and sheared", [Row(q.label, q.symbol, q.text) for q in numbers]
-    )
+    print_rows("sphere on a block, pressed and sheared", _rows(numbers))
     if path is not None:
         output().print(f"written: {path}")
     return DONE
 
 
 def _force(system: ModelSettings, shear_force: float | None, share: float | None) -> float:
-    """The shear force Q in newtons that is asked for, one way or the other."""
+    """The shear force Q in newtons, from whichever of the two is given."""
     if shear_force is not None and share is not None:
         raise UserError("--shear-force and --share: both were given; give one of them")
     limit = system.friction * system.normal_force
     Q = limit * (0.6 if share is None else share) if shear_force is None else shear_force
     if not 0 <= Q <= limit:
         raise UserError(
-            f"Q = {Q:g} N asked; give 0 to mu P = {limit:g} N, by --shear-force or as a --share of"
-            " it"
+            f"Q = {Q:g} N is not possible; give 0 to mu P = {limit:g} N, by --shear-force or as a"
+            " --share of it"
         )
     if limit <= Q and system.length > 0:
-        raise UserError(
-            "Q = mu P asked, which a rough interface only nears; give less, or --length 0"
-        )
+        raise UserError("a rough interface only approaches Q = mu P; give less, or --length 0")
     return Q
 
 
 class Sheared:
-    """The contact under Q: Cattaneo and Mindlin's, and that of a rough interface if its length is
-    not 0.
+    """The contact under Q: that of Cattaneo and Mindlin and, if the elastic length is not 0, that of a
+    rough interface.
 
-    A length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides leaves an edge
-    that the modes hold to 0.5 % of mu p0.
+    With a length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides, the modes
+    represent the edge of the contact to 0.5 % of mu p0.
     """
 
     def __init__(self, system: ModelSettings, Q: float) -> None:
@@ -148,167 +162,68 @@ class Sheared:
         if self.h * self.R / self.a**2 >= greenwood_tripp.SMOOTHEST:
             self.rough = greenwood_tripp.rough_contact(self.P, self.E, self.nu, self.R, self.h)
 
-    def numbers(self) -> list[Quantity]:
-        """The results, in the order in which they are shown."""
-        mm, um, kpa = ("mm", 1e3), ("um", 1e6), ("kPa", 1e-3)
+    def numbers(self) -> dict[str, float]:
+        """The results in SI, by key of `QUANTITIES`, in the order in which they are shown."""
         mu, P, a, E, nu = self.cm
         p0, limit = hertz.peak_pressure(P, a), mu * P
         shift = float(cattaneo_mindlin.shift(self.Q, *self.cm))
-        smooth, stiff = 8 * hertz.shear_modulus(E, nu) * a / (2 - nu), ("N/mm", 1e-3)
-        block = self.state.D if self.state else shift
-        found = [
-            Quantity("normal_force_n", "normal force", "P", P, "N"),
-            Quantity("young_modulus_pa", "Young's modulus", "E", E, "MPa", 1e-6),
-            Quantity("poisson", "Poisson's ratio", "nu", nu),
-            Quantity("sphere_radius_m", "radius of the sphere", "R", self.R, *mm),
-            Quantity("friction", "friction coefficient", "mu", mu),
-            Quantity(
-                "shear_force_n",
-                f"shear force, {self.Q / limit:.4g} of the greatest",
-                "Q",
-                self.Q,
-                "N",
-            ),
-            Quantity("friction_limit_n", "greatest shear force", "mu P", limit, "N"),
-            Quantity("hertz_radius_m", "contact radius, Hertz", "a_H", a, *mm),
-            Quantity("peak_pressure_pa", "pressure at the centre, Hertz", "p0", p0, *kpa),
-            Quantity(
-                "indentation_m", "indentation, Hertz", "a_H^2/R", hertz.indentation(a, self.R), *um
-            ),
-            Quantity(
-                "stick_radius_m",
-                "stick radius, Cattaneo-Mindlin",
-                "c",
-                float(cattaneo_mindlin.stick_radius(self.Q, limit, a)),
-                *mm,
-            ),
-            Quantity("block_shift_m", "displacement of the block", "delta", block, *um),
-            Quantity("block_shift_cm_m", "the same, Cattaneo-Mindlin", "delta", shift, *um),
-            Quantity(
-                "sliding_shift_m",
-                "at which Cattaneo-Mindlin's slides",
-                "delta_max",
-                cattaneo_mindlin.full_shift(*self.cm),
-                *um,
-            ),
-            Quantity(
-                "stiffness_smooth_n_per_m",
-                "contact stiffness at rest, smooth",
-                "8 G a/(2-nu)",
-                smooth,
-                *stiff,
-            ),
-        ]
+        found = {
+            "normal_force_n": P,
+            "young_modulus_pa": E,
+            "poisson": nu,
+            "sphere_radius_m": self.R,
+            "friction": mu,
+            "shear_force_n": self.Q,
+            "friction_limit_n": limit,
+            "hertz_radius_m": a,
+            "peak_pressure_pa": p0,
+            "indentation_m": hertz.indentation(a, self.R),
+            "stick_radius_m": float(cattaneo_mindlin.stick_radius(self.Q, limit, a)),
+            "block_shift_m": self.state.D if self.state else shift,
+            "block_shift_cm_m": shift,
+            "sliding_shift_m": cattaneo_mindlin.full_shift(*self.cm),
+            "stiffness_smooth_n_per_m": 8 * hertz.shear_modulus(E, nu) * a / (2 - nu),
+        }
         if self.loading and self.state:
-            start = self.loading.at_block(0.0).stiffness
-            found += [
-                Quantity(
-                    "stiffness_rough_n_per_m",
-                    "the same, rough interface",
-                    "dQ/ddelta",
-                    start,
-                    *stiff,
-                ),
-                Quantity("elastic_length_m", "elastic length of the interface", "L", self.L, *um),
-                Quantity(
-                    "interface_stiffness_pa_per_m",
-                    "its stiffness at the centre",
-                    "p0/L",
-                    p0 / self.L,
-                    "kPa/um",
-                    1e-9,
-                ),
-                Quantity(
-                    "peak_radius_m",
-                    "where the traction is greatest",
-                    "r",
-                    self.state.peak_radius,
-                    *mm,
-                ),
-                Quantity(
-                    "centre_slip_m",
-                    "displacement at the centre",
-                    "u_x(0)",
-                    self._seen(np.zeros(1))[0].item(),
-                    *um,
-                ),
-            ]
+            found |= {
+                "stiffness_rough_n_per_m": self.loading.at_block(0.0).stiffness,
+                "elastic_length_m": self.L,
+                "interface_stiffness_pa_per_m": p0 / self.L,
+                "peak_radius_m": self.state.peak_radius,
+                "centre_slip_m": self._seen(np.zeros(1))[0].item(),
+            }
         if self.system.thickness:
-            found.append(
-                Quantity("thickness_m", "thickness of the block", "H", self.system.thickness, *mm)
-            )
+            found["thickness_m"] = self.system.thickness
         if self.h > 0:
-            apparent = greenwood_tripp.apparent_radius(a, self.R, self.h)
-            found += [
-                Quantity("roughness_m", "standard deviation of the heights", "h", self.h, *um),
-                Quantity(
-                    "bureau_length_m",
-                    "L of a surface of this roughness",
-                    "L(h)",
-                    elastic_length(self.h, nu),
-                    *um,
-                ),
-                Quantity("apparent_radius_m", "apparent radius", "a_H + sqrt(R h)", apparent, *mm),
-            ]
+            found |= {
+                "roughness_m": self.h,
+                "bureau_length_m": elastic_length(self.h, nu),
+                "apparent_radius_m": greenwood_tripp.apparent_radius(a, self.R, self.h),
+            }
         if self.rough:
-            found += [
-                Quantity(
-                    "roughness_parameter", "roughness, Greenwood-Tripp", "alpha", self.rough.alpha
-                ),
-                Quantity(
-                    "effective_radius_m", "effective radius", "a*", self.rough.effective_radius, *mm
-                ),
-                Quantity(
-                    "faint_radius_m",
-                    f"radius of {FAINT:.0%} of its peak pressure",
-                    "",
-                    self.rough.radius_at(FAINT),
-                    *mm,
-                ),
-                Quantity(
-                    "rough_peak_pressure_pa",
-                    "its peak pressure",
-                    "p(0)",
-                    self.rough.peak_pressure,
-                    *kpa,
-                ),
-            ]
-        return found + self._adhesive()
+            found |= {
+                "roughness_parameter": self.rough.alpha,
+                "effective_radius_m": self.rough.effective_radius,
+                "faint_radius_m": self.rough.radius_at(FAINT),
+                "rough_peak_pressure_pa": self.rough.peak_pressure,
+            }
+        return found | self._adhesive()
 
-    def _adhesive(self) -> list[Quantity]:
+    def _adhesive(self) -> dict[str, float]:
         w = self.system.adhesion
         if w == 0:
-            return []
+            return {}
         a = float(jkr.contact_radius(self.P, w, self.E, self.nu, self.R))
-        return [
-            Quantity("jkr_radius_m", "contact radius, JKR", "a", a, "mm", 1e3),
-            Quantity(
-                "jkr_indentation_m",
-                "indentation, JKR",
-                "",
-                float(jkr.indentation(a, w, self.E, self.nu, self.R)),
-                "um",
-                1e6,
-            ),
-            Quantity(
-                "jkr_pull_off_n",
-                "pull-off force, JKR",
-                "-3/2 pi w R",
-                jkr.pull_off_force(w, self.R),
-                "mN",
-                1e3,
-            ),
-            Quantity(
-                "tabor_parameter",
-                "Tabor parameter (JKR above 5)",
-                "",
-                jkr.tabor_parameter(w, self.E, self.nu, self.R),
-            ),
-        ]
+        return {
+            "jkr_radius_m": a,
+            "jkr_indentation_m": float(jkr.indentation(a, w, self.E, self.nu, self.R)),
+            "jkr_pull_off_n": jkr.pull_off_force(w, self.R),
+            "tabor_parameter": jkr.tabor_parameter(w, self.E, self.nu, self.R),
+        }
 
     def _seen(self, r: F64) -> tuple[F64, F64]:
-        """What a camera at rest with the sphere sees: azimuthal mean of u_x, and its part that goes
-        with cos 2 theta.
+        """Displacement as a camera at rest with the sphere sees it: the azimuthal mean of u_x, and the
+        amplitude of its part in cos 2 theta.
         """
         D = self.state.D if self.state else float(cattaneo_mindlin.shift(self.Q, *self.cm))
         g0, g2 = (
@@ -322,7 +237,7 @@ class Sheared:
         """Columns of the table: profiles over r, then the force over the displacement of the block."""
         mu, P, a, *_ = self.cm
         c = cattaneo_mindlin.stick_radius(self.Q, mu * P, a)
-        # where Cattaneo and Mindlin's traction has its peak
+        # c is the peak of Cattaneo and Mindlin's traction
         r = np.union1d(np.linspace(0, WIDEST * a, POINTS), c)
         delta = np.linspace(0, FARTHEST * cattaneo_mindlin.full_shift(*self.cm), len(r))
         mean, double = self._seen(r)
@@ -352,11 +267,21 @@ class Sheared:
         }
 
 
-def _write(path: Path, numbers: list[Quantity], curves: dict[str, F64], sheared: Sheared) -> None:
+def _rows(numbers: dict[str, float]) -> list[Row]:
+    rows, share = [], numbers["shear_force_n"] / numbers["friction_limit_n"]
+    for key, value in numbers.items():
+        label, symbol, unit = QUANTITIES[key]
+        rows.append(
+            Row(label.format(share=share), symbol, f"{value * PER_SI[unit]:.4g} {unit}".rstrip())
+        )
+    return rows
+
+
+def _write(path: Path, numbers: dict[str, float], curves: dict[str, F64], sheared: Sheared) -> None:
     if path.suffix.lower() != ".csv":
         _figure(path, curves, sheared)
         return
-    lines = [f"# {q.label}{f' {q.symbol}' if q.symbol else ''}: {q.text}" for q in numbers]
+    lines = [f"# {' '.join(filter(None, (r.label, r.symbol)))}: {r.value}" for r in _rows(numbers)]
     lines += [
         "# over r: pressure p (Hertz; rough: Greenwood-Tripp, exponential heights), shear traction"
         " sigma, and displacement seen from the",

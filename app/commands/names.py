@@ -1,4 +1,4 @@
-"""Names and places of the files that a command writes, checked before anything is done."""
+"""Names and places of the files that a command writes, checked before anything else is done."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def parse_pace(text: str) -> float | None:
         pace = math.nan
     if not (math.isfinite(pace) and pace > 0):
         raise UserError(
-            f"--pace: '{text}' was asked; give 1 (real time), max (as fast as the machine), or"
-            " another number more than 0"
+            f"--pace: '{text}' is not a pace; give 1 (real time), max (as fast as possible), or"
+            " another number above 0"
         )
     return pace
 
@@ -56,7 +56,7 @@ def picture_of(session: Path) -> Path:
 
 
 def mark_of(path: Path) -> tuple[int, int, int] | None:
-    """What tells a file from one that is written later under its name; None where there is none."""
+    """What distinguishes a file from a later one of the same name; None if there is none."""
     try:
         found = path.stat()
     except OSError:
@@ -73,7 +73,7 @@ def check_writable(path: Path) -> None:
         It is a folder, its folder does not exist or can not be written to.
     """
     if path.is_dir():
-        raise UserError(f"{path}: a file was asked, but this is a folder; add a file name")
+        raise UserError(f"{path}: this is a folder; add a file name")
     folder = path.parent
     if not folder.is_dir():
         raise UserError(f"{path}: the folder {folder} does not exist; create it or choose another")
@@ -89,7 +89,7 @@ def check_writable(path: Path) -> None:
 
 
 def check_session_and_picture(session: Path, overwrite: bool) -> None:
-    """Refuse names that can not be written or that hold something already."""
+    """Refuse a session if it, its picture or its journal can not be written or exists already."""
     check_writable(session)
     picture = picture_of(session)
     if picture == session:

@@ -1,4 +1,4 @@
-"""`slipscope repair`: a whole session of one that was cut short."""
+"""`slipscope repair`: makes a whole session of one that was cut short."""
 
 from __future__ import annotations
 

@@ -1,3 +1,3 @@
-"""Emulated devices: what the real drivers talk to on a bench without hardware, looking at the
+"""Emulated devices: the real drivers talk to them on a bench without hardware, and they show the
 simulated world.
 """

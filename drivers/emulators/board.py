@@ -1,8 +1,8 @@
 """An emulated PCI-6251: tasks, a sample clock, buffers that overflow, a pulse train and a counter,
 in front of the simulated world.
 
-It does what the tasks say that a client has set up, and nothing else: a trigger train of a wrong
-period, a counter on a wrong terminal or a task started too late show in what it sends.
+It does exactly what a client's tasks say: a trigger train of a wrong period, a counter on a wrong
+terminal or a task that starts too late shows in the data.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from drivers.sim.world import World
 PRODUCT, SERIAL_NUMBER = "PCI-6251", 0x5119C0DE
 TIMEBASE_HZ = 20_000_000
 FASTEST_HZ = 500_000  # two channels share 1 MS/s
-TICK_S = 0.01  # of the wall clock, in which a paced board takes its samples
+TICK_S = 0.01  # of the wall clock: a paced board takes its samples in steps of this
 FOREVER_S = threading.TIMEOUT_MAX
-# what a read can be relative to, beside the current position
+# positions that a read can be relative to, beside the current one
 FIRST_SAMPLE, MOST_RECENT = 10424, 10428
 
 
 class NiError(Exception):
-    """What NI-DAQmx answers instead of doing what it was asked, with its number."""
+    """An error of NI-DAQmx, with its number."""
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
@@ -39,9 +39,7 @@ class NiError(Exception):
 
 @dataclass(eq=False)
 class Task:
-    """What a client has set up: channels of one kind, their clock, their buffer and where in it to
-    read.
-    """
+    """A task of a client: channels of one kind, their clock, their buffer, and where to read in it."""
 
     name: str
     kind: str = ""  # "ai", "ci", "co" or "do"
@@ -54,9 +52,9 @@ class Task:
     relative_to: int = 0
     offset: int = 0
     position: int = 0
-    began: int = 0  # the board's sample that is this task's first
-    lost: int = 0  # everything before this one was overwritten, by a fault
-    is_full: bool = False  # it says so once after that fault
+    began: int = 0  # the board's sample that is the first of this task
+    lost: int = 0  # the fault has overwritten everything before this sample
+    is_full: bool = False  # after that fault: it reports a full buffer once
     terminal: str = ""
     start_trigger: str = ""
     ticks: tuple[int, int] = (0, 0)  # before the first pulse, between two
@@ -70,17 +68,17 @@ class Board:
     Parameters
     ----------
     world : World
-        What the sensors feel and the camera does; its time passes with the board's samples.
+        Moves the sensors and the camera; its time passes with the board's samples.
     device : str
         Name of the board.
     sensors : (str, str)
         Inputs that the normal and the shear sensor are wired to; the others are at 0 V.
     exposure_terminal : str
-        Where the camera's exposure output is wired to.
+        Terminal that the camera's exposure output is wired to.
     when_gone : callable, optional
-        Called once when the board disappears by a fault.
+        Called once when a fault makes the board disappear.
     renew : callable, optional
-        Makes the world of the next run once one has ended; without it there is one run.
+        Makes the world of the next run after one has ended; without it there is only one run.
     """
 
     def __init__(
@@ -137,7 +135,7 @@ class Board:
         return channel
 
     def check(self) -> None:
-        """An error, once the board is gone."""
+        """Raise an error once the board is gone."""
         if self.is_gone:
             raise NiError(
                 -201003,
@@ -146,7 +144,7 @@ class Board:
             )
 
     def add(self, task: Task, kind: str, name: str) -> None:
-        """A channel for a task; all of a task's are of one kind."""
+        """Add a channel to a task, whose channels must all be of one kind."""
         channel = self.channel(name)
         if task.kind not in ("", kind) or not channel.startswith(
             {"ai": "ai", "do": "port"}.get(kind, "ctr")
@@ -160,7 +158,7 @@ class Board:
         task.channels.append(channel)
 
     def set_clock(self, task: Task, rate_hz: float, clock: str, samples: int) -> None:
-        """Sample clock and buffer of a task."""
+        """Set sample clock and buffer of a task."""
         if not 0 < rate_hz <= FASTEST_HZ:
             raise NiError(
                 -200077,
@@ -171,7 +169,7 @@ class Board:
         task.buffer = samples
 
     def claim(self, task: Task) -> None:
-        """Reserve what a task needs."""
+        """Reserve the resources that a task needs."""
         with self._changed:
             for resource in {"ai" if task.kind == "ai" else channel for channel in task.channels}:
                 if self._owners.setdefault(resource, task) is not task:
@@ -183,7 +181,7 @@ class Board:
                     )
 
     def start(self, task: Task) -> None:
-        """Start a task; outputs and counters wait for the samples, whose start is the start of all."""
+        """Start a task; outputs and counters wait for the start of the samples."""
         self.claim(task)
         with self._changed:
             if task.kind == "ai":
@@ -209,7 +207,7 @@ class Board:
                 self._thread.start()
 
     def _train(self) -> TriggerTrain | None:
-        """What the outputs that are armed send once the samples start."""
+        """The pulses that the armed outputs send once the samples start."""
         for task in self._tasks:
             if task.kind == "co" and task.start_trigger == f"/{self.device}/ai/StartTrigger":
                 per_sample = TIMEBASE_HZ / self._world.scenario.forces.sample_rate
@@ -232,7 +230,7 @@ class Board:
         return None
 
     def stop(self, task: Task) -> None:
-        """Stop a task, which stays reserved; without samples nothing else goes on."""
+        """Stop a task, whose resources stay reserved; if it is that of the samples, everything stops."""
         with self._changed:
             was_running, task.is_running = task.is_running, False
             self._tasks = [other for other in self._tasks if other is not task]
@@ -246,7 +244,7 @@ class Board:
                 self._world, self._total = self._renew(), 0
 
     def clear(self, task: Task) -> None:
-        """Stop a task and let go of what it reserved."""
+        """Stop a task and release its resources."""
         self.stop(task)
         with self._changed:
             self._owners = {
@@ -254,7 +252,7 @@ class Board:
             }
 
     def unplug(self) -> None:
-        """From now on the board is not there."""
+        """Remove the board."""
         with self._changed:
             self.is_gone = True
             self._changed.notify_all()
@@ -278,7 +276,7 @@ class Board:
             self._generate(tick, 1.0)
 
     def _generate(self, n: int, timeout_s: float) -> bool:
-        """Let up to `n` samples pass; whether any did."""
+        """Let up to `n` samples pass; whether any have passed."""
         n = min(n, len(self._ring))
         if self._end is not None and self._total + n > self._end:
             n = self._end - self._total
@@ -296,7 +294,7 @@ class Board:
         return True
 
     def _wait(self, sample: int, timeout_s: float, task: Task) -> None:
-        """Until that sample has been taken or can not come any more, or for that long."""
+        """Wait until that sample has been taken or can no longer come, or for that long."""
         if self._world.pace is not None:
             with self._changed:
                 self._changed.wait_for(
@@ -311,14 +309,14 @@ class Board:
                 pass
 
     def total(self, task: Task) -> int:
-        """Samples that a task has taken since its start; once after an overflow by a fault, what it
-        would be after one by neglect.
+        """Samples that a task has taken since its start; once after an overflow by a fault, the number
+        that it would be after an overflow by late reading.
         """
         was_full, task.is_full = task.is_full, False
         return task.lost + task.buffer if was_full else self._total - task.began
 
     def read(self, task: Task, n: int, timeout_s: float) -> NDArray[Any]:
-        """The next `n` samples of a task, or those that came in time, (channels, samples)."""
+        """The next `n` samples of a task, or as many as came in time, shape (channels, samples)."""
         first = task.offset + {FIRST_SAMPLE: 0, MOST_RECENT: self._total - task.began}.get(
             task.relative_to, task.position
         )

@@ -1,4 +1,4 @@
-"""The real pylon driver on pylon's emulated camera, which sees the simulated world and is fired by
+"""The real pylon driver on pylon's emulated camera, which sees the simulated world and is triggered by
 the pulses of its board.
 """
 
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from drivers.sim.images import Renderer
 
 SERIAL_NUMBER = "0815-0000"
-_FILES = 4  # that the emulated camera plays in turn; it loads a file anew only after another one
+_FILES = 4  # which the emulated camera plays in turn; it reloads a file only after another one
 _READY_MS = 100
 
 
 @contextmanager
 def _emulation_listed() -> Iterator[None]:
-    """Pylon looks at this variable whenever it lists cameras; it is put back, so that nobody else
-    finds the emulated one.
+    """Set the variable that makes pylon list its emulated camera, and restore it, so that the camera
+    appears in no other list.
     """
     before = os.environ.get("PYLON_CAMEMU")
     os.environ["PYLON_CAMEMU"] = "1"
@@ -50,12 +50,12 @@ def _emulation_listed() -> Iterator[None]:
 
 
 class EmulatedPylonCamera:
-    """A `PylonCamera` whose sensor sees the world: one picture per pulse, at the middle of its
-    exposure; see `drivers.protocols.Camera`.
+    """A `PylonCamera` whose sensor sees the world: one image per pulse, at the middle of its exposure;
+    see `drivers.protocols.Camera`.
 
-    pylon's emulated camera plays picture files on software triggers. A thread follows the world:
-    once an exposure has passed, it draws the picture, puts it in front of the camera and fires it:
-    23.8 frames/s at 1600 x 1200 with 24 ms of CPU each, 45 frames/s at most.
+    pylon's emulated camera plays image files on software triggers. A thread follows the world: once
+    an exposure has passed, it draws the image, writes it to the camera's next file and triggers the
+    camera. It runs at 23.8 frames/s at 1600 x 1200 with 24 ms of CPU each, and at 45 frames/s at most.
     """
 
     def __init__(self, settings: CameraSettings, clock: SampleClock, world: World) -> None:
@@ -72,7 +72,7 @@ class EmulatedPylonCamera:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._thread: threading.Thread | None = None
         self._follows = False
-        self._shots = 0  # since the start, at which the camera begins with its first file again
+        self._shots = 0  # since the start, after which the camera begins with its first file
         self._failure: Exception | None = None
 
     def open(self) -> None:
@@ -81,15 +81,14 @@ class EmulatedPylonCamera:
         Raises
         ------
         OutOfLimits
-            The settings ask for other images than those of the world.
+            The settings do not have the size and format of the world's images.
         """
         wanted = self._settings
         if wanted.pixel_format != "Mono8" or self.shape != self._world.scenario.camera.shape:
             rows, columns = self._world.scenario.camera.shape
             raise OutOfLimits(
-                f"{self.name}: {self.shape[1]} x {self.shape[0]} {wanted.pixel_format} was asked,"
-                " the world it sees is"
-                f" {columns} x {rows} Mono8; set both alike"
+                f"{self.name}: {self.shape[1]} x {self.shape[0]} {wanted.pixel_format} was"
+                f" requested, the world that it sees is {columns} x {rows} Mono8; set both alike"
             )
         with _emulation_listed():
             self._camera.open()
@@ -108,11 +107,11 @@ class EmulatedPylonCamera:
             "On",
             "Off",
         )
-        # the world has exposed already; pylon would burn a core for as long
+        # the world has exposed already; pylon would keep a core busy for the exposure time
         device.ExposureTimeAbs.Value = device.ExposureTimeAbs.Min
 
     def describe(self) -> str:
-        """What the real driver says of the emulated camera."""
+        """The description by the real driver."""
         return self._camera.describe()
 
     def start(self, train: TriggerTrain) -> None:
@@ -124,17 +123,17 @@ class EmulatedPylonCamera:
         self._thread.start()
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The fate of the next trigger; see `drivers.camera_pylon.PylonCamera.read`."""
+        """The frame of the next trigger, or why it has none; see `PylonCamera.read`."""
         if self._failure is not None:
             raise DeviceFault(
-                f"{self.name}: the emulation failed, {self._failure}; look at its settings"
+                f"{self.name}: the emulation failed, {self._failure}; check its settings"
             ) from self._failure
         answer = self._camera.read(timeout_s)
         self._world.frame_was_read()
         return answer
 
     def stop(self) -> None:
-        """Wait for triggers no longer; a `read` that waits ends with `DeviceTimeout`."""
+        """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
         self._follows = False
         if self._thread is not None:
             self._world.watch(None)
@@ -157,11 +156,11 @@ class EmulatedPylonCamera:
             for pulse in itertools.count():
                 if not self._passes(pulse) or not self._expose(pulse):
                     return
-        except Exception as error:  # told by `read`
+        except Exception as error:  # reported by `read`
             self._failure = error
 
     def _passes(self, pulse: int) -> bool:
-        """Whether the exposure on a pulse has passed (True), or will never come (False)."""
+        """Wait for the exposure of a pulse; whether it has passed, and not been cancelled."""
         world = self._world
 
         def end() -> float:
@@ -177,8 +176,8 @@ class EmulatedPylonCamera:
         return self._follows and world.now >= end()
 
     def _expose(self, pulse: int) -> bool:
-        """Take the picture of a pulse whose exposure has passed, with its faults; whether the
-        camera is still there.
+        """Take the image of a pulse whose exposure has passed, with its faults; whether the camera is
+        still there.
         """
         faults, device = self._world.faults, self._camera.device
         if faults.since("camera-gone", pulse):
@@ -210,7 +209,7 @@ class EmulatedPylonCamera:
         return True
 
     def _await_delivery(self) -> None:
-        """Until all that was fired has arrived: ready for a trigger the camera is before that."""
+        """Wait until all triggered images have arrived; the camera accepts triggers before that."""
         delivered = self._camera.device.GetStreamGrabberNodeMap().GetNode(
             "Statistic_Total_Buffer_Count"
         )
@@ -222,5 +221,5 @@ class EmulatedPylonCamera:
         path = Path(self._folder.name) / f"{number}.tiff"
         if not cv2.imwrite(str(path), image, [cv2.IMWRITE_TIFF_COMPRESSION, 1]):
             raise DeviceError(
-                f"{self.name}: a picture could not be written to {path}; make room there"
+                f"{self.name}: an image could not be written to {path}; make room there"
             )

@@ -1,13 +1,13 @@
-"""An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver
-speaking to it.
+"""An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver connected
+to it.
 
-States, errors and commands are those of the manuals that `drivers.actuator_newport` names. Where
-they leave it open, the emulation takes what is harder for a driver: an error stays in the memory
-until TE reads it, ST is an error where nothing moves, PA is refused in motion.
+States, errors and commands are those of the manuals that `drivers.actuator_newport` names. What the
+manuals leave open, the emulation decides against the driver: an error stays in the memory until TE
+reads it, ST is an error if nothing moves, PA is refused in motion.
 
     python -m drivers.emulators.newport [smc100 | conex-cc] [PORT]
 
-serves one by hand, on a pseudo-terminal or on a network port of this computer.
+runs a controller on a pseudo-terminal, or on a network port of this computer.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _RANGES = {"SL": (-1e12, 0.0), "SR": (0.0, 1e12), "MM": (0, 1), "PW": (0, 1)}
 
 
 class Controller:
-    """The state machine: what each command is answered with, and what it does to the stage."""
+    """The state machine of a controller: its answers, and the effect of commands on the stage."""
 
     def __init__(
         self, stage: Stage, model: str = "smc100", address: int = 1, *, is_referenced: bool = True
@@ -70,7 +70,7 @@ class Controller:
         self._memory, self._reason, self._homing_since = "@", "", 0.0
 
     def answer(self, command: bytes) -> bytes:
-        """The answer to a line; empty where the protocol has none."""
+        """The answer to a line; empty if the protocol has none."""
         match = re.fullmatch(r"(\d*)([A-Za-z]{2})(.*)", command.decode("ascii", "replace"))
         if match is None:
             self._memory = "A"
@@ -79,14 +79,14 @@ class Controller:
         if address not in (str(self._address), "") or (not address and name != "ST"):
             return b""
         self._settle()
-        told = self._told(name, value)
-        if told is not None:
-            return f"{address}{name}{told}".encode()
+        answer = self._answer(name, value)
+        if answer is not None:
+            return f"{address}{name}{answer}".encode()
         self._memory = self._act(name, value) or self._memory
         return b""
 
-    def _told(self, name: str, value: str) -> str | None:
-        """What a query tells; None where it is not one."""
+    def _answer(self, name: str, value: str) -> str | None:
+        """The answer to a query; None if the command is not a query."""
         if name == "TE":
             letter, self._memory = self._memory, "@"
             return letter
@@ -104,7 +104,7 @@ class Controller:
         return f"{self.parameters[name]:.10g}" if value == "?" and name in self.parameters else None
 
     def _act(self, name: str, value: str) -> str:
-        """Do a command; the letter of what is wrong with it, or nothing."""
+        """Do a command; the letter of its error, empty if there is none."""
         if name == "RS":
             self.stage.halt(self.parameters["AC"])
             self.state, self._origin = 0x0A, self.stage.position()
@@ -151,14 +151,14 @@ class Controller:
     def _drive(self, target: float, speed: str, state: int) -> str:
         try:
             self.stage.move(target, self.parameters[speed], self.parameters["AC"])
-        except OutOfLimits as error:  # the stage of the world
+        except OutOfLimits as error:  # of the stage of the simulated world
             self._reason = str(error)
             return "V"
         self.state, self._homing_since = state, self.stage.time()
         return ""
 
     def _settle(self) -> None:
-        """Bring the state up to what has become of the motion."""
+        """Update the state after the motion so far."""
         letter = _LETTERS[self.state]
         if letter == "M":
             errors = self.stage.errors(self.parameters["FE"])
@@ -176,7 +176,7 @@ class Controller:
 
 
 class _Faulty:
-    """A controller on a line that is cut, or garbles answers, when the faults of the world say so."""
+    """A controller on a line that the faults of the world cut or disturb."""
 
     def __init__(self, controller: Controller, world: World) -> None:
         self._controller, self._world = controller, world
@@ -197,7 +197,7 @@ class _Faulty:
 
 
 class _Emulated(NewportStage):
-    """Opens the far end of the line with the near one."""
+    """A driver that opens both ends of its line."""
 
     _model: str
 
@@ -208,7 +208,7 @@ class _Emulated(NewportStage):
         self._far_end: SerialLine | None = None
 
     def open(self) -> None:
-        """Switch the emulated controller on, the first time, and open the line to it."""
+        """Switch the emulated controller on (the first time), and open the line to it."""
         if self._far_end is not None:
             return
         if self._device is None:
@@ -249,8 +249,8 @@ class EmulatedConexCc(_Emulated, ConexCc):
 
 
 def serve(model: str = "smc100", port: str = "") -> None:
-    """Serve a controller with a free stage, until interrupted; on a port of the network where one
-    is given, "0" for any.
+    """Run a controller with a free stage until interrupted, on a network port if one is given ("0":
+    any that is free).
     """
     line = SerialLine(
         Controller(FreeStage(), model),

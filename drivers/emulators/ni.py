@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class EmulatedNiForces(NiForces):
-    """`NiForces`, and the server with the board that it talks to while it is open."""
+    """`NiForces`, together with the server and its emulated board while it is open."""
 
     server: NiServer | None = None
 
@@ -41,7 +41,7 @@ class EmulatedNiForces(NiForces):
         super()._connect()
 
     def close(self) -> None:
-        """Let go of the board, end the server."""
+        """Let go of the board, and end the server."""
         try:
             super().close()
         finally:

@@ -1,5 +1,5 @@
-"""An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, of
-this or another program or computer.
+"""An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, in this
+or another program or computer.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class NiServer:
         self._server.start()
 
     def kill(self) -> None:
-        """Be gone at once, in the middle of whatever is being answered."""
+        """Stop at once, also in the middle of an answer."""
         self._server.stop(None)
 
     def close(self) -> None:
@@ -103,7 +103,7 @@ class NiServer:
 
 
 class _Calls:
-    """NI's calls, by their names: what each makes of the board, and the fields of its answer."""
+    """NI's calls by their names: each acts on the board and gives the fields of its answer."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -284,8 +284,8 @@ def serve(
     when_ready: Callable[[str], Any] = print,
     **board: Any,
 ) -> None:
-    """Be the server, with a new world for each run, until interrupted or ended by a fault;
-    `when_ready` is told the address.
+    """Run the server, with a new world for each run, until interrupted or ended by a fault;
+    `when_ready` is called with the address.
     """
     server = NiServer(make_world(), host=host, port=port, tls=tls, renew=make_world, **board)
     try:

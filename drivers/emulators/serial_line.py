@@ -1,5 +1,5 @@
-"""A serial port with an emulated device behind it: a pseudo-terminal, or a port on the network,
-that can be slow, noisy, mute or cut.
+"""A serial port with an emulated device connected to it: a pseudo-terminal or a network port, which can
+be slow, noisy, mute or cut.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from typing import Protocol
 
 
 class Device(Protocol):
-    """What is behind the line. Raises `ConnectionError` where the line is pulled out."""
+    """The device on the line."""
 
     def answer(self, command: bytes) -> bytes:
-        """The answer to a command, both without the end of the line; empty where there is none."""
+        """The answer to a command, both without the end of the line; empty if there is none.
+
+        Raises `ConnectionError` if the line has been pulled out.
+        """
 
 
 def garbled(answer: bytes) -> bytes:
-    """An answer as a disturbed line delivers it: every third byte is another one."""
+    """An answer after a disturbed line: every third byte is changed."""
     return bytes(byte | 0x80 if i % 3 == 1 else byte for i, byte in enumerate(answer))
 
 
@@ -35,24 +38,24 @@ class SerialLine:
     ----------
     device : Device
     over : str
-        "pty" (not on Windows) or "tcp"; "" takes the first where there is one.
+        "pty" (not on Windows) or "tcp"; "": "pty" if the system has it.
     byte_s : float
-        Time that a byte takes, each way: 10 / 57600 for 57600 baud. 0: none.
+        Time that a byte takes in each direction: 10 / 57600 for 57600 baud.
     think_s : float
         Time between a command and the answer.
     port : int
-        Of the network; 0: any that is free.
+        Network port; 0: any that is free.
 
     Attributes
     ----------
     url : str
-        What a driver opens, once started.
+        That a driver opens, once the line has started.
     arrivals : list of (float, bytes)
-        Commands with the time (``time.monotonic``) at which their last byte was in.
+        Commands with the time (``time.monotonic``) at which their last byte arrived.
     is_mute : bool
-        Commands arrive, answers do not.
+        Whether answers are lost.
     noise : function
-        What becomes of each answer on its way.
+        Gives what arrives of each answer.
     """
 
     def __init__(
@@ -75,11 +78,11 @@ class SerialLine:
         self._thread: threading.Thread | None = None
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._numbers = itertools.count()
-        # when the wire to the device, and from it, has carried all that was put on it
+        # times at which the wires to and from the device will have carried everything so far
         self._free_at = [0.0, 0.0]
 
     def start(self) -> str:
-        """Begin to listen; the url."""
+        """Begin to listen; gives the url."""
         self._wire = _Pty() if self._over == "pty" else _Tcp(self._port)
         self.url = self._wire.url
         self._alarm, self._bell = socket.socketpair()
@@ -90,10 +93,7 @@ class SerialLine:
         return self.url
 
     def cut(self) -> None:
-        """Pull the plug: from now on the other side has a port that is gone.
-
-        Also the end of a line that is no longer needed.
-        """
+        """Cut the line, also one that is no longer needed: the port of the other side is gone."""
         if self._thread is None:
             return
         self._bell.close()
@@ -137,7 +137,7 @@ class SerialLine:
 
 
 class _Pty:
-    """A pseudo-terminal; its own end of the port stays open, so that drivers may come and go."""
+    """A pseudo-terminal, of which one end stays open, so that drivers may come and go."""
 
     def __init__(self) -> None:
         import pty
@@ -162,7 +162,7 @@ class _Pty:
 
 
 class _Tcp:
-    """A port of this computer for one driver at a time; another one is turned away."""
+    """A port of this computer for one driver at a time; others are turned away."""
 
     def __init__(self, port: int) -> None:
         self._listener = socket.create_server(("127.0.0.1", port))

@@ -1,5 +1,5 @@
-"""Stages for an emulated controller to drive: one of its own, with end switches and a place to
-stick, and that of the simulated world.
+"""Stages that an emulated controller can drive: a free one, with end switches and an obstacle, and that
+of the simulated world.
 """
 
 from __future__ import annotations
@@ -17,38 +17,38 @@ _FIRST_COUNT = round(TRAVEL_M / 2 / ENCODER_M)
 
 
 class Stage(Protocol):
-    """What a controller drives; mm, mm/s."""
+    """A stage that a controller drives; mm, mm/s."""
 
     def move(self, target: float, velocity: float, acceleration: float) -> None: ...
 
     def halt(self, acceleration: float) -> None:
-        """Slow down and stand."""
+        """Decelerate and stand."""
 
     def position(self) -> float: ...
 
     def is_moving(self) -> bool:
-        """Whether the end of the move is still ahead for the controller."""
+        """Whether the controller has not reached the end of the move yet."""
 
     def errors(self, following_limit: float) -> int:
-        """Bits of what holds the stage up; 0: nothing."""
+        """Error bits of what holds the stage; 0: nothing."""
 
     def time(self) -> float: ...
 
 
 class FreeStage:
-    """A stage of its own: trapezoid profile on a clock, end switches, and a place where it sticks
-    if it is given one.
+    """A free stage: trapezoidal velocity profile on a clock, end switches, and an obstacle if one is
+    given.
 
     Parameters
     ----------
     clock : function
-        Seconds; the wall clock, or one that a test turns.
+        Gives the time in seconds: the wall clock, or one that a test advances.
     start : float
-        Where it stands, mm.
+        Initial position, mm.
     ends : (float, float)
-        Places of the end switches, mm.
+        Positions of the end switches, mm.
     sticks_at : float, optional
-        It does not get past this place, mm.
+        Position of an obstacle, mm.
     """
 
     def __init__(
@@ -59,10 +59,11 @@ class FreeStage:
         sticks_at: float | None = None,
     ) -> None:
         self.time, self.ends, self.sticks_at = clock, ends, sticks_at
-        self._legs = [(clock(), start, 0.0, 0.0)]  # from a time on: place, velocity, acceleration
+        # time from which on it moves so, position, velocity, acceleration
+        self._legs = [(clock(), start, 0.0, 0.0)]
 
     def move(self, target: float, velocity: float, acceleration: float) -> None:
-        """Speed up, cruise, slow down; from rest."""
+        """Accelerate, cruise, decelerate; from rest."""
         t, here = self.time(), self.position()
         way, sign = abs(target - here), 1.0 if target > here else -1.0
         top = min(velocity, (acceleration * way) ** 0.5)
@@ -76,7 +77,7 @@ class FreeStage:
         ]
 
     def halt(self, acceleration: float) -> None:
-        """Slow down and stand."""
+        """Decelerate and stand."""
         t = self.time()
         place, velocity = self._aim(t)
         slowing = -acceleration if velocity > 0 else acceleration
@@ -87,7 +88,7 @@ class FreeStage:
         ]
 
     def position(self) -> float:
-        """Where it really is: nowhere beyond its ends, nor beyond where it sticks."""
+        """True position, which is never beyond the ends or the obstacle."""
         low, high = self.ends
         return min(
             max(self._aim(self.time())[0], low),
@@ -95,11 +96,11 @@ class FreeStage:
         )
 
     def is_moving(self) -> bool:
-        """Whether its profile goes on."""
+        """Whether the profile has not ended yet."""
         return self.time() < self._legs[-1][0]
 
     def errors(self, following_limit: float) -> int:
-        """End switches, and how far it is behind its profile."""
+        """Bits of the end switches, and of a stage that is behind its profile."""
         aim = self._aim(self.time())[0]
         if not self.ends[0] <= aim <= self.ends[1]:
             return NEGATIVE_END if aim < self.ends[0] else POSITIVE_END
@@ -114,8 +115,8 @@ class FreeStage:
 
 
 class WorldStage:
-    """The stage of the simulated world, in the middle of its travel at sample 0; its faults are
-    those of the world.
+    """The stage of the simulated world, in the middle of its travel at sample 0, with the faults of
+    the world.
     """
 
     def __init__(self, world: World) -> None:
@@ -124,7 +125,7 @@ class WorldStage:
         self._held_since: float | None = None
 
     def move(self, target: float, velocity: float, acceleration: float) -> None:
-        """Drive the block. Raises `OutOfLimits` where the world does not model it."""
+        """Drive the block; raises `OutOfLimits` if the world does not model the move."""
         self._velocity, self._held_since = velocity, None
         if abs(target - self.position()) < ENCODER_MM / 2:
             self._world.halt()
@@ -132,19 +133,19 @@ class WorldStage:
             self._world.move(target * 1e-3 - _FIRST_COUNT * ENCODER_M, velocity * 1e-3)
 
     def halt(self, acceleration: float) -> None:
-        """Stand from this sample on."""
+        """Stand still from this sample on."""
         self._world.halt()
 
     def position(self) -> float:
-        """Whole counts of the encoder."""
+        """Position by the encoder, in whole counts."""
         return (_FIRST_COUNT + round(self._world.stage_m() / ENCODER_M)) * ENCODER_MM
 
     def is_moving(self) -> bool:
-        """Whether the world's stage has not reached its target."""
+        """Whether the world's stage has not reached its target yet."""
         return self._world.is_moving()
 
     def errors(self, following_limit: float) -> int:
-        """The end switch at once, a stall when the profile is too far ahead."""
+        """The bit of an end switch at once, that of a stall once the profile is too far ahead."""
         obstacle = self._world.obstacle()
         if obstacle is None:
             return 0
@@ -158,5 +159,5 @@ class WorldStage:
         )
 
     def time(self) -> float:
-        """Seconds of the samples."""
+        """Time of the samples in seconds."""
         return self._world.now / self._world.scenario.forces.sample_rate

@@ -1,8 +1,8 @@
 """The sheared contact of the simulated world: how its force and its surface follow the drive, under
 one of three laws of friction.
 
-The normal force is constant and the drive goes one way, so that the state follows from the distance
-driven alone.
+The normal force is constant and the drive has one direction, so that the state follows from the
+driven distance alone.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Sheared(Protocol):
 
     @property
     def stick_radius(self) -> float:
-        """Radius inside which nothing slips; under a law without such a radius, where the shear
-        traction is largest. Metres.
+        """Radius in metres inside which nothing slips or, under a law without such a radius, at which
+        the shear traction is largest.
         """
         ...
 
@@ -57,8 +57,8 @@ class Contact(Protocol):
     limit : float
         Greatest shear force mu P, newtons.
     onset : float
-        Distance driven at which the contact slides as a whole: where the line of steady sliding
-        begins, metres.
+        Driven distance in metres at which the contact slides as a whole: where the line of steady
+        sliding begins.
     """
 
     limit: float
@@ -74,7 +74,7 @@ class Contact(Protocol):
 
 
 class CattaneoMindlin:
-    """Sticks inside c, slips outside under mu p: closed forms."""
+    """Sticks inside c and slips under mu p outside, in closed form."""
 
     def __init__(self, scenario: Scenario) -> None:
         s, block = scenario, scenario.sample
@@ -108,7 +108,7 @@ class _Sheared:
 
 
 class ElastoPlastic:
-    """Yields at each point by a law of the local slip: solved once for a run, then interpolated."""
+    """Yields at each point by a law of the local slip; solved once for a run, then interpolated."""
 
     def __init__(self, scenario: Scenario) -> None:
         s, block = scenario, scenario.sample
@@ -131,8 +131,8 @@ class ElastoPlastic:
         driven = D + self._compliance * Q
         self._curve = CubicHermiteSpline(driven, Q, stiffness / (1 + self._compliance * stiffness))
         self._end = float(driven[-1])
-        # steady sliding: the centre moves like the block, behind it by what the full traction
-        # deforms; extrapolated back to no motion
+        # in steady sliding the centre moves like the block, behind it by the deformation under the
+        # full traction; this line is extrapolated back to where the centre had not moved
         self.onset = float(last.displacement(0.0)[0]) + self._compliance * self.limit
 
     def shear_force(self, driven: F64) -> F64:
@@ -203,7 +203,7 @@ def sheared_contact(scenario: Scenario) -> Contact:
         return ElastoPlastic(scenario)
     if scenario.sim.thickness:
         raise ValueError(
-            "simulated world: a block of finite thickness was asked with law 'cattaneo-mindlin';"
-            " use 'elasto-plastic'"
+            "simulated world: the law 'cattaneo-mindlin' has no block of finite thickness; use"
+            " 'elasto-plastic'"
         )
     return CattaneoMindlin(scenario)

@@ -1,4 +1,4 @@
-"""The three simulated devices: force source, camera and actuator of one simulated world."""
+"""The three simulated devices: force source, camera and actuator, all in one simulated world."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
+from drivers.motion import check_target, check_velocity
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
 from drivers.sim.scenario import ADC_BITS
 from drivers.sim.truth import State
@@ -23,7 +24,7 @@ _FIRST_COUNT = round(TRAVEL_M / 2 / ENCODER_M)
 class SimForces:
     """The simulated DAQ board: noisy, coupled, quantised voltages.
 
-    Reading it is what makes time pass in the world.
+    Time passes in the world only when the board is read.
     """
 
     name = "simulated forces"
@@ -41,59 +42,46 @@ class SimForces:
         self._is_open = True
 
     def describe(self) -> str:
-        """What is simulated."""
+        """Rate and resolution."""
         return f"two sensors at {self.sample_rate_hz:g} Hz, {ADC_BITS} bit"
 
     def start(self, train: TriggerTrain) -> None:
         """Start sampling at sample 0 and the trigger train with it."""
-        _check(self._is_open, self.name, "to start")
+        _check(self._is_open, self.name)
         self._world.start(train)
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
         """The next block, once pace and camera allow it; see `drivers.protocols.ForceSource.read`."""
-        _check(self._is_open, self.name, "for samples")
+        _check(self._is_open, self.name)
         world, faults = self._world, self._world.faults
         if faults.since("daq-gone", world.now + self.block_samples):
             raise DeviceFault(
-                f"{self.name}: the board does not answer any more at sample {world.now}; check its"
-                " cable and start again"
+                f"{self.name}: the board no longer answers at sample {world.now}; check its cable"
+                " and start again"
             )
-        overflow = next(
-            (
-                f
-                for f in faults.all
-                if f.kind == "daq-overflow" and world.now <= f.at < world.now + self.block_samples
-            ),
-            None,
-        )
-        n = (
-            self.block_samples
-            if overflow is None
-            else round(overflow.at) - world.now or round(overflow.amount)
-        )
+        end = world.now + self.block_samples
+        overflows = (f for f in faults.all if f.kind == "daq-overflow" and world.now <= f.at < end)
+        overflow, n = next(overflows, None), self.block_samples
+        if overflow is not None:  # the samples before it, then the gap
+            n = round(overflow.at) - world.now or round(overflow.amount)
         if not world.wait_for_turn(n, timeout_s):
-            if self._world.phase != "running":
+            if world.phase != "running":
                 raise DeviceFault(
-                    f"{self.name}: samples were asked, but the board is {self._world.phase}; read"
-                    " between start and stop"
+                    f"{self.name}: there are no samples, the board is {world.phase}; read between"
+                    " start and stop"
                 )
             raise DeviceTimeout(
-                f"{self.name}: {n} samples were asked within {timeout_s:g} s, the pace or unread"
-                " frames hold them back;"
-                " read the camera, or wait longer"
+                f"{self.name}: {n} samples did not come within {timeout_s:g} s, the pace or unread"
+                " frames hold them back; read the camera, or wait longer"
             )
         block = world.advance(n)
-        if overflow is not None and block.first == overflow.at:
-            return LostSamples(
-                block.first,
-                n,
-                f"{self.name}: samples were overwritten before they were read; the computer is too"
-                " busy",
-            )
-        return block
+        if overflow is None or block.first != overflow.at:
+            return block
+        reason = "samples were overwritten before they were read; the computer is too busy"
+        return LostSamples(block.first, n, f"{self.name}: {reason}")
 
     def backlog(self) -> int:
-        """None: time passes here only where it is read."""
+        """Always 0: time passes only when samples are read."""
         return 0
 
     def stop(self) -> None:
@@ -108,16 +96,16 @@ class SimForces:
 
 
 def corrupt(image: NDArray[np.uint8]) -> None:
-    """Make the lower half of a picture garbage, as a bad cable does."""
+    """Fill the lower half of an image with noise, as a bad cable does."""
     half = image[image.shape[0] // 2 :]
     half[:] = np.random.default_rng(0).integers(0, 256, half.shape, np.uint8)
 
 
 class ImageSource(Protocol):
-    """What draws the picture of a state of the world."""
+    """Draws the image of a state of the world."""
 
     def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
-        """The picture, shape (rows, columns)."""
+        """The image, shape (rows, columns)."""
         ...
 
 
@@ -128,8 +116,8 @@ class SimCamera:
     ----------
     world : World
     renderer : ImageSource, optional
-        What draws the images; the rough interface of `drivers.sim.images` by default, made by
-        `open`.
+        Draws the images; by default the rough interface of `drivers.sim.images`, which `open`
+        makes.
     """
 
     name = "simulated camera"
@@ -145,7 +133,7 @@ class SimCamera:
         self.exposure_samples = world.scenario.exposure_samples
 
     def open(self) -> None:
-        """Make the interface that will be seen."""
+        """Make the interface that the camera sees."""
         if self._renderer is None:
             from drivers.sim.images import Renderer
 
@@ -153,31 +141,30 @@ class SimCamera:
         self._is_open = True
 
     def describe(self) -> str:
-        """What is simulated."""
+        """Size and renderer of the images."""
         rows, columns = self.shape
         return (
-            f"{columns} x {rows}, 8 bit, pictures of the simulated interface"
+            f"{columns} x {rows}, 8 bit, images of the simulated interface"
             f" ({self._world.scenario.sim.renderer} renderer)"
         )
 
     def start(self, train: TriggerTrain) -> None:
-        """Wait for triggers; they may not come faster than the exposure lasts."""
-        _check(self._is_open, self.name, "to wait for triggers")
+        """Wait for triggers; `OutOfLimits` if one would come during the exposure of another."""
+        _check(self._is_open, self.name)
         if train.divisor < self.exposure_samples:
             raise OutOfLimits(
-                f"{self.name}: a trigger every {train.divisor} samples was asked, the exposure"
-                f" takes {self.exposure_samples};"
-                " use a larger divisor or a shorter exposure"
+                f"{self.name}: a trigger every {train.divisor} samples was requested, the exposure"
+                f" takes {self.exposure_samples}; use a larger divisor or a shorter exposure"
             )
         self._train, self._next = train, 0
         self._world.watch(train)
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
-        """The fate of the next trigger, once its exposure is over; see
+        """The frame of the next trigger, or why it has none, once its exposure is over; see
         `drivers.protocols.Camera.read`.
         """
         world, train, index = self._world, self._train, self._next
-        _check(train is not None, self.name, "for a frame", remedy="start it first")
+        _check(train is not None, self.name, "start it first")
         assert train is not None
         exposed = world.exposure_of(index)
         begun = train.sample(index) if exposed is None else exposed
@@ -201,7 +188,7 @@ class SimCamera:
         return answer
 
     def _answer(self, index: int, sample: int, exposed: int | None) -> Frame | LostFrame:
-        """The picture of a trigger whose exposure is over, or what became of it."""
+        """The image of a trigger whose exposure is over, or why there is none."""
         world = self._world
         if exposed is None:
             return LostFrame(
@@ -219,7 +206,7 @@ class SimCamera:
         return Frame(index, exposed if world.scenario.forces.exposure_counter else sample, image)
 
     def stop(self) -> None:
-        """Wait for triggers no longer; a `read` that waits ends with DeviceTimeout."""
+        """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
         self._train = None
         self._world.watch(None)
 
@@ -230,8 +217,8 @@ class SimCamera:
 
 
 class SimActuator:
-    """The simulated stage: bounded moves at a velocity that is a little lower than asked, read by
-    an encoder of 35 nm.
+    """The simulated stage: bounded moves, slightly slower than the nominal velocity, and an encoder
+    of 35 nm.
     """
 
     name = "simulated actuator"
@@ -247,13 +234,13 @@ class SimActuator:
         """Claim the stage, which stands in the middle of its travel."""
         if any(fault.kind == "noisy-line" for fault in self._world.faults.all):
             raise DeviceError(
-                f"{self.name}: it has no line that could be noisy; take an emulated one for the"
-                " fault 'noisy-line'"
+                f"{self.name}: it has no line that could be noisy; choose an emulated actuator for"
+                " the fault 'noisy-line'"
             )
         self._is_open = True
 
     def describe(self) -> str:
-        """What is simulated."""
+        """Travel, encoder and position."""
         return (
             f"travel {self.travel_limits_m[1] * 1e3:g} mm, encoder {ENCODER_M * 1e9:g} nm, at"
             f" {self.position_m() * 1e3:.4f} mm"
@@ -261,30 +248,21 @@ class SimActuator:
 
     def home(self) -> None:
         """Go to the origin at 0.5 mm/s; refused in contact."""
-        self._check_line("to find its origin")
+        self._check_line()
         self._world.move(-_FIRST_COUNT * ENCODER_M, HOME_VELOCITY_M_S)
 
     def set_velocity(self, velocity_m_s: float) -> None:
-        """Speed of the moves to come; `OutOfLimits` above 1 mm/s."""
-        self._check_line("for a velocity")
-        if not 0 < velocity_m_s <= self.velocity_limit_m_s:
-            raise OutOfLimits(
-                f"{self.name}: {velocity_m_s * 1e6:.6g} um/s was asked; use a velocity above 0 and"
-                f" up to {self.velocity_limit_m_s * 1e6:g} um/s"
-            )
+        """Set the speed of later moves; `OutOfLimits` above 1 mm/s."""
+        self._check_line()
+        check_velocity(self.name, velocity_m_s, self.velocity_limit_m_s)
         self._velocity = velocity_m_s
 
     def move_to(self, position_m: float) -> None:
-        """Start a bounded move; `OutOfLimits` beyond 0 to 25 mm, or where the world does not model
-        it (back, in contact).
+        """Start a bounded move; `OutOfLimits` beyond 0 to 25 mm, or if the world does not model the
+        move (backwards in contact).
         """
-        self._check_line("to move")
-        low, high = self.travel_limits_m
-        if not low <= position_m <= high:  # refuses NaN too
-            raise OutOfLimits(
-                f"{self.name}: a move to {position_m * 1e3:.6g} mm was asked; its travel is"
-                f" {low * 1e3:g} to {high * 1e3:g} mm"
-            )
+        self._check_line()
+        check_target(self.name, position_m, self.travel_limits_m)
         if math.isclose(position_m, self.position_m(), rel_tol=0, abs_tol=ENCODER_M / 2):
             self._world.halt()
         else:
@@ -292,12 +270,12 @@ class SimActuator:
 
     def position_m(self) -> float:
         """Position that the encoder reads now."""
-        self._check_line("for its position")
+        self._check_line()
         return (_FIRST_COUNT + round(self._world.stage_m() / ENCODER_M)) * ENCODER_M
 
     def is_moving(self) -> bool:
         """Whether a move is under way."""
-        self._check_line("whether it moves")
+        self._check_line()
         obstacle = self._world.obstacle()
         if obstacle is not None and obstacle.kind == "end-of-run":
             raise DeviceFault(
@@ -309,7 +287,7 @@ class SimActuator:
     def stop(self) -> None:
         """End any motion at this sample."""
         if self._is_open:
-            self._check_line("to stop")
+            self._check_line()
         self._world.halt()
 
     def close(self) -> None:
@@ -321,15 +299,15 @@ class SimActuator:
     def _is_cut(self) -> bool:
         return self._world.faults.since("unplugged", self._world.now) is not None
 
-    def _check_line(self, asked: str) -> None:
-        _check(self._is_open, self.name, asked)
+    def _check_line(self) -> None:
+        _check(self._is_open, self.name)
         if self._is_cut():
             raise DeviceFault(
-                f"{self.name}: asked {asked}, the line is dead; the stage ends its move by itself:"
-                " check the cable"
+                f"{self.name}: the line is dead, and the stage ends its move by itself; check the"
+                " cable"
             )
 
 
-def _check(is_ready: bool, name: str, asked: str, remedy: str = "open it first") -> None:
+def _check(is_ready: bool, name: str, remedy: str = "open it first") -> None:
     if not is_ready:
-        raise DeviceFault(f"{name}: it was asked {asked} before it was ready; {remedy}")
+        raise DeviceFault(f"{name}: it is not ready; {remedy}")

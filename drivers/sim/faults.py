@@ -1,5 +1,5 @@
-"""What goes wrong in a simulated or emulated bench, and when, written ``KIND AT [AMOUNT]``:
-"lost-trigger 40", "daq-overflow 5000 300".
+"""The faults of a simulated or emulated bench, each written ``KIND AT [AMOUNT]``: "lost-trigger 40",
+"daq-overflow 5000 300".
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FAULTS = {
     "unplugged": "the line to the actuator is cut at sample AT",
     "noisy-line": "from sample AT on, AMOUNT answers of the actuator (5), every third one, come garbled",
 }
-"""Kind -> what happens; AT counts triggers, samples or micrometres."""
+"""Kind -> what happens; AT is a number of triggers, samples or micrometres."""
 
 _AMOUNTS = {"late-trigger": 5.0, "daq-overflow": 300.0, "noisy-line": 5.0}
 
@@ -41,7 +41,13 @@ class Fault:
 
 
 def parse(text: str) -> Fault:
-    """The fault that a text describes; ValueError with a sentence where it describes none."""
+    """The fault that a text describes.
+
+    Raises
+    ------
+    ValueError
+        It describes none; the message says how faults are written.
+    """
     kind, *numbers = text.split()[:4] or [""]
     if kind not in FAULTS:
         raise ValueError(f"no fault is called '{kind}'; known: {', '.join(FAULTS)}")
@@ -51,21 +57,22 @@ def parse(text: str) -> Fault:
         values = []
     if not 1 <= len(values) <= 2 or not all(math.isfinite(v) and v >= 0 for v in values):
         raise ValueError(
-            f"'{text}' was asked; write 'KIND AT' or 'KIND AT AMOUNT' with numbers from 0 on:"
-            f" {kind}, {FAULTS[kind]}"
+            f"'{text}' is not a fault; write 'KIND AT' or 'KIND AT AMOUNT' with numbers from 0 on"
+            f" ({kind}: {FAULTS[kind]})"
         )
     return Fault(kind, values[0], values[1] if len(values) == 2 else _AMOUNTS.get(kind, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """All faults of a bench, asked for by those who have them."""
+    """All faults of a bench."""
 
     all: tuple[Fault, ...] = ()
 
     def hits(self, kind: str, n: float) -> Fault | None:
-        """The fault of this kind that covers number `n`: from `at` for `amount` numbers, or one
-        number for kinds whose amount is a size.
+        """The fault of this kind that covers trigger or sample `n`; None if there is none.
+
+        It covers `amount` numbers from `at` on, or only `at` if its amount is the size of the fault.
         """
         for fault in self.all:
             width = 1 if kind in _AMOUNTS else fault.amount
@@ -74,5 +81,7 @@ class Faults:
         return None
 
     def since(self, kind: str, n: float) -> Fault | None:
-        """The fault of this kind that has begun by `n`, for those that stay."""
+        """The fault of this kind, which lasts from its beginning on, that has begun by `n`; None if
+        there is none.
+        """
         return next((fault for fault in self.all if fault.kind == kind and n >= fault.at), None)

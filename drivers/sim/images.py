@@ -1,4 +1,4 @@
-"""What the simulated camera sees: the rough interface, its micro-contacts, uneven light and the
+"""The images of the simulated camera: the rough interface, its micro-contacts, uneven light and the
 noise of an 8-bit sensor.
 """
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from drivers.sim.truth import State
 
 LIGHT = 0.12
-"""The light varies by this fraction of its mean either way over the picture, fixed in the lab."""
+"""The light, which is fixed in the lab, varies by this fraction of its mean over the image."""
 _NORMALS = 1 << 21
 
 
 class Renderer:
-    """Pictures of the interface for given states of the world; the same seed, frame number and
-    state give the same bits.
+    """Images of the interface for given states of the world; the same seed, frame number and state
+    give the same bits.
 
     The exact renderer moves, deforms and integrates every blob over the pixels, without
-    interpolation. The fast one resamples one picture of the free block; the micro-contacts, the
-    light and the noise are the same in both. `benchmarks/render.py` measures them: 13 ms and 0.5 s
-    of CPU at 1600 x 1200, apart by less than 0.001 px rms, 0.003 px at most in boxes of 20 px.
-    Making a renderer compiles, and draws what all pictures share. Two threads must not share a
+    interpolation. The fast one resamples one image of the free block; the micro-contacts, the light
+    and the noise are the same in both. `benchmarks/render.py` measures them: 0.5 s and 13 ms of CPU
+    at 1600 x 1200; in boxes of 20 px they differ by less than 0.001 px rms, 0.003 px at most. Making
+    a renderer compiles its kernels and draws what all images share. Two threads must not share a
     renderer.
 
     Parameters
@@ -55,14 +55,14 @@ class Renderer:
         self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
 
     def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
-        """Picture `frame_index` of the interface in `state`, shape `image_shape`, 8-bit grey
-        levels; the caller owns it.
+        """Image `frame_index` of the interface in `state`, 8-bit grey levels, shape (rows, columns);
+        the caller owns it.
         """
         return self._expose(self._draw(self._motion(state), self._is_exact), frame_index)
 
     def grey(self, state: State, exact: bool) -> NDArray[Any]:
-        """Grey levels before noise and rounding, float64 if exact, else float32; shape
-        `image_shape`.
+        """Grey levels before noise and rounding, float64 if exact, else float32; shape (rows,
+        columns).
         """
         scene = self._draw(self._motion(state), exact)
         light = self._light_y[:, None] * self._light_x + np.float32(1 - LIGHT)
@@ -72,14 +72,14 @@ class Renderer:
         move = warp.motion(state, self._pixel_m, self._shape, speckle.HALO_PX)
         if move.largest_elastic > speckle.HALO_PX / 2:
             raise DeviceFault(
-                f"simulated camera: an elastic displacement of {move.largest_elastic:.0f} px was"
-                " asked,"
-                f" {speckle.HALO_PX // 2} px is the limit; use larger pixels"
+                "simulated camera: an elastic displacement of"
+                f" {move.largest_elastic:.0f} px can not be drawn, {speckle.HALO_PX // 2} px is the"
+                " limit; use larger pixels"
             )
         return move
 
     def _draw(self, move: warp.Motion, exact: bool) -> NDArray[Any]:
-        """The block under even light; the fast renderer's array is used again at the next call."""
+        """The block under even light; the next call reuses the fast renderer's array."""
         shape = self._shape
         if exact:
             scene: NDArray[Any] = np.full(shape, self._background)
@@ -143,8 +143,8 @@ def _add(
 
 
 def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Factors along x and y of the uneven light: it is their product plus 1 - LIGHT, a lamp a
-    little off the axis.
+    """Factors of the uneven light along x and y; the light is their product plus 1 - LIGHT, as of a
+    lamp slightly off the axis.
     """
     x, y = (np.linspace(-0.5, 0.5, n) for n in (shape[1], shape[0]))
     across = np.cos(0.8 * math.pi * (x - 0.1))

@@ -1,11 +1,11 @@
-"""Gaussian blobs: what a rough interface looks like, and their exact images.
+"""The rough interface as Gaussian blobs, and their exact images.
 
 A blob keeps its place on the block (material coordinates, pixels). Its image is never interpolated:
 the blob is moved to its exact place, deformed by the local gradient of the motion, and integrated
 over each pixel in closed form.
 
-The pattern is periodic, a little larger than the picture, so that the block may travel as far as it
-likes.
+The pattern is periodic and slightly larger than the image, so that the block may travel any
+distance.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 HALO_PX = 64
-"""The pattern's period exceeds the picture by this much on every side: a blob is seen at most once.
+"""The period of the pattern exceeds the image by this much on every side, so that each blob appears
+at most once.
 """
 
 SPECKLE_PER_PX2 = 0.15
 SPECKLE_DIAMETER_PX = (3.0, 5.0)
 """e^-2 diameters of the grains: four standard deviations."""
 SPECKLE_MEAN, SPECKLE_RMS = 90.0, 25.0
-"""Grey levels of the block out of contact, under even light."""
+"""Grey levels of the free block under even light."""
 
 SPOTS_PER_PX2 = 0.004
 SPOT_SIGMA_PX = (1.2, 1.6)
@@ -54,7 +55,7 @@ class Blobs:
 
 @dataclass(frozen=True, slots=True)
 class MicroContacts:
-    """Bright junctions that the block can make, each lit where the relative Hertz pressure exceeds
+    """Bright junctions that the block can form; each is lit while the relative Hertz pressure exceeds
     its threshold in (0, 1).
     """
 
@@ -63,7 +64,7 @@ class MicroContacts:
 
 
 def period(shape: tuple[int, int]) -> tuple[int, int]:
-    """Period (rows, columns) of the pattern in which a picture of `shape` is cut."""
+    """Period (rows, columns) of the pattern for images of `shape`."""
     return shape[0] + 2 * HALO_PX, shape[1] + 2 * HALO_PX
 
 
@@ -86,8 +87,8 @@ def _blobs(
 def speckle(shape: tuple[int, int], seed: int) -> tuple[Blobs, float]:
     """Grains of the rough surface and the even grey level under them, the same for the same seed.
 
-    Campbell's theorem sets the two so that the picture has the mean `SPECKLE_MEAN` and the rms
-    `SPECKLE_RMS` (before pixels blur it a little).
+    Both follow from Campbell's theorem, so that the image has the mean `SPECKLE_MEAN` and the rms
+    `SPECKLE_RMS` (before the pixels blur it slightly).
     """
     low, high = SPECKLE_DIAMETER_PX
     grains = _blobs(
@@ -101,8 +102,8 @@ def speckle(shape: tuple[int, int], seed: int) -> tuple[Blobs, float]:
 
 
 def micro_contacts(shape: tuple[int, int], seed: int) -> MicroContacts:
-    """Every junction the block can make, the same for the same seed; `brightness` tells which are
-    lit.
+    """All junctions that the block can form, the same for the same seed; see `brightness` for which
+    of them are lit.
     """
     rng = np.random.default_rng([seed, 102])
     spots = _blobs(shape, SPOTS_PER_PX2, SPOT_SIGMA_PX, SPOT_GREY, rng)
@@ -110,12 +111,12 @@ def micro_contacts(shape: tuple[int, int], seed: int) -> MicroContacts:
 
 
 def brightness(distance: Array, radius: float, threshold: Array) -> Array:
-    """How far each micro-contact is lit, 0 to 1, at a distance from the contact's centre (in the
-    unit of `radius`).
+    """Relative brightness of each micro-contact, 0 to 1, at a distance from the contact's centre (in
+    the unit of `radius`).
 
-    Lit where sqrt(1 - (r/a)^2) > threshold: with thresholds uniform in (0, 1) the density of lit
-    junctions follows the Hertz pressure and ends exactly at r = a. It comes on smoothly over
-    `SPOT_RAMP`, so that no junction jumps into the picture.
+    A junction is lit where sqrt(1 - (r/a)^2) > threshold: with thresholds uniform in (0, 1) the
+    density of lit junctions follows the Hertz pressure and ends exactly at r = a. It brightens
+    smoothly over `SPOT_RAMP`, so that no junction jumps into the image.
 
     References
     ----------
@@ -150,12 +151,12 @@ def _profiles(first, count, centre, sigma, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
-    """Add Gaussian blobs to an image, each integrated over every pixel it touches.
+    """Add Gaussian blobs to an image, each integrated over every pixel that it touches.
 
     Along the axes the integral is a product of error functions. The oblique part of the covariance
-    enters by its series (Mehler's formula: d/d(xy) of a Gaussian is its d2/dxdy), to the third
-    power of the correlation rho = xy / sqrt(xx yy): for a blob of 100 grey levels the remainder
-    stays below 1e-4 grey levels for |rho| <= 0.05; a gradient of 3 % gives at most that.
+    enters as a series (Mehler's formula: d/d(xy) of a Gaussian is its d2/dxdy) up to the third power
+    of the correlation rho = xy / sqrt(xx yy). For a blob of 100 grey levels the remainder is below
+    1e-4 grey levels if |rho| <= 0.05, which a gradient of 3 % does not exceed.
 
     Parameters
     ----------

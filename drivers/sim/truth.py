@@ -1,6 +1,4 @@
-"""What is true in the simulated world at one sample: for its cameras, and for those who check an
-analysis against it.
-"""
+"""The true state of the simulated world at one sample, for its cameras and for tests of an analysis."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ class State:
     """The contact at one sample.
 
     The lab point x shows the material point ``X = x - rigid + g(x - lens_centre)``, where g is the
-    displacement G*sigma that `radial` gives and X is where the material point was at sample 0. Lab
+    displacement G*sigma (see `radial`) and X is the place of the material point at sample 0. Lab
     coordinates are those of the image: metres from the centre of the top-left pixel, x to the
     right, y down.
 
@@ -36,12 +34,12 @@ class State:
     lens_m : float
         Displacement of the lens along the drive.
     rigid_m : (x, y)
-        Displacement of the block, far from the contact, in the image since sample 0: while it is
-        pressed on, and driven; with the image's drift.
+        Displacement of the block, far from the contact, in the image since sample 0: by pressing,
+        by the drive and by the drift of the image.
     lens_centre_m : (x, y)
         Centre of the contact in the image.
     hertz_radius_m, apparent_radius_m : float
-        a_H and a_H + sqrt(R h); 0 without contact.
+        a_H, and a_H + sqrt(R h); 0 without contact.
     friction : float
         mu under the normal force.
     drive : (x, y)
@@ -66,8 +64,8 @@ class State:
 
     @property
     def stick_radius_m(self) -> float:
-        """Radius inside which nothing slips, or, under a law without one, where the traction is
-        largest; a_H at rest, 0 without contact.
+        """Radius inside which nothing slips or, under a law without such a radius, at which the
+        traction is largest; a_H at rest, 0 without contact.
         """
         return self.contact.stick_radius if self.contact else self.hertz_radius_m
 
@@ -100,7 +98,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What an analysis should find at one sample.
+    """The result that an analysis should have at one sample.
 
     Attributes
     ----------
@@ -110,8 +108,8 @@ class Truth:
     mu_s : float
         Q/P at the onset.
     onset_sample : int or None
-        First sample at which the whole contact slides, see `Contact.onset`; None where it has not
-        yet.
+        First sample at which the whole contact slides, see `Contact.onset`; None if it does not
+        slide yet.
     state_at : callable
         The state at another sample.
     """
@@ -125,10 +123,10 @@ class Truth:
     def displacement_px(
         self, x_px: ArrayLike, y_px: ArrayLike, reference_sample: int
     ) -> tuple[F64, F64]:
-        """Displacement (ux, uy) in the image, since `reference_sample`, of what was seen at (x, y)
-        then; pixels, shape of `x_px`.
+        """Displacement (ux, uy) in the image since `reference_sample` of the material that was at
+        (x, y) then; pixels, shape of `x_px`.
 
-        A frame shows the middle of its exposure: ask for the truth and the reference at
+        A frame shows the middle of its exposure: take the truth and the reference at
         ``frame.sample + exposure_samples // 2``.
         """
         before, now = self.state_at(reference_sample), self.state

@@ -1,8 +1,8 @@
-"""Where the points of the block are seen, and a picture of the block resampled there.
+"""Where the points of the moved block appear in the image, and the image of the block resampled there.
 
 In pixels: the lab point x shows the material point X = x - rigid + g(x - centre), where g = (g0 +
-g2 cos 2theta, g2 sin 2theta) is the elastic displacement of the contact, given by its radial
-functions, along and across the direction of the drive.
+g2 cos 2theta, g2 sin 2theta) is the elastic displacement of the contact, along and across the
+direction of the drive, given by its radial functions g0 and g2.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CELL_PX = 4
-"""Distance between the nodes of the inverse map; it is linear in between."""
+"""Distance between the nodes of the inverse map, which is linear in between."""
 RUN_PX = 16
-"""Pixels resampled together have one whole shift; they come in runs of a multiple of this."""
-_ITERATIONS = 8  # gradients are below 3 %: each one gains a digit and a half
+"""Pixels are resampled in runs of a multiple of this length, with one integer shift for each run."""
+_ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and a half digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,23 +46,23 @@ class Motion:
 
     @property
     def largest_elastic(self) -> float:
-        """No point moves elastically by more than this."""
+        """Upper bound of the elastic displacement of any point."""
         return float(np.max(np.abs(self.g0) + np.abs(self.g2)))
 
 
 AT_REST = Motion(
     rigid=(0.0, 0.0), centre=(0.0, 0.0), radius=0.0, g0=np.zeros(2), g2=np.zeros(2), per_px=1.0
 )
-"""The block free, where it was at sample 0."""
+"""The free block at its place of sample 0."""
 
 
 def motion(
     state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int = 4
 ) -> Motion:
-    """The state of the world in pixels, its radial functions tabulated `per_px` times a pixel.
+    """The state of the world in pixels, with its radial functions tabulated `per_px` times per pixel.
 
-    The table ends `margin_px` beyond the farthest corner; it is linear in between, at 4 a pixel
-    that is right to 1e-5 px.
+    The table ends `margin_px` beyond the farthest corner of the image. Linear interpolation in it is
+    accurate to 1e-5 px at 4 entries per pixel.
     """
     centre = (state.lens_centre_m[0] / pixel_m, state.lens_centre_m[1] / pixel_m)
     far_x = max(abs(centre[0]), abs(shape[1] - centre[0])) + margin_px
@@ -91,7 +91,7 @@ def _g(x, y, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
     if square == 0.0:
         return even * drive[0], even * drive[1]
     twice = (g2[k] + t * (g2[k + 1] - g2[k])) / square
-    # of 2 theta; the direction of the drive is taken off once
+    # of twice the angle in the image; the products with the drive subtract its angle once
     cos, sin = twice * (x * x - y * y), twice * 2.0 * x * y
     return drive[0] * (even + cos) + drive[1] * sin, drive[1] * (even - cos) + drive[0] * sin
 
@@ -117,11 +117,11 @@ def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[n
 
 
 def as_if_rigid(x: Array, y: Array, move: Motion, period: tuple[int, int], halo: int) -> Array:
-    """Where points (x, y) of the block would be seen had they moved with it as a whole, from the
+    """Where points (x, y) of the block would appear if it had moved as a rigid whole, from the
     contact's centre; shape (2, n), pixels.
 
-    Of the pattern, periodic with `period` (rows, columns), the copy is taken that falls within
-    `halo` of the picture.
+    The pattern is periodic with `period` (rows, columns); of each point, the copy within `halo` of
+    the image is taken.
     """
     (rx, ry), (cx, cy) = move.rigid, move.centre
     return np.stack(
@@ -130,12 +130,12 @@ def as_if_rigid(x: Array, y: Array, move: Motion, period: tuple[int, int], halo:
 
 
 def place(base: Array, sigma: Array, move: Motion) -> Array:
-    """Where blobs of the block are seen, and how the motion deforms them.
+    """Where blobs of the block appear, and how the motion deforms them.
 
     Parameters
     ----------
     base : ndarray, shape (2, n)
-        Places `as_if_rigid`.
+        Places from `as_if_rigid`.
     sigma : ndarray, shape (n,)
         Standard deviations on the undeformed block, pixels.
     move : Motion
@@ -151,7 +151,7 @@ def place(base: Array, sigma: Array, move: Motion) -> Array:
 
 
 def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
-    """Quintic B-spline coefficients of a periodic pattern, continued so that rows of `columns`
+    """Quintic B-spline coefficients of a periodic pattern, continued so that a row of `columns`
     pixels can start anywhere in a period.
     """
     coefficients = ndimage.spline_filter(pattern, order=5, output=np.float64, mode="grid-wrap")
@@ -162,7 +162,7 @@ def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
-    """X - x at the nodes of the map, without the whole pixels of the rigid displacement."""
+    """X - x at the nodes of the map, without the integer part of the rigid displacement."""
     out = np.empty((2, (rows - 1) // CELL_PX + 2, (columns - 1) // CELL_PX + 2), np.float32)
     for j in range(out.shape[1]):
         for i in range(out.shape[2]):
@@ -174,7 +174,9 @@ def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive):  # type: ignor
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _weights(t):  # type: ignore[no-untyped-def]
-    """Quintic B-spline at the six nodes around a point a fraction t past the third."""
+    """Quintic B-spline weights of the six nodes around a point, which lies a fraction t beyond the
+    third.
+    """
     f = np.float32
     a = f(1 / 120)
     s = f(1) - t
@@ -192,8 +194,8 @@ def _weights(t):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
-    """A run of pixels of one row from six rows of coefficients, all at the same whole shift (kx,
-    ky): contiguous, so it vectorises.
+    """A run of pixels of one row from six rows of coefficients, all with the same integer shift (kx,
+    ky); contiguous, so that the loop vectorises.
     """
     for i in range(out.size):
         a0, a1, a2, a3, a4, a5 = _weights(tx[i] - kx)
@@ -273,10 +275,10 @@ def _between(f, above, below, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _whole(t, i):  # type: ignore[no-untyped-def]
-    """Whole shift of the run of pixels that begins at i, taken at its middle.
+    """Integer shift of the run of pixels that begins at i, taken at its middle.
 
-    A little off the ends of a spline's piece its polynomial is still right: off by 3 % x RUN_PX /
-    2, the fifth derivative's jump leaves 1e-4 of the contrast.
+    Slightly beyond the ends of a spline segment its polynomial is still accurate: at 3 % of RUN_PX /
+    2 beyond, the jump of the fifth derivative causes an error of 1e-4 of the contrast.
     """
     return math.floor(t[min(i + RUN_PX // 2, t.size - 1)])
 
@@ -331,10 +333,10 @@ def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
 def warp(
     coefficients: NDArray[np.float32], period_columns: int, move: Motion, out: NDArray[np.float32]
 ) -> None:
-    """The pattern as the moved block shows it, written to `out`, shape (rows, columns), float32.
+    """Write the pattern of the moved block to `out`, shape (rows, columns), float32.
 
-    Interpolated by the quintic B-spline of the undeformed, pixel-integrated pattern: a fast
-    stand-in for the exact sum of blobs.
+    It is interpolated by the quintic B-spline of the undeformed, pixel-integrated pattern, which is
+    a fast approximation of the exact sum of blobs.
     """
     wx, wy = math.floor(-move.rigid[0]), math.floor(-move.rigid[1])
     nodes = _nodes(

@@ -1,10 +1,10 @@
 """The simulated world: a rough elastomer block on a cantilever, pressed on a lens and driven by a
-stage, on the clock of the samples.
+stage, on the sample clock.
 
-Physics: a Hertz contact under one of three laws of friction (`drivers.sim.contact`) in series with
-the tangential cantilever and the lens holder, at constant normal force, driven one way; the stage
-and the image may drift. Everything follows from the settings, the seed and the samples on which
-commands came: neither wall clock nor block size matters.
+Physics: a Hertz contact under one of three laws of friction (`drivers.sim.contact`), in series with
+the tangential cantilever and the lens holder, at constant normal force, driven in one direction; the
+stage and the image may drift. Everything follows from the scenario, its seed and the samples on which
+commands came. Neither the wall clock nor the block size has any influence.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from drivers.sim.truth import State, Truth
 
 F64 = NDArray[np.float64]
 
-FRAMES_AHEAD = 4  # exposed and not yet read, when the world runs as fast as its readers
+FRAMES_AHEAD = 4  # exposed but not yet read, when the world runs as fast as it is read
 _NOISE_CHUNK = 1024  # samples
 
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """The stage from one command on: at `start_m` on `sample`, then on to `target_m` at `speed`
+    """The motion of the stage after a command: from `start_m` on `sample` to `target_m` at `speed`
     (metres per sample, signed).
     """
 
@@ -50,35 +50,35 @@ class _Move:
 
 
 class World:
-    """One simulated bench, seen by the simulated devices; its time passes only where its force
-    readings are asked for.
+    """One simulated bench, seen by the simulated devices; its time passes only when its forces are
+    read.
 
     Parameters
     ----------
     scenario : Scenario
     pace : float or None
-        Simulated seconds per second of the wall clock; None: as fast as the readings, and the
-        frames of a started camera, are read.
+        Simulated seconds per second of the wall clock; None: as fast as the forces and the frames
+        of a started camera are read.
     """
 
     def __init__(self, scenario: Scenario, pace: float | None = 1.0) -> None:
         if pace is not None and not (pace > 0 and math.isfinite(pace)):
             raise ValueError(
-                f"simulated world: a pace of {pace} was asked; give a number above 0, or None for"
-                " as fast as possible"
+                f"simulated world: a pace of {pace} was requested; give a number above 0, or None"
+                " for as fast as possible"
             )
         self.scenario = scenario
         self.pace = pace
         self.now = 0
         self.phase = "idle"  # then "running", then "stopped"
         self.faults = Faults(scenario.faults)
-        self.pulses: TriggerTrain | None = None  # what the board sends to the camera
-        # samples on which exposures began, of the pulses counted so far
+        self.pulses: TriggerTrain | None = None  # that the board sends to the camera
+        # samples on which the exposures of the pulses counted so far began
         self._begun: list[int] = []
         self._pulses_counted = 0
         self._changed = threading.Condition(threading.RLock())
         self._moves = [_Move(0, 0.0, 0.0, 0.0)]
-        self._asked_m = 0.0
+        self._target_m = 0.0
         self._wall = min(
             (f for f in scenario.faults if f.kind in ("stall", "end-of-run")),
             key=lambda f: f.at,
@@ -92,32 +92,32 @@ class World:
     # ------------------------------------------------------------------ time
 
     def start(self, pulses: TriggerTrain | None = None) -> None:
-        """Let sample 0 be now, and the board send these pulses to the camera. A world runs once."""
+        """Begin with sample 0, while the board sends these pulses to the camera. A world runs once."""
         with self._changed:
             if self.phase != "idle":
                 raise DeviceFault(
-                    "simulated world: a second start was asked, it has run already; make a new"
-                    " bench for another run"
+                    "simulated world: it can run only once and has run already; make a new bench for"
+                    " another run"
                 )
             self.phase, self.pulses, self._began = "running", pulses, time.monotonic()
             self._changed.notify_all()
 
     def stop(self) -> None:
-        """End time, for good; nobody waits any longer."""
+        """End time for good; nobody waits any longer."""
         with self._changed:
             self.phase = "stopped"
             self._changed.notify_all()
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Whether a condition came true in `timeout_s` seconds of the wall clock; it is looked at
-        whenever the world changes.
+        """Whether a condition became true within `timeout_s` seconds of the wall clock; it is
+        evaluated whenever the world changes.
         """
         with self._changed:
             return self._changed.wait_for(condition, min(timeout_s, threading.TIMEOUT_MAX))
 
     def wait_for_turn(self, n: int, timeout_s: float) -> bool:
-        """Whether, within `timeout_s` seconds of the wall clock, the pace and the camera let the
-        next `n` samples pass.
+        """Whether the pace and the camera allow the next `n` samples to pass within `timeout_s`
+        seconds of the wall clock.
         """
         give_up = time.monotonic() + timeout_s
         with self._changed:
@@ -151,19 +151,19 @@ class World:
         )
 
     def watch(self, train: TriggerTrain | None) -> None:
-        """A camera waits for these triggers from now on; None: no longer."""
+        """Note that a camera waits for these triggers from now on; None: for none any longer."""
         with self._changed:
             self._train, self._frames_read = train, 0
             self._changed.notify_all()
 
     def frame_was_read(self) -> None:
-        """The camera has handed over its oldest frame."""
+        """Note that the camera has delivered its oldest frame."""
         with self._changed:
             self._frames_read += 1
             self._changed.notify_all()
 
     def advance(self, n: int) -> SampleBlock:
-        """Let `n` samples pass, and what the two sensors read on them."""
+        """Let `n` samples pass; the readings of the two sensors on them."""
         with self._changed:
             is_counted = self.scenario.forces.exposure_counter
             counts = self.exposure_counts(self.now, n) if is_counted else None
@@ -175,7 +175,7 @@ class World:
     # ------------------------------------------------------------------ triggers
 
     def exposure_of(self, pulse: int) -> int | None:
-        """Sample on which the camera begins to expose on a pulse of the board; None where it does
+        """Sample on which the camera begins to expose after a pulse of the board; None if it does
         not.
         """
         if (
@@ -189,7 +189,7 @@ class World:
 
     def exposure_counts(self, first: int, n: int) -> NDArray[np.int64]:
         """How many exposures had begun by each of `n` samples from `first` on, as a counter beside
-        the samples reads them, (n,).
+        the samples counts them, shape (n,).
         """
         with self._changed:
             due = self.pulses.count_before(first + n) if self.pulses else 0
@@ -208,12 +208,12 @@ class World:
     # ------------------------------------------------------------------ stage
 
     def stage_m(self) -> float:
-        """Travel of the stage at this moment, since sample 0."""
+        """Travel of the stage since sample 0."""
         with self._changed:
             return self._stage(self.now)
 
     def is_moving(self) -> bool:
-        """Whether the stage has not yet reached the target of its last move; one that stalls never
+        """Whether the stage has not reached the target of its last move yet; a stalled one never
         does.
         """
         with self._changed:
@@ -223,21 +223,25 @@ class World:
             )
 
     def obstacle(self) -> Fault | None:
-        """The fault that holds the stage at this moment, while a move would take it further."""
+        """The fault that holds the stage although its move would take it further; None if it is
+        free.
+        """
         with self._changed:
             here, wall = self._stage(self.now), self._wall
             return (
-                wall if wall is not None and here < self._asked_m and here >= wall.place_m else None
+                wall
+                if wall is not None and here < self._target_m and here >= wall.place_m
+                else None
             )
 
     def move(self, target_m: float, velocity_m_s: float) -> None:
-        """From this sample on the stage goes to `target_m` (travel since sample 0), nominally at
-        that speed.
+        """Send the stage to `target_m` (travel since sample 0) from this sample on, nominally at that
+        speed.
 
         Raises
         ------
         OutOfLimits
-            The move would shear the contact backwards, or while it is being pressed on: neither is
+            The move would shear the contact backwards, or while it is being pressed: neither is
             modelled. Nothing was done.
         """
         s = self.scenario
@@ -248,23 +252,23 @@ class World:
             if self.now >= s.settled_sample:
                 if way < 0:
                     raise OutOfLimits(
-                        f"simulated stage: a move back by {-way * 1e6:.3g} um was asked in contact;"
-                        " only a drive one way is modelled, make a new bench for another run"
+                        f"simulated stage: a move back by {-way * 1e6:.3g} um was requested in"
+                        " contact; only a drive in one direction is modelled, make a new bench for"
+                        " another run"
                     )
             elif way and self.now + abs(way) / per_sample > s.press_sample:
                 raise OutOfLimits(
-                    f"simulated stage: a move of {way * 1e6:.4g} um was asked that lasts into the"
-                    " pressing of the contact (samples"
-                    f" {s.press_sample} to {s.settled_sample}), which is not modelled; move"
-                    " earlier, faster, or once the contact is settled"
+                    f"simulated stage: a move of {way * 1e6:.4g} um was requested that lasts into"
+                    f" the pressing of the contact (samples {s.press_sample} to {s.settled_sample}),"
+                    " which is not modelled; move earlier, faster, or once the contact is settled"
                 )
-            self._asked_m = target_m
+            self._target_m = target_m
             goal = target_m if self._wall is None else min(target_m, max(here, self._wall.place_m))
             self._moves.append(_Move(self.now, here, goal, math.copysign(per_sample, way)))
 
     def follow(self, stage_m: float) -> None:
-        """The stage is a real one that is now at `stage_m` (travel since sample 0); in contact it
-        is not followed back.
+        """Put the stage where a real one is now, `stage_m` (travel since sample 0); in contact it is
+        not followed backwards.
         """
         with self._changed:
             here = self._stage(self.now)
@@ -272,9 +276,9 @@ class World:
             self._moves.append(_Move(self.now, stage_m, stage_m, 0.0))
 
     def halt(self) -> None:
-        """From this sample on the stage stands."""
+        """Let the stage stand still from this sample on."""
         with self._changed:
-            self._asked_m = here = self._stage(self.now)
+            self._target_m = here = self._stage(self.now)
             self._moves.append(_Move(self.now, here, here, 0.0))
 
     def _stage(self, sample: int) -> float:
@@ -282,8 +286,8 @@ class World:
         return float(self._moves[last].at(np.asarray(sample)))
 
     def _driven(self, samples: NDArray[np.int64], stage: F64) -> F64:
-        """How far the contact has been driven, the drift that the stage does not report included; 0
-        before it is settled.
+        """Distance by which the contact has been driven, including the drift that the stage does not
+        report; 0 before the contact is settled.
         """
         s = self.scenario
         drift = s.sim.stage_drift / s.forces.sample_rate * (samples - s.settled_sample)
@@ -294,7 +298,7 @@ class World:
     # ------------------------------------------------------------------ contact
 
     def _pressed(self, samples: NDArray[np.int64]) -> F64:
-        """Share of the normal force that is on, 0 to 1."""
+        """Share of the normal force that is applied, 0 to 1."""
         s = self.scenario
         t = np.clip(
             (samples - s.press_sample + 1) / (s.settled_sample - s.press_sample + 1), 0.0, 1.0
@@ -302,7 +306,7 @@ class World:
         return np.asarray(t * t * (3 - 2 * t))
 
     def _volts(self, samples: NDArray[np.int64]) -> F64:
-        """What the board reads; `samples` all lie at or after the last command."""
+        """The readings of the board; all `samples` are at or after the last command."""
         s = self.scenario
         P = s.normal_force * self._pressed(samples)
         Q = self._contact.shear_force(self._driven(samples, self._moves[-1].at(samples)))
@@ -321,8 +325,8 @@ class World:
         return np.asarray(np.clip(codes, -top, top - 1) * step)
 
     def _noise(self, samples: NDArray[np.int64]) -> F64:
-        """White noise of unit variance, (n, 2): always drawn in the same chunks, so that it belongs
-        to the sample and not to the block.
+        """White noise of unit variance, shape (n, 2), always drawn in the same chunks, so that it
+        depends on the sample and not on the block.
         """
         chunks = range(samples[0] // _NOISE_CHUNK, samples[-1] // _NOISE_CHUNK + 1)
         drawn = [
@@ -345,7 +349,7 @@ class World:
         with self._changed:
             if not 0 <= sample <= self.now:
                 raise ValueError(
-                    f"simulated world: the state at sample {sample} was asked, it knows 0 to"
+                    f"simulated world: there is no state at sample {sample} yet, it knows 0 to"
                     f" {self.now}"
                 )
             at, stage = np.asarray(sample), self._stage(sample)
@@ -381,7 +385,7 @@ class World:
         )
 
     def onset_sample(self) -> int | None:
-        """First sample at which the whole contact slides; None where it has not yet."""
+        """First sample at which the whole contact slides; None if it does not slide yet."""
         with self._changed:
             settled = self.scenario.settled_sample
             samples = range(settled, self.now + 1)
@@ -392,8 +396,8 @@ class World:
         return float(self._driven(np.asarray(sample), np.asarray(self._stage(sample))))
 
     def truth(self, sample: int) -> Truth:
-        """What an analysis should find at a sample that has passed; an image shows the middle of
-        its exposure.
+        """The result that an analysis should have at a sample that has passed; an image shows the
+        middle of its exposure.
 
         Raises
         ------

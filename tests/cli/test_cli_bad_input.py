@@ -119,7 +119,7 @@ def test_an_output_that_can_not_be_written(
 
 @pytest.mark.parametrize("pace", ["0", "-1", "nan", "inf", "fast"])
 def test_a_pace_that_is_none(slipscope: Command, pace: str) -> None:
-    refused(slipscope("run", "--headless", f"--pace={pace}"), f"'{pace}' was asked")
+    refused(slipscope("run", "--headless", f"--pace={pace}"), f"'{pace}' is not a pace")
 
 
 def test_paces() -> None:

@@ -155,7 +155,7 @@ def test_the_figure_can_be_a_page(slipscope: Command, tmp_path: Path) -> None:
         (("--friction", 0), "--friction must be a number more than 0 and at most 5; found 0"),
         (("--roughness", "inf"), "--roughness: a finite number is needed; found inf"),
         (("--share", 1.2), "give 0 to mu P = 0.465 N"),
-        (("--shear-force", -0.1), "Q = -0.1 N asked"),
+        (("--shear-force", -0.1), "Q = -0.1 N is not possible"),
         (("--shear-force", 0.1, "--share", 0.1), "give one of them"),
         (("--share", 1), "or --length 0"),
         (("--length", 0, "--thickness", 15), "--thickness"),

@@ -214,7 +214,7 @@ def test_every_refusal_is_told_in_words_and_nothing_moves(newport_open, letter):
     }
     kind = OutOfLimits if letter in "CG" else DeviceFault
     with pytest.raises(
-        kind, match=f"a move to 13 mm was asked, the controller refused: .*{LETTERS[letter]}"
+        kind, match=f"a move to 13 mm was requested, the controller refused: .*{LETTERS[letter]}"
     ):
         stage.driver.move_to(13e-3)
     assert not stage.driver.is_moving()
@@ -249,7 +249,7 @@ def test_the_narrower_limits_hold_and_the_controller_is_told(newport_open):
     assert stage.driver.travel_limits_m == pytest.approx((-1e-3, 20e-3))
     assert (stage.controller.parameters["SL"], stage.controller.parameters["SR"]) == (-1.0, 20.0)
     with pytest.raises(
-        OutOfLimits, match=r"a move to 20\.001 mm was asked; its travel is -1 to 20 mm"
+        OutOfLimits, match=r"a move to 20\.001 mm was requested; its travel is -1 to 20 mm"
     ):
         stage.driver.move_to(20.001e-3)
     assert not stage.sent("PA")
@@ -266,20 +266,22 @@ def test_what_the_controller_can_not_be_told_the_driver_keeps(newport_open):
 def test_limits_that_leave_nothing_are_refused(newport):
     stage = newport(travel=(-2e-3, -1e-3))
     stage.device.answers["SL?"] = "1SL0"
-    with pytest.raises(OutOfLimits, match="leave nothing"):
+    with pytest.raises(OutOfLimits, match="nothing in common"):
         stage.driver.open()
 
 
 def test_a_velocity_left_by_another_program_is_limited(newport_open):
     stage = newport_open(max_velocity=50e-6)
     assert stage.controller.parameters["VA"] == pytest.approx(0.05)
-    with pytest.raises(OutOfLimits, match=r"60 um/s was asked; use one above 0 and up to 50 um/s"):
+    with pytest.raises(
+        OutOfLimits, match=r"60 um/s was requested; use one above 0 and up to 50 um/s"
+    ):
         stage.driver.set_velocity(60e-6)
 
 
 def test_a_velocity_above_that_of_the_controller_is_out_of_limits(newport_open):
     stage = newport_open(max_velocity=2e-3)
-    with pytest.raises(OutOfLimits, match="1500 um/s was asked, the controller refused"):
+    with pytest.raises(OutOfLimits, match="1500 um/s was requested, the controller refused"):
         stage.driver.set_velocity(1.5e-3)
     assert stage.controller.parameters["VA"] == 1.0
 

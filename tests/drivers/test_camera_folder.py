@@ -107,9 +107,9 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, clock):
     ]
     assert [answers[n].reason for n in (1, 2, 4, 5, 6)] == [
         "'2.png' can not be read as an image",
-        "'3.png' is 80 x 4 uint8, 80 x 64 uint8 was asked",
-        "'5.png' is 80 x 64 x 3 uint8, 80 x 64 uint8 was asked",
-        *2 * ["the folder has 5 images only"],
+        "'3.png' is 80 x 4 uint8, not 80 x 64 uint8",
+        "'5.png' is 80 x 64 x 3 uint8, not 80 x 64 uint8",
+        *2 * ["the folder has only 5 images"],
     ]
 
 
@@ -118,9 +118,9 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, clock):
     [
         (
             {"width": 90},
-            "folder camera: '0.png' is 80 x 64 uint8, 90 x 64 uint8 was asked; set camera.width",
+            "folder camera: '0.png' is 80 x 64 uint8, not 90 x 64 uint8; set camera.width",
         ),
-        ({"pixel_format": "Mono12"}, "'0.png' is 80 x 64 uint8, 80 x 64 uint16 was asked"),
+        ({"pixel_format": "Mono12"}, "'0.png' is 80 x 64 uint8, not 80 x 64 uint16"),
     ],
 )
 def test_images_of_another_size_or_depth_are_refused(tmp_path, clock, changes, sentence):

@@ -149,17 +149,17 @@ def test_the_interrupt_key_stays_ours(make):
     [
         (
             {"width": 2000},
-            "camera '1': Width = 2000 was asked, it offers 100 to 800 in steps of 1",
+            "camera '1': Width = 2000 was requested, it offers 100 to 800 in steps of 1",
         ),
-        ({"pixel_format": "Mono12"}, "PixelFormat = Mono12 was asked, it offers RGBa8, Mono8"),
+        ({"pixel_format": "Mono12"}, "PixelFormat = Mono12 was requested, it offers RGBa8, Mono8"),
         (
             {"trigger_line": "Line1"},
-            "ExposureTime = 10000.0 was asked, it has no such feature that can be set; see its"
+            "ExposureTime = 10000.0 was requested, it has no such feature that can be set; see its"
             " manual",
         ),
-        ({"offset": (10, 0)}, "OffsetX = 10 was asked, it has no such feature"),
-        ({"gain": 3.0}, "Gain = 3.0 was asked, it has no such feature"),
-        ({"exposure_line": "Line2"}, "LineSelector = Line2 was asked, it has no such feature"),
+        ({"offset": (10, 0)}, "OffsetX = 10 was requested, it has no such feature"),
+        ({"gain": 3.0}, "Gain = 3.0 was requested, it has no such feature"),
+        ({"exposure_line": "Line2"}, "LineSelector = Line2 was requested, it has no such feature"),
     ],
 )
 def test_what_can_not_be_set_is_refused_with_what_the_camera_offers(make, changes, sentence):
@@ -197,7 +197,9 @@ def test_cameras_are_found_by_producer_and_by_registration(make, monkeypatch):
         match=r"there are 3: 0 \(Machine Vision Games.*; set camera\.device to the serial number of one",
     ):
         make(device="").open()
-    with pytest.raises(DeviceNotFound, match=r"camera '7': it was asked, found: 0 \(Machine"):
+    with pytest.raises(
+        DeviceNotFound, match=r"camera '7': it was not found, there are: 0 \(Machine"
+    ):
         make(device="7").open()
 
 
@@ -206,7 +208,7 @@ def test_a_producer_that_can_not_be_loaded(make, tmp_path):
     broken.write_bytes(b"x")
     with pytest.raises(
         DeviceNotFound,
-        match=r"broken\.cti' can not be loaded \(.*file too short\); install the camera maker's GenTL",
+        match=r"broken\.cti' can not be loaded \(.*file too short\); install the GenTL",
     ):
         make(producer=str(broken)).open()
     with pytest.raises(DeviceNotFound, match=r"missing\.cti' can not be loaded \(.*No such file"):

@@ -159,7 +159,7 @@ def test_a_camera_that_goes_is_a_fault_after_its_last_image():
     assert [type(answer) for answer in answers[:5]] == 5 * [Frame]
     assert not [answer for answer in answers[5:] if isinstance(answer, Frame)]
     assert isinstance(error, DeviceFault)
-    assert "emulated pylon camera: a frame was asked, the camera is gone" in str(error)
+    assert "emulated pylon camera: the camera is gone" in str(error)
 
 
 def test_what_stops_the_emulation_is_told(monkeypatch):
@@ -183,7 +183,9 @@ def test_what_stops_the_emulation_is_told(monkeypatch):
 @pytest.mark.parametrize("changes", [{"width": 64}, {"pixel_format": "Mono12"}])
 def test_other_images_than_those_of_the_world_are_refused(changes):
     camera = Here(PRESSED, camera=replace(PRESSED.camera, **changes)).camera
-    with pytest.raises(OutOfLimits, match="the world it sees is 128 x 96 Mono8; set both alike"):
+    with pytest.raises(
+        OutOfLimits, match="the world that it sees is 128 x 96 Mono8; set both alike"
+    ):
         camera.open()
 
 

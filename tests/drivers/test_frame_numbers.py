@@ -314,7 +314,8 @@ def test_answer_waits_for_the_image_and_for_the_clock():
         time.sleep(wait_s)
 
     with pytest.raises(
-        DeviceTimeout, match=r"camera: trigger 0 had no answer within 0\.05 s \(sample 0"
+        DeviceTimeout,
+        match=r"camera: trigger 0 had no answer within 0\.05 s \(it falls on sample 0",
     ):
         numbers.answer(fetch, 0.05)
     assert 0 < waits[0] <= 0.02
@@ -352,6 +353,6 @@ def test_an_image_after_triggers_that_had_none_is_a_fault_where_it_may_be_anyone
     assert [numbers.next().index for _ in range(10)] == list(range(10))
     with pytest.raises(
         DeviceFault,
-        match=r"an image came after trigger 9 had none, and whether it is 10's can not be told; wire .* counter",
+        match=r"an image came after trigger 9 had none, and it is unknown whether it is that of trigger 10; wire .* counter",
     ):
         numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))

@@ -71,7 +71,7 @@ def opens(driver):
 def test_a_port_that_is_not_there_is_told_with_those_that_are(port):
     with pytest.raises(
         DeviceNotFound,
-        match=rf"SMC100: the port '{port}' was asked, it can not be opened .*serial ports of this computer: ",
+        match=rf"SMC100: the port '{port}' can not be opened .*serial ports of this computer: ",
     ):
         Smc100(ActuatorSettings(port=port), SampleClock(1000.0)).open()
 
@@ -107,11 +107,11 @@ def test_a_port_with_nothing_behind_it_is_known_within_a_second(newport):
 @pytest.mark.parametrize(
     ("driver", "answer", "sentence"),
     [
-        (Smc100, "1VE CONEX-CC 2.0.1", "'CONEX-CC 2.0.1'; take the driver of the CONEX-CC"),
+        (Smc100, "1VE CONEX-CC 2.0.1", "'CONEX-CC 2.0.1'; use the driver of the CONEX-CC"),
         (
             ConexCc,
             "1VE SMC_CC - Controller-driver version  3. 1. 2",
-            "take the driver of the SMC100",
+            "use the driver of the SMC100",
         ),
         (
             Smc100,
@@ -163,7 +163,7 @@ def test_a_line_that_is_nothing_but_noise_is_a_fault(newport_open):
     stage.line.noise = garbled
     took, error = seconds(stage.driver.position_m)
     assert took < 1.0
-    assert "'TP' was asked 3 times, noisy line" in str(error)
+    assert "'TP' was sent 3 times, the line" in str(error)
     stage.line.noise = lambda answer: answer
     assert stage.driver.position_m() == pytest.approx(12.5e-3)
 
@@ -179,7 +179,7 @@ def test_a_move_whose_acceptance_is_damaged_is_sent_again_and_moves_once(newport
 def test_a_move_about_which_nothing_is_known_is_stopped(newport_open):
     stage = newport_open()
     stage.device.answers["TE"] = ["1TE@", "?"]
-    with pytest.raises(DeviceFault, match="noisy line"):
+    with pytest.raises(DeviceFault, match="is noisy"):
         stage.driver.move_to(13e-3)
     stage.pass_time(1.0)
     wait_until(lambda: stage.sent("ST"))

@@ -229,7 +229,7 @@ def test_what_the_world_does_not_model_is_told_in_its_words():
     world.advance(20)
     with pytest.raises(
         DeviceFault,
-        match=re.escape("emulated CONEX-CC: a move to 12 mm was asked")
+        match=re.escape("emulated CONEX-CC: a move to 12 mm was requested")
         + ".*only a drive one way is modelled",
     ):
         driver.move_to(12e-3)

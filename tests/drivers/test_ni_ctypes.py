@@ -102,13 +102,14 @@ def test_overwritten_samples_and_a_time_out(stub, install, forces):
 def test_errors_are_sentences(stub, install):
     install(stub)
     with pytest.raises(
-        DeviceNotFound, match=r"'Dev7' \(there are: Dev1, Dev1b\) was asked, no board has that name"
+        DeviceNotFound,
+        match=r"'Dev7' \(there are: Dev1, Dev1b\) was requested, no board has that name",
     ):
         NiForces(ForceSettings(device="Dev7"), SampleClock(1000.0)).open()
     forces = NiForces(ForceSettings(buffer=1.0, exposure_counter="ctr1"), SampleClock(1000.0))
     with pytest.raises(
         DeviceFault,
-        match=r"ctr1 to count at PFI3 was asked, NI's driver can not do it .*; install a newer NI-DAQmx",
+        match=r"ctr1 to count at PFI3 was requested, NI's driver can not do it .*; install a newer NI-DAQmx",
     ):
         forces.open()  # the library has no such function
     assert ctypes.CDLL(str(stub)).stub_tasks() == 0

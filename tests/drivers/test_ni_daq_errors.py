@@ -84,7 +84,7 @@ def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
     read = []
     with pytest.raises(
         DeviceFault,
-        match=r"sample \d+ was asked, the server 127.0.0.1:\d+ does not answer .*firewall",
+        match=r"sample \d+ was requested, the server 127.0.0.1:\d+ does not answer .*firewall",
     ):
         read.extend(iter(lambda: forces.read(20.0), None))
     # what the dead server had and nobody had fetched is gone with it
@@ -136,17 +136,17 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s
         (
             {"device": "Dev7"},
             DeviceNotFound,
-            r"'Dev7' \(there are: Dev1\) was asked, no board has that name; correct `device`",
+            r"'Dev7' \(there are: Dev1\) was requested, no board has that name; correct `device`",
         ),
         (
             {"channels": ("ai0", "ai99")},
             DeviceNotFound,
-            "ai0 and ai99 at 1000 Hz was asked, the board has no channel of that name",
+            "ai0 and ai99 at 1000 Hz was requested, the board has no channel of that name",
         ),
         (
             {"trigger_counter": "ctr5"},
             DeviceNotFound,
-            "the trigger output was asked, the board has no channel of that name",
+            "the trigger output was requested, the board has no channel of that name",
         ),
         (
             {"trigger": "digital", "trigger_line": "port7/line0"},
@@ -156,7 +156,7 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s
         (
             {"exposure_counter": "ctr2"},
             DeviceNotFound,
-            "ctr2 to count at PFI3 was asked, the board has no channel",
+            "ctr2 to count at PFI3 was requested, the board has no channel",
         ),
         (
             {"range": (20.0, 10.0)},
@@ -166,12 +166,12 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s
         (
             {"rate": 1e6},
             OutOfLimits,
-            "ai0 and ai1 at 1e.06 Hz was asked, the board can not do that",
+            "ai0 and ai1 at 1e.06 Hz was requested, the board can not do that",
         ),
         (
             {"rate": 3000.0},
             OutOfLimits,
-            r"3000 Hz was asked, the nearest that the board has is 2999\.85",
+            r"3000 Hz was requested, the nearest that the board has is 2999\.85",
         ),
     ],
 )
@@ -212,7 +212,7 @@ def test_other_ends_of_a_run_are_told(ni, monkeypatch, code, sentence):
         raise NiError(code, "the hardware caught fire.\nDevice: Dev1")
 
     monkeypatch.setattr(forces.server.board, "read", fail)
-    with pytest.raises(DeviceFault, match=f"sample 0 was asked, {sentence}"):
+    with pytest.raises(DeviceFault, match=f"sample 0 was requested, {sentence}"):
         forces.read(1.0)
 
 
@@ -287,7 +287,7 @@ def test_a_missing_package_names_what_to_install(ni, monkeypatch, package):
     monkeypatch.setitem(sys.modules, package, None)
     forces = ni.connect("127.0.0.1:1")
     with pytest.raises(
-        DeviceNotFound, match=rf"package {package} was asked.*pip install '\.\[ni\]'"
+        DeviceNotFound, match=rf"package {package} can not be imported.*pip install '\.\[ni\]'"
     ):
         forces.open()
     with pytest.raises(DeviceError):

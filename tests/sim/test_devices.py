@@ -206,7 +206,7 @@ def test_an_exposure_cut_by_the_end_gives_no_frame():
 
 def test_triggers_faster_than_the_exposure_are_refused():
     bench = fake_bench(FREE, None)
-    with bench, pytest.raises(OutOfLimits, match="9 samples was asked, the exposure takes 10"):
+    with bench, pytest.raises(OutOfLimits, match="9 samples was requested, the exposure takes 10"):
         bench.camera.start(TriggerTrain(0, 9))
 
 

@@ -395,5 +395,5 @@ def test_an_unknown_renderer_is_refused():
 
 
 def test_an_elastic_displacement_beyond_the_pattern_is_refused(renderer):
-    with pytest.raises(DeviceFault, match="33 px was asked, 32 px is the limit"):
+    with pytest.raises(DeviceFault, match="33 px can not be drawn, 32 px is the limit"):
         renderer.image(Block(g=(33.0, 0.0)), 0)
