@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any, Protocol, TextIO
 
 import cv2
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dic import Field, Grid, Status, Tracker, compile_kernels
+from analysis.dic import Field, Grid, Status, Tracker, compile_kernels, open_tracker
 from analysis.dic.updating import UpdatingTracker
-from app.config import correlation, options
+from analysis.options import as_written, options
+from analysis.settings import Correlation
 from app.errors import UserError
-from app.sections import Dic
 from app.session.fields import FieldsWriter
 
 SUFFIXES = (".h5", ".csv", ".npz")
@@ -68,7 +67,7 @@ def correlate_files(
     reference: Path,
     images: list[Path],
     output: Path,
-    settings: Dic = Dic(),  # noqa: B008 - frozen
+    correlation: Correlation = Correlation(),  # noqa: B008 - frozen
     *,
     mask: Path | None = None,
     roi: tuple[int, int, int, int] | None = None,
@@ -106,15 +105,14 @@ def correlate_files(
     _check_region(roi, first, reference)
     tell("preparing the correlation", 0.0)
     try:
-        how = correlation(settings)
-        tracker = how.open(first, usable=usable, roi=roi)
+        tracker = open_tracker(correlation, first, usable=usable, roi=roi)
     except ValueError as error:
         raise UserError(f"{reference}: {error}") from None
     texts = {"mask": str(mask or ""), "roi": " ".join(map(str, roi or ()))}
-    record = {"reference": str(reference), **texts, **msgspec.structs.asdict(settings)}
+    record = {"reference": str(reference), **texts, **as_written(correlation)}
     account = _Account()
     with closing(tracker), _appearing(output, overwrite) as unfinished:
-        compile_kernels(how, first.dtype)
+        compile_kernels(correlation, first.dtype)
         with _writer(
             output.suffix, unfinished, [str(path) for path in images], tracker.grid, record
         ) as writer:
@@ -302,9 +300,7 @@ def _writer(
         with path.open("x", encoding="utf-8", newline="\n") as file:
             yield _Table(file, grid, labels)
     elif suffix == ".h5":
-        units = {
-            name: (meta.extra or {})["unit"] or "1" for name, (_, meta) in options(Dic).items()
-        }
+        units = {name: option.unit or "1" for name, option in options(Correlation).items()}
         with FieldsWriter(path, images, grid.x_px, grid.y_px, labels, settings, units) as writer:
             yield writer
     else:

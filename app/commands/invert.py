@@ -14,7 +14,7 @@ from rich.table import Table
 
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output, print_json
-from app.config import averaging_box_px, from_record
+from app.config import from_record
 from app.errors import UserError
 from app.field_files import read_fields
 from app.invert_files import (
@@ -29,9 +29,9 @@ from app.invert_files import (
 )
 from app.report.summary import measured_text, plain
 from app.results import Phase
-from app.sections import Config, Dic
 from app.session.fields import is_session
 from app.session.reader import SessionReader
+from app.settings import Config
 
 SHOWN = 40  # lines of the table
 
@@ -142,7 +142,7 @@ def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
             )
         )
         grid = session.grid_x_px, session.grid_y_px
-    pixel_m = config.camera.pixel * 1e-6
+    pixel_m = config.camera.pixel
 
     def fields() -> Iterator[tuple[int, Any, Any]]:
         with SessionReader(path) as session:
@@ -160,21 +160,19 @@ def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
         else (contact.centre_px[0] * pixel_m, contact.centre_px[1] * pixel_m)
     )
     x_m, y_m = (np.asarray(axis, np.float64) * pixel_m for axis in grid)
-    return Series(x_m, y_m, centre, len(numbers), fields), _known(
-        config, force, config.dic, pixel_m
-    )
+    return Series(x_m, y_m, centre, len(numbers), fields), _known(config, force)
 
 
-def _known(config: Config, force: float, dic: Dic, pixel_m: float) -> dict[str, float]:
-    sample = config.sample
+def _known(config: Config, force: float) -> dict[str, float]:
+    sample, dic, pixel_m = config.sample, config.dic, config.camera.pixel
     return {
         "normal_force": force,
-        "modulus": sample.young_modulus,
+        "modulus": sample.young_modulus * 1e-6,
         "poisson": sample.poisson,
-        "radius": sample.lens_radius,
-        "roughness": sample.roughness,
-        "thickness": sample.thickness,
-        "box": averaging_box_px(dic) * pixel_m,
+        "radius": sample.lens_radius * 1e3,
+        "roughness": sample.roughness * 1e6,
+        "thickness": sample.thickness * 1e3,
+        "box": dic.averaging_box_px * pixel_m,
         "noise_box": dic.box * pixel_m,
     }
 
