@@ -37,7 +37,7 @@ from analysis.friction.stick import fit_stick_radius  # noqa: E402
 from analysis.friction.stress_peak import calibrate, stress_peak  # noqa: E402
 from analysis.inversion.axisymmetric import AxisymmetricInversion  # noqa: E402
 from analysis.mechanics import cattaneo_mindlin  # noqa: E402
-from analysis.mechanics.loading import AxisymmetricLoading, Contact  # noqa: E402
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact  # noqa: E402
 
 SHARES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
 NOISES = (50e-9, 232e-9)
@@ -116,7 +116,9 @@ def stick(loads: list[float], runs: int) -> None:
 def peaks(loads: list[float], runs: int) -> None:
     for P in loads:
         a, run = world.hertz_radius(P), world.drive(P, FRAMES)
-        loading = AxisymmetricLoading(Contact(P, world.E, world.NU, world.R, world.MU, world.L))
+        loading = AxisymmetricLoading(
+            SphereContact(P, world.E, world.NU, world.R, world.MU, world.L)
+        )
         states = [
             loading.at_force(world.MU * P * (1 - share**3)) for share in np.linspace(0.2, 0.99, 30)
         ]

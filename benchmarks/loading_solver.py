@@ -24,10 +24,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from analysis.mechanics import cattaneo_mindlin as cm
-from analysis.mechanics.loading import AxisymmetricLoading, Contact
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from analysis.mechanics.loading_grid import GridLoading
 
-CONTACT = Contact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
+CONTACT = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
 LIMIT = CONTACT.mu * CONTACT.P
 T = TypeVar("T")
 

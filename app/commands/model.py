@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz, jkr
 from analysis.mechanics.interface import elastic_length
-from analysis.mechanics.loading import AxisymmetricLoading, Contact, State
+from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, output, print_json, print_rows
 from app.errors import UserError
@@ -178,10 +178,12 @@ class Sheared:
             )
         self.cm = system.friction, self.P, self.a, self.E, self.nu
         self.loading: AxisymmetricLoading | None = None
-        self.state: State | None = None
+        self.state: LoadingState | None = None
         if self.L > 0:
             thickness = system.thickness * 1e-3 or math.inf
-            contact = Contact(self.P, self.E, self.nu, self.R, system.friction, self.L, thickness)
+            contact = SphereContact(
+                self.P, self.E, self.nu, self.R, system.friction, self.L, thickness
+            )
             self.loading = AxisymmetricLoading(
                 contact, 64 if self.L / contact.full_shift > SHARP else 128
             )
