@@ -31,7 +31,7 @@ from analysis.friction.stick import fit_stick_radius
 from analysis.friction.stress_peak import calibrate, stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
-from analysis.mechanics.loading import AxisymmetricLoading, Contact
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from benchmarks.report import Report
 from tests.friction import elasto_plastic_world as world
 
@@ -126,7 +126,9 @@ def peaks(report: Report, loads: Sequence[float], runs: int) -> None:
     """Estimate c of the largest traction, elasto-plastic world."""
     for P in loads:
         a, run = world.hertz_radius(P), world.drive(P, FRAMES)
-        loading = AxisymmetricLoading(Contact(P, world.E, world.NU, world.R, world.MU, world.L))
+        loading = AxisymmetricLoading(
+            SphereContact(P, world.E, world.NU, world.R, world.MU, world.L)
+        )
         forces = world.MU * P * (1 - np.linspace(0.2, 0.99, 30) ** 3)
         states = [loading.at_force(force) for force in forces]
         model = [displacement_in_rings(s, run.radius, world.BOX, world.PITCH) for s in states]

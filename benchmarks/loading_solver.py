@@ -17,12 +17,12 @@ from typing import TypeVar
 import numpy as np
 
 from analysis.mechanics import cattaneo_mindlin
-from analysis.mechanics.loading import AxisymmetricLoading, Contact
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from analysis.mechanics.loading_grid import GridLoading
 from benchmarks.report import Report
 
 SUBJECT = "Loading solver"
-CONTACT = Contact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
+CONTACT = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
 LIMIT = CONTACT.mu * CONTACT.P
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from analysis.dic import Correlation
-from analysis.dic.interpolation import CLASSICAL
+from analysis.dic.interpolants import CLASSICAL
 from analysis.options import Option, as_written, options, quantity
 from analysis.settings import INTERPOLANTS
 from app import config

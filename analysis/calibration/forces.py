@@ -4,17 +4,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from analysis.arrays import F64
 
 Pair = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class SensorChain:
-    """The chain sensor, cantilever, coupling; index 0 is the normal direction, 1 the shear
+    """The chain of sensor, cantilever and coupling; index 0 is the normal direction, 1 the shear
     direction.
 
     Attributes
@@ -23,20 +25,20 @@ class SensorChain:
         Displacement of the cantilever per volt; negative where the voltage falls as the force
         grows.
     stiffness_n_per_m : (2,)
-        Stiffness of the cantilever, k_N and K_T.
-    stiffness_std_n_per_m : (2,)
-        Their standard uncertainties.
+        Stiffness of the cantilever, k_N and k_T.
     zero_v : (2,)
-        Reading at no force.
+        Reading without a force.
     coupling : (2, 2)
-        What the two cantilevers read, in newtons, is ``coupling @ (P, Q)``; the identity where
-        neither feels the other's force.
+        The two cantilevers read, in newtons, ``coupling @ (P, Q)``; the identity where neither
+        feels the other's force.
+    stiffness_std_n_per_m : (2,)
+        Standard uncertainties of the stiffnesses.
 
     Raises
     ------
     ValueError
         A constant is not finite, a sensitivity or stiffness is zero, or the coupling can not be
-        undone.
+        inverted.
     """
 
     sensitivity_m_per_v: Pair
@@ -46,16 +48,9 @@ class SensorChain:
     stiffness_std_n_per_m: Pair = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse constants that give no forces."""
-        for name in (
-            "sensitivity_m_per_v",
-            "stiffness_n_per_m",
-            "stiffness_std_n_per_m",
-            "zero_v",
-            "coupling",
-        ):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
+        for name in (field.name for field in fields(self)):
             shape = (2, 2) if name == "coupling" else (2,)
+            value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != shape or not np.isfinite(value).all():
                 raise ValueError(
                     f"sensor chain: {name} must be finite numbers of shape {shape}, found"
@@ -63,43 +58,41 @@ class SensorChain:
                 )
         if not self._newtons_per_volt.all():
             raise ValueError(
-                "sensor chain: a sensitivity or stiffness of zero gives no force, found "
-                f"{self.sensitivity_m_per_v} m/V and {self.stiffness_n_per_m} N/m; give those of"
+                "sensor chain: a sensitivity or stiffness of zero gives no force, found"
+                f" {self.sensitivity_m_per_v} m/V and {self.stiffness_n_per_m} N/m; give those of"
                 " the calibration"
             )
         if np.linalg.cond(self.coupling) > 1e6:
             raise ValueError(
-                f"sensor chain: the coupling {self.coupling} has no inverse; P and Q can not be"
-                " told apart with it"
+                f"sensor chain: the coupling {self.coupling} has no inverse, so that P and Q can"
+                " not be told apart; give that of the calibration"
             )
 
     @property
-    def _newtons_per_volt(self) -> NDArray[np.float64]:
+    def _newtons_per_volt(self) -> F64:
         return np.multiply(self.sensitivity_m_per_v, self.stiffness_n_per_m)
 
-    def relative_uncertainty(self) -> tuple[float, float]:
+    def relative_uncertainty(self) -> Pair:
         """Relative standard uncertainty of P and of Q by the stiffness of the cantilevers: the same
         for all readings of a bench.
 
         The cross-coupling, a per cent of a force, passes on a per cent of it and is left out. The
-        one of a ratio Q/P is the root of the sum of their squares.
+        uncertainty of a ratio Q/P is the root of the sum of their squares.
         """
-        normal, shear = (
-            std / abs(k)
-            for std, k in zip(self.stiffness_std_n_per_m, self.stiffness_n_per_m, strict=True)
-        )
+        both = zip(self.stiffness_std_n_per_m, self.stiffness_n_per_m, strict=True)
+        normal, shear = (std / abs(k) for std, k in both)
         return normal, shear
 
-    def forces(self, volts: ArrayLike) -> NDArray[np.float64]:
+    def forces(self, volts: ArrayLike) -> F64:
         """Normal and shear force in newtons, columns P and Q, of readings in volts; both of shape
         (n, 2), NaN where the reading is NaN.
         """
         readings = (np.asarray(volts, dtype=np.float64) - self.zero_v) * self._newtons_per_volt
         return np.asarray(readings @ np.linalg.inv(self.coupling).T)
 
-    def volts(self, forces: ArrayLike) -> NDArray[np.float64]:
-        """Readings in volts that forces in newtons give, columns P and Q in, normal and shear
-        sensor out: the inverse of `forces`.
+    def volts(self, forces: ArrayLike) -> F64:
+        """Readings in volts, of the normal and the shear sensor, that forces in newtons give,
+        columns P and Q: the inverse of `forces`.
         """
         readings = np.asarray(forces, dtype=np.float64) @ np.transpose(self.coupling)
         return np.asarray(readings / self._newtons_per_volt + self.zero_v)

@@ -1,3 +1,1 @@
-"""The apparent contact: rigid registration, background difference, centre, radius, means over
-rings.
-"""
+"""The apparent contact: registration, background difference, centre, radius, ring means."""

@@ -4,17 +4,15 @@ free block (paper, section 2.3.1).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import F32, F64, Array, Bool
 from analysis.contact.disc import Disc, micro_contact_disc
 from analysis.contact.microcontacts import micro_contacts
 from analysis.contact.registration import NotRegistered, rigid_shift, shifted
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from analysis.robust import robust_sd
 
 RING_PIXELS = 3000
 LEAST_RIM = 0.4  # share of the contact's rim that must be seen
@@ -22,12 +20,13 @@ DARK_RINGS = 3  # rings in a row below background + 3 sd that end the contact
 FEWEST_MICRO_CONTACTS = 12
 # by which the disc must explain the micro-contacts better than chance does, in log-likelihood
 LEAST_GAIN = 15.0
+NOWHERE = (np.nan, np.nan)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ApparentContact:
-    """The apparent contact; pixels and grey levels. NaN where it is not seen, with the reason in
-    `notes`.
+    """The apparent contact; pixels and grey levels. NaN where it is not seen; `notes` then gives
+    the reason.
 
     Attributes
     ----------
@@ -43,28 +42,26 @@ class ApparentContact:
     shift_px : (dx, dy)
         Rigid displacement of the block from the background to the image.
     profile_radius_px, profile_grey : ndarray, shape (n,)
-        I(r): means over rings of 3000 px of the difference, the background far from the contact
-        taken off.
+        I(r): means over rings of 3000 px of the difference, less the background far from the
+        contact.
     micro_contacts : int
-        How many were found.
+        Number of micro-contacts that were found.
     notes : tuple of str
     """
 
-    centre_px: tuple[float, float]
-    centre_sd_px: tuple[float, float]
-    radius_px: float
-    radius_sd_px: float
-    dark_radius_px: float
-    shift_px: tuple[float, float]
-    profile_radius_px: F64
-    profile_grey: F64
-    micro_contacts: int
+    centre_px: tuple[float, float] = NOWHERE
+    centre_sd_px: tuple[float, float] = NOWHERE
+    radius_px: float = np.nan
+    radius_sd_px: float = np.nan
+    dark_radius_px: float = np.nan
+    shift_px: tuple[float, float] = NOWHERE
+    profile_radius_px: F64 = field(default_factory=lambda: np.empty(0))
+    profile_grey: F64 = field(default_factory=lambda: np.empty(0))
+    micro_contacts: int = 0
     notes: tuple[str, ...] = ()
 
 
-def apparent_contact(
-    background: NDArray[np.generic], image: NDArray[np.generic]
-) -> ApparentContact:
+def apparent_contact(background: Array, image: Array) -> ApparentContact:
     """Centre, radius and profile of the apparent contact that `image` shows and `background`, the
     free block, does not.
 
@@ -88,54 +85,58 @@ def apparent_contact(
     try:
         shift = rigid_shift(background, image)
     except NotRegistered as error:
-        return _unseen(str(error), (np.nan, np.nan))
+        return ApparentContact(notes=(str(error),))
     difference, known = background_difference(background, image, shift)
     x, y = micro_contacts(difference)
     seen = known[y.astype(int), x.astype(int)]
     x, y = x[seen], y[seen]
+
+    def unseen(reason: str) -> ApparentContact:
+        return ApparentContact(shift_px=shift, micro_contacts=len(x), notes=(f"contact: {reason}",))
+
     if len(x) < FEWEST_MICRO_CONTACTS:
-        return _unseen(
-            f"contact: {len(x)} micro-contacts stand out of the background,"
-            f" {FEWEST_MICRO_CONTACTS} are needed",
-            shift,
-            len(x),
+        return unseen(
+            f"{len(x)} micro-contacts stand out of the background, {FEWEST_MICRO_CONTACTS} are"
+            " needed"
         )
     rows, columns = difference.shape
     disc = micro_contact_disc(x, y, (rows, columns))
     if disc.gain < LEAST_GAIN:
-        return _unseen(
-            f"contact: the {len(x)} bright spots of the difference are scattered over the picture"
-            " and form no disc",
-            shift,
-            len(x),
+        return unseen(
+            f"the {len(x)} bright spots of the difference are scattered over the picture and form"
+            " no disc"
         )
     visible = _visible_rim(disc, (rows, columns))
     if visible < LEAST_RIM:
-        return _unseen(
-            f"contact: {1 - visible:.0%} of its rim lies outside the picture, so a can not be"
-            " measured; use a lower force or magnification",
-            shift,
-            len(x),
+        return unseen(
+            f"{1 - visible:.0%} of its rim lies outside the picture, so a can not be measured; use"
+            " a lower force or magnification"
         )
     radius, grey, dark = _profile(difference, known, disc)
     return ApparentContact(
-        disc.centre_px, disc.centre_sd_px, disc.radius_px, disc.radius_sd_px, dark, shift, radius, grey, len(x),
-    )  # fmt: skip
+        centre_px=disc.centre_px,
+        centre_sd_px=disc.centre_sd_px,
+        radius_px=disc.radius_px,
+        radius_sd_px=disc.radius_sd_px,
+        dark_radius_px=dark,
+        shift_px=shift,
+        profile_radius_px=radius,
+        profile_grey=grey,
+        micro_contacts=len(x),
+    )
 
 
 def _visible_rim(disc: Disc, shape: tuple[int, int]) -> float:
     """Share of the circle of radius a that lies in the picture."""
     angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    x, y = (
-        disc.centre_px[0] + disc.radius_px * np.cos(angle),
-        disc.centre_px[1] + disc.radius_px * np.sin(angle),
-    )
+    x = disc.centre_px[0] + disc.radius_px * np.cos(angle)
+    y = disc.centre_px[1] + disc.radius_px * np.sin(angle)
     return float(np.mean((x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])))
 
 
 def background_difference(
-    background: NDArray[np.generic], image: NDArray[np.generic], shift: tuple[float, float]
-) -> tuple[F32, NDArray[np.bool_]]:
+    background: Array, image: Array, shift: tuple[float, float]
+) -> tuple[F32, Bool]:
     """Image minus the background moved by `shift` and scaled to its brightness, and which pixels
     are known; both (rows, columns).
 
@@ -158,13 +159,12 @@ def background_difference(
     return np.where(known, grey - np.float32(gain) * moved, np.float32(0)), known
 
 
-def _profile(difference: F32, known: NDArray[np.bool_], disc: Disc) -> tuple[F64, F64, float]:
+def _profile(difference: F32, known: Bool, disc: Disc) -> tuple[F64, F64, float]:
     """I(r) on rings of 3000 known pixels, and the first radius from which it stays dark."""
     rows, columns = difference.shape
     x, y = np.arange(columns) - disc.centre_px[0], np.arange(rows) - disc.centre_px[1]
     r2 = np.add.outer((y * y).astype(np.float32), (x * x).astype(np.float32))
-    reach = 1.6 * disc.radius_px
-    chosen = known & (r2 < reach**2)
+    chosen = known & (r2 < (1.6 * disc.radius_px) ** 2)
     square, grey = r2[chosen], difference[chosen]
     order = np.argsort(square)
     n = len(order) // RING_PIXELS
@@ -174,19 +174,8 @@ def _profile(difference: F32, known: NDArray[np.bool_], disc: Disc) -> tuple[F64
     outside = radius > 1.15 * disc.radius_px
     if np.count_nonzero(outside) < 8:
         return radius, mean, np.nan
-    level, spread = (
-        float(np.median(mean[outside])),
-        1.4826 * float(np.median(np.abs(mean[outside] - np.median(mean[outside])))),
-    )
+    level = float(np.median(mean[outside]))
     mean -= level
-    dark = mean < 3 * spread
+    dark = mean < 3 * robust_sd(mean[outside])
     run = np.convolve(dark, np.ones(DARK_RINGS), mode="valid") == DARK_RINGS
     return radius, mean, float(radius[np.argmax(run)]) if run.any() else np.nan
-
-
-def _unseen(reason: str, shift: tuple[float, float], count: int = 0) -> ApparentContact:
-    nothing = np.empty(0)
-    nowhere = (np.nan, np.nan)
-    return ApparentContact(
-        nowhere, nowhere, np.nan, np.nan, np.nan, shift, nothing, nothing, count, (reason,)
-    )

@@ -1,21 +1,20 @@
-"""The disc that the micro-contacts fill: centre, radius and uncertainty from their positions alone."""
+"""The disc that the micro-contacts fill: centre, radius and uncertainty from their positions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 LARGEST_EXPONENT = 2.0
 ROUNDS = 8
 DRAWS = 512
 FEWEST_DRAWS = 80.0  # effective number of draws that a round keeps by flattening the likelihood
 RADIAL_NODES = 24
-# how well a micro-contact's place is known: no radius or centre is known better
+# how well the place of a micro-contact is known: no radius or centre is known better
 LOCALISATION_PX = 0.5
 CHUNK = 50_000  # densities worked on at a time: they stay in the cache
 
@@ -41,21 +40,21 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
 
     Their density is taken as ``(1 - (r/a)^2)^m`` with m between 0 and 2 unknown (0: even, 1/2:
     Hertz), plus stray points anywhere in the picture. The result is the mean over everything that
-    the positions allow (flat prior over centre, a and m): the largest distance found is biased low,
-    the most likely radius as well, this mean is not.
+    the positions allow (flat prior over centre, a and m): the distance of the outermost point is
+    biased low, the most likely radius as well, this mean is not.
 
     Parameters
     ----------
     x, y : ndarray, shape (n,)
         Positions, 4 or more.
     shape : (rows, columns)
-        Of the picture; a disc that it cuts is treated as such.
+        Of the picture, which may cut the disc.
 
     Notes
     -----
     Importance sampling on a fixed low-discrepancy set: the same positions give the same bits. Each
-    round draws around what the previous one found; the likelihood is flattened until enough draws
-    count, and no longer in the last.
+    round draws around the result of the one before; the likelihood is flattened until enough draws
+    count, except in the last round.
     """
     area = float(shape[0] * shape[1])
     middle = np.array([np.median(x), np.median(y)])
@@ -69,22 +68,15 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
         normal = ndtri(_even_points(turn))
         draws = centre + normal @ np.linalg.cholesky(spread).T
         level = _log_likelihood(draws, x, y, shape, stray)
-        weight = _weights(
-            level, 0.5 * (normal**2).sum(axis=1), FEWEST_DRAWS if turn < ROUNDS - 1 else 0.0
-        )
+        fewest = FEWEST_DRAWS if turn < ROUNDS - 1 else 0.0
+        weight = _weights(level, 0.5 * (normal**2).sum(axis=1), fewest)
         centre = weight @ draws
         covariance = np.cov(draws.T, aweights=weight, ddof=0)
         spread = 1.5 * covariance + np.diag([0.05, 0.05, 0.05, 1e-4])
-    sd = np.sqrt(np.diag(covariance) + LOCALISATION_PX**2)
+    sd_x, sd_y, sd_radius, _ = np.sqrt(np.diag(covariance) + LOCALISATION_PX**2).tolist()
+    at_x, at_y, a, exponent = centre.tolist()
     gain = float(level.max() + len(x) * np.log(area))
-    return Disc(
-        (float(centre[0]), float(centre[1])),
-        (float(sd[0]), float(sd[1])),
-        float(centre[2]),
-        float(sd[2]),
-        float(centre[3]),
-        gain,
-    )
+    return Disc((at_x, at_y), (sd_x, sd_y), a, sd_radius, exponent, gain)
 
 
 def _stray_share(r: F64, limit: float, area: float) -> float:
@@ -105,7 +97,7 @@ def _even_points(turn: int) -> F64:
 
 
 def _log_likelihood(draws: F64, x: F64, y: F64, shape: tuple[int, int], stray: float) -> F64:
-    """Logarithm of the probability of the positions for each (x0, y0, a, m), shape (k, 4) to (k,)."""
+    """Log-probability of the positions for each (x0, y0, a, m), shape (k, 4) to (k,)."""
     level = np.full(len(draws), -np.inf)
     high = np.array([shape[1], shape[0], 0.5 * np.hypot(*shape), LARGEST_EXPONENT])
     allowed = np.flatnonzero(((draws > 0) & (draws < high)).all(axis=1))
@@ -128,9 +120,8 @@ def _visible_share(x0: F64, y0: F64, a: F64, m: F64, shape: tuple[int, int]) -> 
         return np.ones_like(a)
     part = (np.arange(RADIAL_NODES) + 0.5) / RADIAL_NODES
     r = a * np.sqrt(1 - (1 - part) ** (1 / (m + 1)))
-    left, right, top, bottom = np.moveaxis(
-        np.arccos(np.clip(sides[:, :, None] / r[:, None, :], -1, 1)), 1, 0
-    )
+    arcs = np.arccos(np.clip(sides[:, :, None] / r[:, None, :], -1, 1))
+    left, right, top, bottom = np.moveaxis(arcs, 1, 0)
     hidden = 2 * (left + right + top + bottom)
     # beyond a corner two sides hide the same arc
     for corner in (left + top, left + bottom, right + top, right + bottom):

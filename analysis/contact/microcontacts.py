@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from analysis.arrays import F32, F64
+from analysis.robust import robust_sd
 
 # standard deviation of the matched filter; a micro-contact is about as wide as the resolution of
 # the optics
@@ -24,9 +23,8 @@ def micro_contacts(difference: F32) -> tuple[F64, F64]:
     The noise is that of the picture's rim, where the block is free, so that a large contact does
     not raise its own threshold.
     """
-    filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - cv2.blur(
-        difference, (LIGHT_PX, LIGHT_PX)
-    )
+    light = cv2.blur(difference, (LIGHT_PX, LIGHT_PX))
+    filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - light
     threshold = SIGNIFICANT * _rim_noise(filtered)
     highest = cv2.dilate(filtered, np.ones((5, 5), np.uint8))
     y, x = np.nonzero((filtered >= highest) & (filtered > threshold))
@@ -38,9 +36,6 @@ def _rim_noise(filtered: F32) -> float:
     """Standard deviation of the noise, from the median absolute value along the four sides: a
     contact that touches one hardly raises it.
     """
-    rows, columns = filtered.shape
-    band = max(8, min(rows, columns) // 10)
+    band = max(8, min(filtered.shape) // 10)
     sides = (filtered[:band], filtered[-band:], filtered[:, :band], filtered[:, -band:])
-    return 1.4826 * float(
-        np.median(np.abs(np.concatenate([side[::2, ::2].ravel() for side in sides])))
-    )
+    return robust_sd(np.concatenate([side[::2, ::2].ravel() for side in sides]))

@@ -6,29 +6,29 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from analysis.arrays import F32, F64, Array
 
 LARGEST_SHIFT_PX = 44  # tiles stay this far from the border, so that the block may move by as much
 SEARCH_PX = 4  # around the coarse displacement
 TILE_PX = 128
 BORDER_TILES = (7, 5)  # along x and y; only those on the rim of the picture are used
 LEAST_CORRELATION = 0.3
+FEWEST = 3  # tiles
 SINC_HALF = 5  # taps of the interpolating kernel on each side
+ITERATIONS, AT_REST_PX, FURTHEST_PX = 8, 1e-3, 2.0  # of the least squares of a tile
 
 
 class NotRegistered(ValueError):
     """Two images show no common speckle."""
 
 
-def rigid_shift(background: NDArray[np.generic], image: NDArray[np.generic]) -> tuple[float, float]:
+def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
     """Displacement (dx, dy) in pixels of the block from `background` to `image`.
 
     Whole pixels come from the phase correlation of the whole pictures. Tiles along the rim are then
-    followed one by one, by zero- mean normalised correlation and least squares; the median over the
-    tiles that found their speckle is immune to a contact that covers some of them.
+    followed one by one, by zero-mean normalised correlation and least squares; the median over the
+    tiles whose speckle was recognised is immune to a contact that covers some of them.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def rigid_shift(background: NDArray[np.generic], image: NDArray[np.generic]) -> 
     Raises
     ------
     NotRegistered
-        Fewer than three tiles are found again.
+        Fewer than three tiles are recognised.
     ValueError
         The shapes differ.
 
@@ -60,49 +60,43 @@ def rigid_shift(background: NDArray[np.generic], image: NDArray[np.generic]) -> 
     coarse = _coarse_shift(first, second)
     tiles = [_tile_shift(first, second, *corner, coarse) for corner in _rim(background.shape)]
     found = [shift for shift in tiles if shift is not None]
-    if len(found) < 3:
+    if len(found) < FEWEST:
         raise NotRegistered(
             f"registration: {len(found)} tiles of the background are found in the image within"
-            f" {LARGEST_SHIFT_PX} px, 3 are needed; "
-            "take the background on the same spot and with the same light"
+            f" {LARGEST_SHIFT_PX} px, {FEWEST} are needed; take the background on the same spot and"
+            " with the same light"
         )
     dx, dy = np.median(found, axis=0)
     return float(dx), float(dy)
 
 
-def shifted(image: NDArray[np.generic], dx: float, dy: float) -> F32:
-    """The image moved by (dx, dy) px: Blackman-windowed sinc of 10 taps; NaN-free, edge pixels are
-    repeated beyond the border.
+def shifted(image: Array, dx: float, dy: float) -> F32:
+    """The image moved by (dx, dy) px by a Blackman-windowed sinc of 10 taps; the outermost pixels
+    are repeated beyond the border.
     """
     ix, iy = round(dx), round(dy)
     moved = np.asarray(image, dtype=np.float32)
+    edge = cv2.BORDER_REPLICATE
     if ix or iy:
         pad = max(abs(ix), abs(iy))
-        padded = cv2.copyMakeBorder(moved, pad, pad, pad, pad, cv2.BORDER_REPLICATE)
         rows, columns = moved.shape
+        padded = cv2.copyMakeBorder(moved, pad, pad, pad, pad, edge)
         moved = padded[pad - iy : pad - iy + rows, pad - ix : pad - ix + columns]
-    return np.asarray(
-        cv2.sepFilter2D(
-            moved, cv2.CV_32F, _taps(dx - ix), _taps(dy - iy), borderType=cv2.BORDER_REPLICATE
-        )
-    )
+    along_x, along_y = _taps(dx - ix), _taps(dy - iy)
+    return np.asarray(cv2.sepFilter2D(moved, cv2.CV_32F, along_x, along_y, borderType=edge))
 
 
 def _taps(fraction: float) -> F64:
-    """Correlation kernel that moves a signal by `fraction` of a pixel; unit sum."""
+    """Correlation kernel that moves a signal by `fraction` of a pixel; its sum is 1."""
     # sample at x - fraction: tap k weighs the pixel x + k
     distance = np.arange(-SINC_HALF, SINC_HALF + 1) + fraction
-    window = (
-        0.42
-        + 0.5 * np.cos(np.pi * distance / (SINC_HALF + 1))
-        + 0.08 * np.cos(2 * np.pi * distance / (SINC_HALF + 1))
-    )
-    taps = np.sinc(distance) * window
+    angle = np.pi * distance / (SINC_HALF + 1)
+    taps = np.sinc(distance) * (0.42 + 0.5 * np.cos(angle) + 0.08 * np.cos(2 * angle))
     return np.asarray(taps / taps.sum())
 
 
-def _flattened(image: NDArray[np.generic]) -> F32:
-    """The image without its slow light: local mean removed."""
+def _flattened(image: Array) -> F32:
+    """The image without the slow changes of its light: its local mean removed."""
     grey = np.asarray(image, dtype=np.float32)
     return np.asarray(grey - cv2.blur(grey, (31, 31)))
 
@@ -115,26 +109,21 @@ def _rim(shape: tuple[int, ...]) -> list[tuple[int, int, int]]:
     side = min(TILE_PX, rows // 3, columns // 3)
     room = min(LARGEST_SHIFT_PX, (min(rows, columns) - side) // 4)
     nx, ny = BORDER_TILES
-    xs = np.linspace(room, columns - room - side, nx).round().astype(int)
-    ys = np.linspace(room, rows - room - side, ny).round().astype(int)
-    return [
-        (int(x), int(y), side)
-        for j, y in enumerate(ys)
-        for i, x in enumerate(xs)
-        if i in (0, nx - 1) or j in (0, ny - 1)
-    ]
+    xs = np.linspace(room, columns - room - side, nx).round().astype(int).tolist()
+    ys = np.linspace(room, rows - room - side, ny).round().astype(int).tolist()
+    return [(x, y, side) for y in ys for x in xs if x in (xs[0], xs[-1]) or y in (ys[0], ys[-1])]
 
 
 def _coarse_shift(first: F32, second: F32) -> tuple[int, int]:
     """Whole-pixel displacement, good to about 2 px, by phase correlation of the whole pictures at
     half size.
     """
-    halves = [
-        cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        for image in (first, second)
-    ]
-    window = cv2.createHanningWindow(halves[0].shape[::-1], cv2.CV_32F)
-    (dx, dy), _ = cv2.phaseCorrelate(halves[0], halves[1], window)
+    area = cv2.INTER_AREA
+    first, second = (
+        cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=area) for a in (first, second)
+    )
+    window = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
+    (dx, dy), _ = cv2.phaseCorrelate(first, second, window)
     return round(2 * dx), round(2 * dy)
 
 
@@ -148,10 +137,8 @@ def _tile_shift(
     tile = np.ascontiguousarray(first[y : y + side, x : x + side])
     if min(left, top) < 0 or right > columns or bottom > rows or not tile.std() > 0:
         return None
-    score = cv2.matchTemplate(
-        np.ascontiguousarray(second[top:bottom, left:right]), tile, cv2.TM_CCOEFF_NORMED
-    )
-    _, best, _, (px, py) = cv2.minMaxLoc(score)
+    near = np.ascontiguousarray(second[top:bottom, left:right])
+    _, best, _, (px, py) = cv2.minMaxLoc(cv2.matchTemplate(near, tile, cv2.TM_CCOEFF_NORMED))
     if best < LEAST_CORRELATION:
         return None
     return _refined(first, second, x, y, side, left + px - x, top + py - y)
@@ -160,35 +147,31 @@ def _tile_shift(
 def _refined(
     first: F32, second: F32, x: int, y: int, side: int, dx: float, dy: float
 ) -> tuple[float, float] | None:
-    """Least squares of zero-mean, unit-variance tiles by Gauss-Newton, from a whole-pixel start."""
+    """Least squares of zero-mean, unit-variance tiles by Gauss-Newton, from a whole-pixel start;
+    None where that runs away.
+    """
     margin = SINC_HALF + 1
+    size, inner = side + 2 * margin, slice(margin + 1, margin + side - 1)
     rows, columns = second.shape
     start = dx, dy
     tile = first[y : y + side, x : x + side].astype(np.float64)
     gx, gy = 0.5 * (tile[1:-1, 2:] - tile[1:-1, :-2]), 0.5 * (tile[2:, 1:-1] - tile[:-2, 1:-1])
     tile = tile[1:-1, 1:-1] - tile[1:-1, 1:-1].mean()
     hessian = np.array([[_sum(gx, gx), _sum(gx, gy)], [_sum(gx, gy), _sum(gy, gy)]])
-    for _ in range(8):
+    for _ in range(ITERATIONS):
         ix, iy = round(dx), round(dy)
         top, left = y + iy - margin, x + ix - margin
-        if (
-            top < 0
-            or left < 0
-            or top + side + 2 * margin > rows
-            or left + side + 2 * margin > columns
-        ):
+        if min(top, left) < 0 or top + size > rows or left + size > columns:
             return None
-        piece = second[top : top + side + 2 * margin, left : left + side + 2 * margin]
-        moved = shifted(piece, ix - dx, iy - dy)[
-            margin + 1 : margin + side - 1, margin + 1 : margin + side - 1
-        ].astype(np.float64)
+        piece = second[top : top + size, left : left + size]
+        moved = shifted(piece, ix - dx, iy - dy)[inner, inner].astype(np.float64)
         moved -= moved.mean()
         error = moved * (_sum(moved, tile) / _sum(moved, moved)) - tile
         step = np.linalg.solve(hessian, [_sum(gx, error), _sum(gy, error)])
         dx, dy = dx - step[0], dy - step[1]
-        if max(abs(dx - start[0]), abs(dy - start[1])) > 2:
+        if max(abs(dx - start[0]), abs(dy - start[1])) > FURTHEST_PX:
             return None
-        if np.abs(step).max() < 1e-3:
+        if np.abs(step).max() < AT_REST_PX:
             break
     return float(dx), float(dy)
 
@@ -196,6 +179,7 @@ def _refined(
 def _sum(a: F64, b: F64) -> float:
     """Sum of products.
 
-    Not BLAS: its threads cost ten times the work on tiles of this size when other threads are busy.
+    Not by BLAS, whose threads cost ten times the work on tiles of this size when other threads are
+    busy.
     """
     return float(np.einsum("ij,ij->", a, b))

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64, I64, Bool
+from analysis.robust import SCALED
 
 FEWEST = 12  # points of a ring whose mean comes from a fit; with fewer it is the plain mean
 CENTRAL_RINGS = 4
-# a point this many median absolute deviations (scaled to a standard deviation) from its ring is
-# left out
-OUTLIER_MAD = 5.0
+OUTLIER_SD = 5.0  # robust standard deviations from its ring at which a point is left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +27,15 @@ class Rings:
     radius : ndarray
         Mean radius of the ring's points; the ring's middle where it is empty.
     mean, standard_error : ndarray
-        NaN in empty rings; the error also in rings with too few points to tell.
+        NaN in empty rings; the error also in rings with too few points for one.
     count : ndarray of int
-        Points that made the mean.
+        Number of points in the mean.
     """
 
     radius: F64
     mean: F64
     standard_error: F64
-    count: NDArray[np.int64]
+    count: I64
 
 
 def ring_means(
@@ -68,13 +67,14 @@ def ring_means(
     -----
     Points further than five scaled median absolute deviations from their ring's median (or fit) are
     left out. The standard error counts points as independent; boxes that overlap share noise, so
-    that it is too small by up to the square root of the number of boxes on one place.
+    that it is too small by up to the square root of the number of boxes that overlap in a place.
     """
     if not width > 0:
-        raise ValueError(f"rings: a width of {width} was asked; it must be positive")
+        raise ValueError(f"rings: a width of {width} was requested; it must be positive")
     limit = np.inf if r_max is None else r_max
-    chosen = np.isfinite(r) & np.isfinite(values) & (np.asarray(r) < limit)
-    r, values = _chosen(r, chosen), _chosen(values, chosen)
+    r, values = (np.asarray(v, dtype=np.float64) for v in (r, values))
+    chosen = np.isfinite(r) & np.isfinite(values) & (r < limit)
+    r, values = r[chosen], values[chosen]
     n = int(limit // width) if r_max is not None else int(r.max() // width) + 1 if len(r) else 0
     ring = (r / width).astype(np.int64)
     inside = ring < n
@@ -82,10 +82,11 @@ def ring_means(
     keep = ~_outlying(values, ring, n)
     if theta is None:
         return _plain_means(r[keep], values[keep], ring[keep], n, width)
-    columns = _columns(r / width - ring - 0.5, _chosen(theta, chosen)[inside])
+    azimuth = np.asarray(theta, dtype=np.float64)[chosen][inside]
+    columns = _columns(r / width - ring - 0.5, azimuth)
     coefficients, _ = _ring_fits(columns[keep], values[keep], ring[keep], n)
     # outliers show better against the fit than against the ring's median
-    keep = ~_outlying(values - np.einsum("ij,ij->i", columns, coefficients[ring]), ring, n)
+    keep = ~_outlying(values - _modelled(columns, coefficients, ring), ring, n)
     return _fitted_means(columns[keep], r[keep], values[keep], ring[keep], n, width)
 
 
@@ -107,12 +108,8 @@ def central_value(r: ArrayLike, values: ArrayLike, radius: float) -> float:
     return float(np.linalg.lstsq(columns * weight[:, None], rings.mean[full] * weight)[0][0])
 
 
-def _chosen(values: ArrayLike, chosen: NDArray[np.bool_]) -> F64:
-    return np.asarray(values, dtype=np.float64)[chosen]
-
-
 @njit(cache=True, nogil=True)
-def _ring_median(values: F64, ring: NDArray[np.int64], n: int) -> F64:
+def _ring_median(values: F64, ring: I64, n: int) -> F64:
     """Median of the values of each ring, NaN in empty ones."""
     first = np.zeros(n + 1, np.int64)
     for k in ring:
@@ -131,9 +128,7 @@ def _ring_median(values: F64, ring: NDArray[np.int64], n: int) -> F64:
 
 
 @njit(cache=True, nogil=True)
-def _normal_equations(
-    columns: F64, values: F64, ring: NDArray[np.int64], n: int
-) -> tuple[F64, F64]:
+def _normal_equations(columns: F64, values: F64, ring: I64, n: int) -> tuple[F64, F64]:
     """Sums over each ring of the products of the columns, shape (n, k, k), and of the columns with
     the values, shape (n, k).
     """
@@ -151,24 +146,17 @@ def _normal_equations(
     return normal, right
 
 
-def _outlying(values: F64, ring: NDArray[np.int64], n: int) -> NDArray[np.bool_]:
+def _outlying(values: F64, ring: I64, n: int) -> Bool:
     """Which points lie too far from their ring's median."""
     distance = np.abs(values - _ring_median(values, ring, n)[ring])
-    spread = 1.4826 * _ring_median(distance, ring, n)
-    return np.asarray(distance > OUTLIER_MAD * spread[ring])
+    spread = SCALED * _ring_median(distance, ring, n)
+    return np.asarray(distance > OUTLIER_SD * spread[ring])
 
 
-def _radii(r: F64, ring: NDArray[np.int64], n: int, width: float) -> tuple[NDArray[np.int64], F64]:
-    """Number of points of each ring and their mean radius."""
+def _plain_means(r: F64, values: F64, ring: I64, n: int, width: float) -> Rings:
     count = np.bincount(ring, minlength=n)
     middle = (np.arange(n) + 0.5) * width
-    return count, np.where(
-        count > 0, np.bincount(ring, r, minlength=n) / np.maximum(count, 1), middle
-    )
-
-
-def _plain_means(r: F64, values: F64, ring: NDArray[np.int64], n: int, width: float) -> Rings:
-    count, radius = _radii(r, ring, n, width)
+    radius = np.where(count > 0, np.bincount(ring, r, minlength=n) / np.maximum(count, 1), middle)
     full = np.where(count > 0, count, np.nan)
     mean = np.bincount(ring, values, minlength=n) / full
     squares = np.bincount(ring, (values - mean[ring]) ** 2, minlength=n)
@@ -181,13 +169,17 @@ def _columns(offset: F64, theta: F64) -> F64:
     middle, two harmonics of the azimuth.
     """
     cos, sin = np.cos(theta), np.sin(theta)
-    return np.stack(
-        [np.ones_like(offset), offset, cos, sin, cos * cos - sin * sin, 2 * sin * cos], axis=1
-    )
+    harmonics = cos, sin, cos * cos - sin * sin, 2 * sin * cos
+    return np.stack([np.ones_like(offset), offset, *harmonics], axis=1)
 
 
-def _ring_fits(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tuple[F64, F64]:
-    """Least squares in each ring: coefficients, shape (n, 6), and the factor from variance of a
+def _modelled(columns: F64, coefficients: F64, ring: I64) -> F64:
+    """The fit of each point's ring at the point."""
+    return np.asarray(np.einsum("ij,ij->i", columns, coefficients[ring]))
+
+
+def _ring_fits(columns: F64, values: F64, ring: I64, n: int) -> tuple[F64, F64]:
+    """Least squares in each ring: coefficients, shape (n, 6), and the factor from the variance of a
     point to that of the mean, shape (n,).
 
     NaN factor: the ring has too few points, or too small a part of the circle; its only coefficient
@@ -200,17 +192,14 @@ def _ring_fits(columns: F64, values: F64, ring: NDArray[np.int64], n: int) -> tu
     normal[poor] = np.eye(size)
     sums[poor, 1:] = 0
     sums[poor, 0] /= np.maximum(count[poor], 1)
-    factor = np.asarray(np.linalg.inv(normal)[:, 0, 0], dtype=np.float64)
-    factor[poor] = np.nan
-    return np.asarray(np.linalg.solve(normal, sums[:, :, None])[:, :, 0], dtype=np.float64), factor
+    factor = np.where(poor, np.nan, np.linalg.inv(normal)[:, 0, 0])
+    return np.linalg.solve(normal, sums[:, :, None])[:, :, 0], factor
 
 
-def _fitted_means(
-    columns: F64, r: F64, values: F64, ring: NDArray[np.int64], n: int, width: float
-) -> Rings:
+def _fitted_means(columns: F64, r: F64, values: F64, ring: I64, n: int, width: float) -> Rings:
     plain = _plain_means(r, values, ring, n, width)
     coefficients, factor = _ring_fits(columns, values, ring, n)
-    residual = values - np.einsum("ij,ij->i", columns, coefficients[ring])
+    residual = values - _modelled(columns, coefficients, ring)
     freedom = np.maximum(plain.count - columns.shape[1], 1)
     error = np.sqrt(np.bincount(ring, residual**2, minlength=n) / freedom * factor)
     fitted = np.isfinite(factor)

@@ -1,10 +1,11 @@
 """Digital image correlation: the displacement field of the interface between a reference image and
 the images of a run.
 
-================================  ============================================================
-paper, section 2.3.2 and Fig. 4   ``Correlation(method="direct")``: direct correlation, 2D Gaussian
-beyond the paper                  the methods ``shared`` and ``icgn``; `strain`
-================================  ============================================================
+===============================  ===================================================================
+Paper, section 2.3.2 and Fig. 4  `open_tracker` with the method ``direct``: direct correlation, 2D
+                                 Gaussian, search from the last field
+Beyond the paper                 `open_tracker` with the methods ``shared`` and ``icgn``; `strain`
+===============================  ===================================================================
 """
 
 from analysis.dic.correlation import compile_kernels, open_tracker

@@ -7,18 +7,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Array, Bool
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.field import Tracker
 from analysis.dic.grid import Grid
 from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
-from analysis.dic.refining import Refinement
+from analysis.dic.refining import MakeRefiner, Refinement
 from analysis.dic.searching import DirectSearch
 from analysis.dic.threads import Threads
-from analysis.dic.tracker import Method, Reference, ReferenceTracker, checked
+from analysis.dic.tracker import Reference, ReferenceTracker, checked
 from analysis.dic.updating import UpdatingTracker
 from analysis.settings import Correlation
 
@@ -27,12 +27,21 @@ DIRECT_SEARCH = 16  # px; half-width of the direct method's own search
 
 def open_tracker(
     correlation: Correlation,
-    reference: NDArray[Any],
+    reference: Array,
     *,
-    usable: NDArray[np.bool_] | None = None,
+    usable: Bool | None = None,
     roi: tuple[int, int, int, int] | None = None,
 ) -> Tracker:
-    """A tracker against `reference`; `usable` pixels and `roi` as for `Refinement`.
+    """A tracker against `reference`.
+
+    Parameters
+    ----------
+    reference : ndarray, shape (rows, columns), uint8, uint16 or float32
+        The image at t = 0.
+    usable : ndarray of bool, shape (rows, columns), or None
+        Pixels that may be used; None: all. Boxes with too few of them are MASKED.
+    roi : tuple of int, or None
+        Left, top, right, bottom, in pixels: points outside are MASKED.
 
     Raises
     ------
@@ -47,58 +56,59 @@ def open_tracker(
             " reference; use one of them"
         )
     every = correlation.update_every if correlation.update == "every" else None
-    return UpdatingTracker(
-        lambda image: _open(correlation, image, None, roi),
-        reference,
-        every,
-        correlation.update_below,
-    )
+    make = partial(_open, correlation, usable=None, roi=roi)
+    return UpdatingTracker(make, reference, every, correlation.update_below)
 
 
 def _open(
     correlation: Correlation,
-    reference: NDArray[Any],
-    usable: NDArray[np.bool_] | None,
+    reference: Array,
+    usable: Bool | None,
     roi: tuple[int, int, int, int] | None,
 ) -> Tracker:
     image = np.array(checked(reference, "reference"), order="C")
     if usable is not None and usable.shape != image.shape:
         raise ValueError(
-            f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of"
-            " its size"
+            f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of its"
+            " size"
         )
     grid = Grid.cover(image.shape, correlation.box, correlation.step)
     prepared = Reference(image, grid, Threads(correlation.threads), usable)
-    method: Method
-    if correlation.method == "direct":
-        if usable is not None or roi is not None:
-            raise ValueError(
-                "correlation: a mask or region asked of method 'direct'; use method 'shared' or"
-                " 'icgn'"
-            )
-        near = min(correlation.search, DIRECT_SEARCH)
-        # further away, reduced images are searched first
-        is_far = correlation.search > near
-        method = DirectSearch(
-            prepared,
-            search=near,
-            min_correlation=correlation.min_correlation,
-            min_contrast=correlation.min_contrast,
-            first_guess=CoarseSearch(prepared, correlation.search).find if is_far else None,
+    if correlation.method != "direct":
+        refinement = Refinement(prepared, correlation, _refiner(correlation), roi)
+        return ReferenceTracker(prepared, refinement)
+    if usable is not None or roi is not None:
+        raise ValueError(
+            "correlation: a mask or region asked of method 'direct'; use method 'shared' or 'icgn'"
         )
-    else:
-        if correlation.method == "shared":
-            make: Any = partial(SharedPasses, tolerance_px=correlation.tolerance or 0.06)
-        else:
-            options: Any = {"order": correlation.order, "precision": correlation.precision}
-            make = partial(SeparatePoints, tolerance_px=correlation.tolerance or 1e-3, **options)
-        interpolant = CLASSICAL.get(correlation.interpolant)
-        method = Refinement(prepared, correlation, partial(make, interpolant=interpolant), roi)
-    return ReferenceTracker(prepared, method)
+    near = min(correlation.search, DIRECT_SEARCH)
+    guess = CoarseSearch(prepared, correlation.search)  # for jumps that are longer
+    search = DirectSearch(
+        prepared,
+        search=near,
+        min_correlation=correlation.min_correlation,
+        min_contrast=correlation.min_contrast,
+        first_guess=guess.find if correlation.search > near else None,
+    )
+    return ReferenceTracker(prepared, search)
+
+
+def _refiner(correlation: Correlation) -> MakeRefiner:
+    interpolant = CLASSICAL.get(correlation.interpolant)
+    if correlation.method == "shared":
+        tolerance = correlation.tolerance or 0.06  # the next step would be a hundred times shorter
+        return partial(SharedPasses, interpolant=interpolant, tolerance_px=tolerance)
+    return partial(
+        SeparatePoints,
+        interpolant=interpolant,
+        order=correlation.order,
+        precision=correlation.precision,
+        tolerance_px=correlation.tolerance or 1e-3,
+    )
 
 
 def compile_kernels(correlation: Correlation | None = None, dtype: Any = np.uint8) -> None:
-    """Compile what a correlation of images of a type needs, or load it from the cache; takes
+    """Compile what a correlation of images of a type needs, or load it from the cache; this takes
     seconds the first time on a machine.
     """
     rng = np.random.default_rng(0)

@@ -11,7 +11,7 @@ is a displacement in pixels at the edge of the box.
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -345,10 +345,10 @@ class IcgnSolver:
         slopes: tuple[F64, F64],
         grid: Grid,
         *,
-        order: Literal[0, 1, 2],
+        order: int,
         interpolant: Interpolant,
         usable: Bool | None = None,
-        precision: Literal["single", "double"] = "single",
+        precision: str = "single",
         max_iterations: int = 20,
         tolerance_px: float = 1e-3,
         furthest_px: float = 5.0,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from analysis.arrays import F64, Array, Bool
@@ -32,9 +30,9 @@ class SeparatePoints:
         reference: Reference,
         texture: Texture,
         *,
-        order: Literal[0, 1, 2] = 1,
+        order: int = 1,
         interpolant: Interpolant | None = None,
-        precision: Literal["single", "double"] = "single",
+        precision: str = "single",
         tolerance_px: float = 1e-3,
     ) -> None:
         f = reference.image.astype(np.float64)

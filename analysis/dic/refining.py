@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -27,9 +27,7 @@ from analysis.dic.status import (
     explain,
 )
 from analysis.dic.tracker import Estimate, Reference
-
-if TYPE_CHECKING:
-    from analysis.settings import Correlation
+from analysis.settings import Correlation
 
 # share of the points that were followed so far; if more are lost at once, they are searched for in
 # the whole image

@@ -10,17 +10,9 @@ Rows = tuple[int, int]  # the first, and one past the last
 
 
 class Threads:
-    """The calling thread and as many more as make up `number`.
-
-    Raises
-    ------
-    ValueError
-        `number` is less than 1.
-    """
+    """The calling thread and as many more as make up `number`, 1 or more."""
 
     def __init__(self, number: int) -> None:
-        if number < 1:
-            raise ValueError(f"tracker: {number} threads were requested; use 1 or more")
         self.number = number
         self._pool = ThreadPoolExecutor(number - 1, "dic") if number > 1 else None
 

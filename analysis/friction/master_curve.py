@@ -10,17 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.friction.local_law import FEWEST, LOST, huber
 from analysis.mechanics import hertz
-
-F64 = NDArray[np.float64]
+from analysis.robust import robust_sd
 
 # of a: beyond, p vanishes, and with it what sigma/p is worth; boxes mix inside and outside
 INNER = 0.9
 BINS = 40
-ROUNDS = 60
+ROUNDS = 240
 LAGS = 3  # rings whose errors may be shared
 OUTLYING = 4.0  # standard deviations
 
@@ -28,7 +28,7 @@ OUTLYING = 4.0  # standard deviations
 @dataclass(frozen=True, slots=True)
 class MasterCurve:
     """sigma/p against u_x, all radii and frames together (paper, Fig. 15), and the law through it.
-    NaN where there is none: see `notes`.
+    NaN where it can not be determined; `notes` then gives the reason.
 
     Attributes
     ----------
@@ -92,10 +92,8 @@ def master_curve(
     """
     r = np.asarray(radii, dtype=np.float64)
     inner = r < INNER * a
-    u, u_sd, s, s_sd = (
-        np.atleast_2d(np.asarray(v, dtype=np.float64))[:, inner]
-        for v in (ux, ux_sd, sigma, sigma_sd)
-    )
+    given = (np.atleast_2d(np.asarray(v, dtype=np.float64)) for v in (ux, ux_sd, sigma, sigma_sd))
+    u, u_sd, s, s_sd = (field[:, inner] for field in given)
     force = np.broadcast_to(np.asarray(P, dtype=np.float64), len(u))[:, None]
     p = hertz.pressure(r[inner], 1.0, a) * force
     ratio, ratio_sd = s / p, s_sd / p
@@ -103,32 +101,23 @@ def master_curve(
     slip, ratio = np.where(good, u, np.nan), np.where(good, ratio, np.nan)
     bins = [b for b in np.array_split(np.flatnonzero(good)[np.argsort(slip[good])], BINS) if b.size]
     bin_slip, bin_ratio = (np.array([np.median(v.ravel()[b]) for b in bins]) for v in (slip, ratio))
-    bin_sd = np.array(
-        [
-            1.4826 * np.median(np.abs(ratio.ravel()[b] - m))
-            for b, m in zip(bins, bin_ratio, strict=True)
-        ]
-    )
+    from_median = [ratio.ravel()[b] - m for b, m in zip(bins, bin_ratio, strict=True)]
+    bin_sd = np.array([robust_sd(values) for values in from_median])
     curve = MasterCurve(r[inner], slip, ratio, bin_slip, bin_ratio, bin_sd)
-    if good.any(axis=1).sum() < FEWEST or not inner.any():
-        why = (
-            f"master curve: {good.any(axis=1).sum()} frames have a stress inside the contact;"
-            f" {FEWEST} or more are needed"
-        )
-        return replace(curve, notes=(why,))
+    frames = good.any(axis=1).sum()
+    if frames < FEWEST or not inner.any():
+        why = f"{frames} frames have a stress inside the contact; {FEWEST} or more are needed"
+        return replace(curve, notes=(f"master curve: {why}",))
     x, y = np.where(good, u, 0.0), np.where(good, ratio, 0.0)
-    theta = np.log(
-        [
-            bin_ratio[-3:].mean(),
-            np.interp(0.63 * bin_ratio[-3:].mean(), bin_ratio, bin_slip) / bin_ratio[-3:].mean(),
-        ]
-    )
-    for _ in range(4 * ROUNDS):
+    top = bin_ratio[-3:].mean()
+    theta = np.log([top, np.interp(0.63 * top, bin_ratio, bin_slip) / top])
+    for _ in range(ROUNDS):
         mu, L = np.exp(theta)
-        decay, t = np.exp(-np.maximum(x, 0.0) / (mu * L)), np.maximum(x, 0.0) / (mu * L)
+        t = np.maximum(x, 0.0) / (mu * L)
+        decay = np.exp(-t)
         root = np.where(good, 1 / np.sqrt(ratio_sd**2 + (decay / L * u_sd) ** 2), 0.0)
         e = (y - np.where(x < 0, x / L, mu * (1 - decay))) * root
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(e[good]))))
+        scale = max(1.0, robust_sd(e[good]))
         weight = huber(e / scale)
         J = np.stack([mu * (1 - decay - t * decay) * root, -mu * t * decay * root])
         H = np.einsum("aij,bij,ij->ab", J, J, weight)
@@ -139,25 +128,20 @@ def master_curve(
     scores = _neighbouring(np.einsum("aij,ij,ij->ja", J, weight, e))
     sd = np.sqrt(np.diag(np.linalg.solve(H, np.linalg.solve(H, scores).T)))
     if not (sd < LOST[:2]).all():
-        return replace(
-            curve,
-            notes=(
-                f"master curve: mu and L come out within {sd[0]:.0%} and {sd[1]:.0%} only; drive"
-                " further",
-            ),
-        )
-    mu, L = (float(v) for v in np.exp(theta))
+        why = f"mu and L come out within {sd[0]:.0%} and {sd[1]:.0%} only; drive further"
+        return replace(curve, notes=(f"master curve: {why}",))
+    (mu, L), (mu_sd, L_sd) = np.exp(theta).tolist(), (np.exp(theta) * sd).tolist()
+    outliers = float(np.mean(np.abs(e[good]) > OUTLYING * scale))
+    note = f"{int(good.sum())} points at {int(inner.sum())} radii below {INNER:g} a"
     return replace(
         curve,
         mu=mu,
-        mu_sd=mu * float(sd[0]),
+        mu_sd=mu_sd,
         L=L,
-        L_sd=L * float(sd[1]),
+        L_sd=L_sd,
         stiffness=p.mean(axis=0) / L,
-        outliers=float(np.mean(np.abs(e[good]) > OUTLYING * scale)),
-        notes=(
-            f"master curve: {int(good.sum())} points at {int(inner.sum())} radii below {INNER:g} a",
-        ),
+        outliers=outliers,
+        notes=(f"master curve: {note}",),
     )
 
 

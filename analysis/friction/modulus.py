@@ -7,9 +7,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from analysis.robust import robust_sd
 
 FEWEST = 8  # frames
 OUTLYING = 4.0  # robust standard deviations
@@ -19,19 +19,21 @@ ROUNDS = 20
 
 @dataclass(frozen=True, slots=True)
 class Modulus:
-    """Young's modulus from a run. NaN where it cannot be told: `notes` then says why.
+    """Young's modulus from a run. NaN where it can not be determined; `notes` then gives the
+    reason.
 
     Attributes
     ----------
     E, E_sd : float
-        Pascals; the uncertainty holds the scatter of frames and what the caller states of the
+        Pascals; the uncertainty holds the scatter of the frames and what the caller states of the
         inversion.
     slope : float
-        Of Q against the integral of the stress for the modulus supposed: E = slope E_supposed.
+        Slope of Q against the integral of the stress for the modulus supposed: E = slope
+        E_supposed.
     offset : float
-        Q where the integral is 0: of the force sensor's zero, newtons.
+        Q where the integral is 0: the error of the force sensor's zero, newtons.
     frames, outliers : int
-        In the balance, and left out of it.
+        Number of frames in the balance, and left out of it.
     notes : tuple of str
     """
 
@@ -53,8 +55,8 @@ def balance_modulus(
     Q_sd: float = 1e-3,
     relative_sd: float = 0.0,
 ) -> Modulus:
-    """Young's modulus at which the stress sums up to the shear force: sigma from an inversion grows
-    as the modulus it supposes.
+    """Young's modulus at which the stress sums up to the shear force: the stress from an inversion
+    is proportional to the modulus that it supposes.
 
     Parameters
     ----------
@@ -76,8 +78,8 @@ def balance_modulus(
     Notes
     -----
     A line through both, with errors in both (York 1966), outlying frames left out. What all frames
-    share and no force changes, as the noise of the reference image and the force sensor's zero, is
-    in the offset. The uncertainty allows for errors that successive frames share.
+    share and no force changes, such as the noise of the reference image and the force sensor's
+    zero, is in the offset. The uncertainty allows for errors that successive frames share.
 
     References
     ----------
@@ -88,18 +90,13 @@ def balance_modulus(
             f"modulus: E {E_supposed:g} Pa, a noise of {Q_sd:g} N and a relative uncertainty of"
             f" {relative_sd:g} found; use positive ones"
         )
-    x, sx, y = (
-        np.ravel(v).astype(np.float64) for v in np.broadcast_arrays(integral, integral_sd, Q)
-    )
+    columns = np.broadcast_arrays(integral, integral_sd, Q)
+    x, sx, y = (np.ravel(v).astype(np.float64) for v in columns)
     good = np.isfinite(x) & np.isfinite(sx) & np.isfinite(y)
     x, sx, y = x[good], sx[good], y[good]
     if len(x) < FEWEST:
-        return Modulus(
-            frames=len(x),
-            notes=(
-                f"modulus: {len(x)} frames have a stress and a force; {FEWEST} or more are needed",
-            ),
-        )
+        why = f"{len(x)} frames have a stress and a force; {FEWEST} or more are needed"
+        return Modulus(frames=len(x), notes=(f"modulus: {why}",))
     slope, offset = np.polyfit(x, y, 1) if np.ptp(x) > 0 else (0.0, 0.0)
     keep = np.ones(len(x), np.bool_)
     for _ in range(ROUNDS):
@@ -108,15 +105,11 @@ def balance_modulus(
         dx, dy = x - middle, y - level
         # the best place of each frame on the line, so that noise of the integral does not flatten
         # it (York 1966)
-        share = weight * (Q_sd**2 * dx + slope * sx**2 * dy)
-        slope = (
-            float((weight * share) @ dy / ((weight * share) @ dx))
-            if np.any((weight * share) * dx)
-            else 0.0
-        )
+        pull = weight * (weight * (Q_sd**2 * dx + slope * sx**2 * dy))
+        slope = float(pull @ dy / (pull @ dx)) if np.any(pull * dx) else 0.0
         offset = float(level - slope * middle)
         residual = (y - offset - slope * x) / np.sqrt(Q_sd**2 + (slope * sx) ** 2)
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+        scale = max(1.0, robust_sd(residual))
         keep = np.abs(residual) < OUTLYING * scale
     spread = float(weight @ (dx * dx))
     scores = (weight * dx * (y - offset - slope * x))[keep]
@@ -124,20 +117,13 @@ def balance_modulus(
     frames, outliers = int(keep.sum()), int((~keep).sum())
     why = ""
     if not np.ptp(y[keep]) > LEAST_RANGE * frame_sd:
-        why = (
-            f"modulus: Q varies by {np.ptp(y):.2g} N, frames scatter by {frame_sd:.2g} N; drive"
-            " further"
-        )
+        why = f"Q varies by {np.ptp(y):.2g} N, frames scatter by {frame_sd:.2g} N; drive further"
     elif not slope > 0:
-        why = (
-            f"modulus: stress and force have opposite signs (slope {slope:.3g}); check the sign of"
-            " Q"
-        )
+        why = f"stress and force have opposite signs (slope {slope:.3g}); check the sign of Q"
     if why:
-        return Modulus(frames=frames, outliers=outliers, notes=(why,))
+        return Modulus(frames=frames, outliers=outliers, notes=(f"modulus: {why}",))
     shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / float(scores @ scores))
     slope_sd = scale * np.sqrt(shared / spread)
     E = slope * E_supposed
-    return Modulus(
-        E, float(np.hypot(slope_sd * E_supposed, relative_sd * E)), slope, offset, frames, outliers
-    )
+    E_sd = float(np.hypot(slope_sd * E_supposed, relative_sd * E))
+    return Modulus(E, E_sd, slope, offset, frames, outliers)

@@ -7,9 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
+from analysis.robust import white_noise
 
 FEWEST = 12  # frames in the fit of the sliding part
 BLOCK = 4  # frames by which the fit's window grows
@@ -21,10 +22,10 @@ FORCE_FRAMES = 1
 NORMAL_FRAMES = 8  # the same for P, which is nominally constant
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Onset:
     """The transition to sliding. Every number is NaN where the run did not reach sliding; `notes`
-    then says why.
+    then gives the reason.
 
     Attributes
     ----------
@@ -74,6 +75,11 @@ class _Line:
     spread: float
     count: int
 
+    @property
+    def zero(self) -> float:
+        """Where the line meets 0."""
+        return self.middle - self.mean / self.slope
+
     def at(self, x: F64 | float) -> F64:
         return np.asarray(self.mean + self.slope * (x - self.middle))
 
@@ -100,32 +106,28 @@ def sliding_onset(
     The line is fitted to the largest final part of the run over which u_x grows at constant
     velocity: starting from the last half of the rise of u_x, the part grows backwards as long as
     the next block of four agrees with the line within four standard deviations. Its first fifth,
-    next to the rounded onset, is left out. Uncertainties allow for the correlation found between
-    successive residuals.
+    next to the rounded onset, is left out. Uncertainties allow for the correlation of successive
+    residuals.
 
     References
     ----------
     Prevost et al. 2013, section 3, Fig. 7 (t_s, Q_s) and Fig. 8 (mu_s, mu_d).
     """
-    columns = np.broadcast_arrays(
-        *(np.asarray(v, dtype=np.float64) for v in (time, centre_ux, shear_force, normal_force))
-    )
-    table = np.stack([np.ravel(c) for c in columns])
+    columns = (np.asarray(v, float) for v in (time, centre_ux, shear_force, normal_force))
+    table = np.stack([np.ravel(c) for c in np.broadcast_arrays(*columns)])
     t, u, q, p = table[:, np.isfinite(table).all(axis=0)]
     if len(t) < 2 * FEWEST:
-        return Onset(
-            notes=(
-                f"onset: {len(t)} frames of the drive were measured; {2 * FEWEST} or more are"
-                " needed for t_s",
-            )
+        why = (
+            f"onset: {len(t)} frames of the drive were measured; {2 * FEWEST} or more are needed"
+            " for t_s"
         )
+        return Onset(notes=(why,))
     if not (p > 0).all():
-        return Onset(
-            notes=(
-                f"onset: the normal force falls to {p.min():.3g} N during the drive; without"
-                " contact there is no friction",
-            )
+        why = (
+            f"onset: the normal force falls to {p.min():.3g} N during the drive; without contact"
+            " there is no friction"
         )
+        return Onset(notes=(why,))
 
     first = _constant_velocity_start(t, u)
     start = first + int(MARGIN * (len(t) - first - FEWEST))
@@ -134,12 +136,12 @@ def sliding_onset(
     if why:
         return Onset(notes=(why,))
 
-    ts = line.middle - line.mean / line.slope
+    ts = line.zero
     ts_sd = np.sqrt(line.variance_at(ts)) / line.slope
     shear = _fit(*_around(t, q, ts, FORCE_FRAMES))
     normal = _fit(*_around(t, p, ts, NORMAL_FRAMES))
     static, load = float(shear.at(ts)), float(normal.mean)
-    static_sd = float(np.hypot(_white_noise(q) / np.sqrt(shear.count), shear.slope * ts_sd))
+    static_sd = float(np.hypot(white_noise(q) / np.sqrt(shear.count), shear.slope * ts_sd))
     load_sd = normal.noise / np.sqrt(normal.count)
     dynamic = (q / p)[t >= ts]
     note = (
@@ -172,14 +174,8 @@ def _fit(x: F64, y: F64) -> _Line:
     power = float(residual @ residual)
     correlation = residual[1:] @ residual[:-1] / power if power > 0 and len(x) >= FEWEST else 0.0
     inflation = max(1.0, (1 + correlation) / (1 - correlation))
-    return _Line(
-        middle, mean, slope, float(np.sqrt(power / max(len(x) - 2, 1) * inflation)), spread, len(x)
-    )
-
-
-def _white_noise(y: F64) -> float:
-    """Standard deviation of the noise on a smooth signal, from its second differences."""
-    return float(1.4826 * np.median(np.abs(np.diff(y, 2))) / np.sqrt(6))
+    noise = float(np.sqrt(power / max(len(x) - 2, 1) * inflation))
+    return _Line(middle, mean, slope, noise, spread, len(x))
 
 
 def _constant_velocity_start(t: F64, u: F64) -> int:
@@ -193,10 +189,8 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
         line = _fit(t[start:], u[start:])
         before = slice(max(start - BLOCK, 0), start)
         miss = np.mean(u[before] - line.at(t[before]))
-        block_sd = np.sqrt(
-            line.noise**2 / (before.stop - before.start) + line.variance_at(float(t[before].mean()))
-        )
-        if abs(miss) > AGREE * block_sd:
+        block_variance = line.noise**2 / (before.stop - before.start)
+        if abs(miss) > AGREE * np.sqrt(block_variance + line.variance_at(float(t[before].mean()))):
             return start
         start = before.start
     return 0
@@ -208,23 +202,21 @@ def _not_sliding(t: F64, q: F64, start: int, line: _Line) -> str:
     if line.slope < 10 * slope_sd or line.slope <= 0:
         return (
             f"onset: the centre moves at {line.slope * 1e6:.3g} +- {slope_sd * 1e6:.2g} um/s at the"
-            " end of the run, "
-            "so sliding was not reached; drive further"
+            " end of the run, so sliding was not reached; drive further"
         )
-    ts = line.middle - line.mean / line.slope
-    if not t[0] < ts < t[start]:
+    if not t[0] < line.zero < t[start]:
         return (
-            f"onset: the line through the central u_x meets zero at {ts:.3g} s, outside the"
-            f" {t[0]:.3g} to {t[start]:.3g} s before its fit, "
-            "so the onset was not seen; drive further"
+            f"onset: the line through the central u_x meets zero at {line.zero:.3g} s, outside the"
+            f" {t[0]:.3g} to {t[start]:.3g} s before its fit, so the onset was not seen; drive"
+            " further"
         )
-    loading = abs(q[start:].mean() - q[0]) / (t[start:].mean() - t[0])
+    rise = q[start:].mean() - q[0]
+    loading = abs(rise) / (t[start:].mean() - t[0])
     rising = _fit(t[start:], q[start:]).slope
-    if rising * np.sign(q[start:].mean() - q[0]) > STILL_LOADING * loading:
+    if rising * np.sign(rise) > STILL_LOADING * loading:
         return (
             f"onset: Q still rises at {abs(rising) * 1e3:.3g} mN/s at the end of the run"
-            f" ({loading * 1e3:.3g} mN/s on average), "
-            "so sliding was not reached; drive further"
+            f" ({loading * 1e3:.3g} mN/s on average), so sliding was not reached; drive further"
         )
     return ""
 

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.mechanics.cattaneo_mindlin import phi0
-
-F64 = NDArray[np.float64]
 
 FEWEST = 6  # rings
 LARGEST = 0.999  # c/a: at 1 the profile is zero
@@ -32,9 +31,9 @@ class StickFit:
     Attributes
     ----------
     stick_radius, stick_radius_sd : float
-        c and its standard uncertainty, metres. At full slip c is 0. NaN where nothing can be told:
-        too few rings, or no profile above the noise. Below about 0.1 a, where c is lost, c = 0 lies
-        within two standard uncertainties.
+        c and its standard uncertainty, metres. At full slip c is 0. NaN where it can not be
+        determined: too few rings, or no profile above the noise. Below about 0.1 a, where c is
+        lost, c = 0 lies within two standard uncertainties.
     amplitude : float
         q0 (1 - nu/2) / (2 pi G), where q0 = 3 mu P / (2 pi a^2): dimensionless, 0 or more.
     offset : float
@@ -62,11 +61,8 @@ def cattaneo_mindlin_profile(r: ArrayLike, stick_radius: ArrayLike, hertz_radius
     ----------
     Mindlin (1949); Johnson, Contact Mechanics, section 7.2.
     """
-    r, c, a = (
-        np.asarray(r, dtype=np.float64),
-        np.atleast_1d(np.asarray(stick_radius, dtype=np.float64)),
-        hertz_radius,
-    )
+    r, a = np.asarray(r, dtype=np.float64), hertz_radius
+    c = np.atleast_1d(np.asarray(stick_radius, dtype=np.float64))
     share = np.expand_dims(np.maximum(c / a, 1e-9), tuple(range(1, r.ndim + 1)))
     # Phi0(r; c) = c Phi0(r/c; 1)
     return np.asarray(a * (_unit_phi0(r / a) - share**2 * _unit_phi0(r / (share * a))))
@@ -104,9 +100,8 @@ def seen_in_rings(
     if box == width == 0:
         return profile(r)
     along, across = np.sqrt((box**2 + width**2) / 6), box / np.sqrt(6)
-    near, far, beside = np.moveaxis(
-        profile(np.stack([np.abs(r - along), r + along, np.hypot(r, across)])), -2, 0
-    )
+    places = np.stack([np.abs(r - along), r + along, np.hypot(r, across)])
+    near, far, beside = np.moveaxis(profile(places), -2, 0)
     return np.asarray(0.25 * (near + far) + 0.5 * beside)
 
 
@@ -128,7 +123,7 @@ def fit_stick_radius(
         are ignored. Rings should reach well beyond the contact: what the displacement tends to far
         away is an unknown of the fit.
     hertz_radius : float
-        a of the pressure, metres.
+        Radius a of the pressure, metres.
     box, width : float
         Side of the correlation boxes and width of the rings, over which the profile is averaged
         before it is fitted, metres.
@@ -138,8 +133,8 @@ def fit_stick_radius(
     For each c the two other unknowns are linear, so that chi2 is a function of c alone; it is
     tabulated on a grid that closes in on its least value. The standard uncertainty is half of the
     distance at which it is 4 larger, on the longer side. Neighbouring rings share noise because
-    correlation boxes overlap: the uncertainty is widened by the correlation found between the
-    residuals of successive rings.
+    correlation boxes overlap: the uncertainty is widened by the correlation between the residuals
+    of successive rings.
 
     References
     ----------
@@ -151,17 +146,15 @@ def fit_stick_radius(
     if good.sum() < FEWEST or not a > 0:
         return LOST
     r, u, sd = r[good], u[good], sd[good]
-    # a ring of three points may agree by chance: what a point scatters is shared with the three
+    # a ring of three points may agree by chance: the scatter of a point is shared with the three
     # rings on each side
     window = np.ones(2 * SHARED + 1)
-    weight = (
-        r * np.convolve(np.ones(len(r)), window, "same") / np.convolve(sd * sd * r, window, "same")
-    )
+    points = np.convolve(np.ones(len(r)), window, "same")
+    weight = r * points / np.convolve(sd * sd * r, window, "same")
 
     def profile(share: ArrayLike) -> F64:
-        return seen_in_rings(
-            lambda at: cattaneo_mindlin_profile(at, np.asarray(share) * a, a), r, box, width
-        )
+        c = np.asarray(share) * a
+        return seen_in_rings(lambda at: cattaneo_mindlin_profile(at, c, a), r, box, width)
 
     low, high = 0.0, LARGEST
     for _ in range(ZOOMS):
@@ -176,21 +169,16 @@ def fit_stick_radius(
 
     minimum, at = _parabola(share, chi2, best)
     best_profile = profile([minimum])
-    _, amplitude, offset = _linear_fit(best_profile, u, weight)
-    residual = (u - offset[0] + amplitude[0] * best_profile[0]) * np.sqrt(weight)
+    _, (amplitude,), (offset,) = _linear_fit(best_profile, u, weight)
+    residual = (u - offset + amplitude * best_profile[0]) * np.sqrt(weight)
     reduced = float(residual @ residual) / (len(r) - 3)
     flat, _, _ = _linear_fit(np.zeros((1, len(r))), u, weight)
     correlation = correlation_factor(residual)
     if flat[0] - at < VISIBLE * max(1.0, reduced) * correlation:
         return LOST
     spread = 0.5 * _longer_side(share, chi2, minimum, at + 4 * max(1.0, reduced))
-    return StickFit(
-        minimum * a,
-        spread * a * np.sqrt(correlation),
-        float(amplitude[0]),
-        float(offset[0]),
-        reduced,
-    )
+    sd_c = spread * a * np.sqrt(correlation)
+    return StickFit(minimum * a, sd_c, float(amplitude), float(offset), reduced)
 
 
 def _linear_fit(profiles: F64, u: F64, weight: F64) -> tuple[F64, F64, F64]:
@@ -216,9 +204,8 @@ def _parabola(x: F64, y: F64, best: int) -> tuple[float, float]:
         down, up = y[best - 1] - y[best], y[best + 1] - y[best]
         if down + up > 0:
             shift = 0.5 * (down - up) / (down + up)
-            return float(x[best] + shift * (x[1] - x[0])), float(
-                y[best] - 0.25 * (down - up) * shift
-            )
+            place = x[best] + shift * (x[1] - x[0])
+            return float(place), float(y[best] - 0.25 * (down - up) * shift)
     return float(x[best]), float(y[best])
 
 
@@ -246,5 +233,5 @@ def correlation_factor(residual: F64) -> float:
     power, n = float((residual * residual).sum()), residual.shape[-1]
     if not power > 0:
         return 1.0
-    found = sum(float((residual[..., lag:] * residual[..., :-lag]).sum()) for lag in (1, 2)) / power
-    return float(max(1.0, (1 + 2 * found) / (1 - 12 / max(n, 24))))
+    rho = sum(float((residual[..., lag:] * residual[..., :-lag]).sum()) for lag in (1, 2)) / power
+    return float(max(1.0, (1 + 2 * rho) / (1 - 12 / max(n, 24))))

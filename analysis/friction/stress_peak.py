@@ -12,19 +12,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 FEWEST = 5  # rings in the parabola
 ROUNDS = 4
-TOLD = 0.7  # share of the samples in which an estimate must be found
+RELIABLE = 0.7  # share of the samples of a state in which its estimate must exist
 
 
 @dataclass(frozen=True, slots=True)
 class StressPeak:
-    """Maximum of sigma(r). NaN where it cannot be told: `notes` then says why.
+    """Maximum of sigma(r). NaN where it can not be determined; `notes` then gives the reason.
 
     Attributes
     ----------
@@ -66,35 +66,31 @@ def stress_peak(
     good = np.isfinite(r) & np.isfinite(sigma) & np.isfinite(np.diag(covariance))
     r, sigma, covariance = r[good], sigma[good], covariance[np.ix_(good, good)]
     if len(r) < FEWEST:
-        return StressPeak(
-            notes=(f"stress peak: {len(r)} rings have a stress; {FEWEST} or more are needed",)
-        )
+        return _no_peak(f"{len(r)} rings have a stress; {FEWEST} or more are needed")
     middle, reach = r[np.argmax(sigma)], max(reach, FEWEST / 2 * float(np.median(np.diff(r))))
     for _ in range(ROUNDS):  # about the highest ring, then about the vertex
         x = (r - middle) / reach
-        # of weights that fade out: a ring more or less does not show
+        # weights that fade out, so that one ring more or less does not show
         root = np.sqrt(np.maximum(1 - x * x, 0.0))
         # from stress to coefficients
         parabola = np.linalg.pinv(np.vander(x, 3) * root[:, None]) * root
         bend, slope, level = parabola @ sigma
         if not bend < 0:
-            return StressPeak(
-                notes=("stress peak: the stress has no maximum that stands out of the noise",)
-            )
+            return _no_peak("the stress has no maximum that stands out of the noise")
         shift = float(np.clip(-slope / (2 * bend), -1.0, 1.0))
         found, middle = middle + shift * reach, float(np.clip(middle + shift * reach, 0.0, r[-1]))
     gradient = -(parabola[1] + 2 * shift * parabola[0]) / (2 * bend) * reach
     spread = float(np.sqrt(gradient @ covariance @ gradient))
     if not reach < found < r[-1] or spread > reach:
-        why = (
-            "which does not stand out of the noise"
-            if found > reach
-            else f"within {reach * 1e3:.2g} mm of the centre, where c is lost"
-        )
-        return StressPeak(
-            notes=(f"stress peak: at {found * 1e3:.3g} +- {spread * 1e3:.2g} mm, {why}",)
-        )
+        why = "which does not stand out of the noise"
+        if found <= reach:
+            why = f"within {reach * 1e3:.2g} mm of the centre, where c is lost"
+        return _no_peak(f"at {found * 1e3:.3g} +- {spread * 1e3:.2g} mm, {why}")
     return StressPeak(found, spread, float(level + slope * shift + bend * shift**2))
+
+
+def _no_peak(reason: str) -> StressPeak:
+    return StressPeak(notes=(f"stress peak: {reason}",))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +127,8 @@ class Calibration:
         # the slope over the uncertainty, not at a point
         low, high = np.clip([value - spread, value + spread], least, most)
         rise = (curve(high) - curve(low)) / (high - low) if high > low else curve(low, 1)
-        return float(curve(np.clip(value, least, most))), float(
-            np.hypot(rise * spread, self.between)
-        )
+        c = float(curve(np.clip(value, least, most)))
+        return c, float(np.hypot(rise * spread, self.between))
 
 
 def calibrate(
@@ -144,20 +139,20 @@ def calibrate(
     *,
     resolution: float = 0.0,
 ) -> Calibration:
-    """How an estimate of c relates to its truth in a model, by making it on the model's
+    """How an estimate of c relates to its truth in a model, by applying it to the model's
     displacements.
 
     Parameters
     ----------
     estimate : callable
         From u_x in rings, shape (n,), to c in metres: the very estimate that measurements go
-        through, with box, inversion and regularisation. NaN where it finds none.
+        through, with box, inversion and regularisation. NaN where it fails.
     profiles : array_like, shape (m, n)
         Mean of u_x over each ring in m states of the model, without noise
         (`friction.stick.seen_in_rings`).
     truth : array_like, shape (m,)
         c in each state by the definition wanted, metres: of Cattaneo and Mindlin, or
-        `State.peak_radius` of a loading.
+        `LoadingState.peak_radius`.
     noise : array_like, shape (k, n), optional
         Samples of the noise of ring means, metres, such as residuals of an inversion. With them the
         estimate's bias holds what noise adds, and its scatter is known: a regularisation that
@@ -168,20 +163,19 @@ def calibrate(
     Raises
     ------
     ValueError
-        Fewer than four states give an estimate that grows with the truth.
+        Fewer than five states give an estimate that grows with the truth.
     """
     c, u = np.asarray(truth, dtype=np.float64), np.asarray(profiles, dtype=np.float64)
     samples = np.zeros((1, u.shape[1])) if noise is None else np.asarray(noise, dtype=np.float64)
-    samples = samples - samples.mean(axis=0)  # of a few samples it is no bias
+    samples = samples - samples.mean(axis=0)  # the mean of a few samples is no bias
     found = np.array([[estimate(row + sample) for sample in samples] for row in u])
-    told = np.isfinite(found).mean(axis=1) > TOLD
-    found, c = found[told], c[told]
-    mean, scatter = (
-        np.nanmean(found, axis=1),
-        np.nanstd(found, axis=1, ddof=1) if len(samples) > 1 else np.full(len(c), np.nan),
-    )
+    reliable = np.isfinite(found).mean(axis=1) > RELIABLE
+    found, c = found[reliable], c[reliable]
+    mean, scatter = np.nanmean(found, axis=1), np.full(len(c), np.nan)
+    if len(samples) > 1:
+        scatter = np.nanstd(found, axis=1, ddof=1)
     keep: list[int] = []
-    # a state whose estimate does not exceed the one before tells nothing
+    # a state whose estimate does not exceed the one before is of no use
     for i in np.argsort(c, kind="stable"):
         if not keep or (mean[i] > mean[keep[-1]] and c[i] > c[keep[-1]] + resolution):
             keep.append(int(i))
@@ -191,6 +185,6 @@ def calibrate(
             f" {FEWEST} or more"
         )
     mean, c, scatter = mean[keep], c[keep], scatter[keep]
-    # at twice the step: some twice as large
+    # at twice the step the error is some twice as large
     miss = PchipInterpolator(mean[::2], c[::2])(mean[1:-1:2]) - c[1:-1:2]
     return Calibration(mean, c, scatter, float(np.sqrt(np.mean(miss**2))) / 2)

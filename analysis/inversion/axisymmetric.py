@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.contact.rings import Rings
 from analysis.inversion.result import NOT_COVERED, RadialInversion, Stopped
-from analysis.inversion.smoothing import Smooth, shared_noise, smooth_fit
+from analysis.inversion.smoothing import SmoothFit, shared_noise, smooth_fit
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.half_space import layer_correction
-
-F64 = NDArray[np.float64]
+from analysis.robust import robust_sd
 
 BASIS = 30  # terms, at least a ring's width apart
 FEWEST = 8  # rings, some of them outside the mask
@@ -28,7 +28,7 @@ POOLED = 20
 EDGE_WIDTH = 0.02
 LEAST_ERROR = 1e-12  # metres, of a ring: a field may be free of noise
 OUTLYING = 4.0  # standard deviations beyond which a ring is left out
-# share of the rings that may be left out; more of them and it is the model that is wrong
+# share of the rings that may be left out; if there are more, it is the model that is wrong
 MOST_WRONG = 0.05
 TOO_LARGE = 4.0  # standard deviations of chi2
 # standard deviations, and share of the greatest stress, of the last two rings' stress if the mask
@@ -95,25 +95,21 @@ class AxisymmetricInversion:
         _check(x, r, width, mask_radius, E, nu, edge)
         pitch = float(x[0, 1] - x[0, 0])
         A = self.mask_radius = float(mask_radius)
-        self._radii = _basis_radii(A, edge, min(BASIS, int(A / width)))
+        radii = self._radii = _basis_radii(A, edge, min(BASIS, int(A / width)))
         n = int(r.max() / width) + 1
         self.radius = np.asarray((np.arange(n) + 0.5) * width, dtype=np.float64)
         self._full = 2 * np.pi * self.radius * width / pitch**2
-        green = (
-            (1 + nu) / (np.pi * E) * (1 - nu / 2) * _mean_phi0(self.radius, self._radii, box, width)
-        )
+        scale = (1 + nu) / (np.pi * E) * (1 - nu / 2)
+        green = scale * _mean_phi0(self.radius, radii, box, width)
         if math.isfinite(thickness):
-            green += (
-                2 / 3 * np.pi * self._radii**2 * _layer(self.radius, self._radii, E, nu, thickness)
-            )
+            green += 2 / 3 * np.pi * radii**2 * _layer(self.radius, radii, E, nu, thickness)
         self._design = np.column_stack([np.ones(n), -green])
         self._sigma = np.column_stack([np.zeros(n), self._terms(self.radius)])
-        self._force = np.concatenate([[0.0], 2 / 3 * np.pi * self._radii**2])
+        self._force = np.concatenate([[0.0], 2 / 3 * np.pi * radii**2])
         self._penalty = np.zeros((self._design.shape[1],) * 2)
         self._penalty[1:, 1:] = self._curvature(edge, width)
-        self._correlation, self._widening = _ring_correlation(
-            r, n, width, pitch, box if noise_box is None else noise_box
-        )
+        noise_box = box if noise_box is None else noise_box
+        self._correlation, self._widening = _ring_correlation(r, n, width, pitch, noise_box)
 
     def stress(self, r: ArrayLike, coefficients: F64) -> F64:
         """Shear stress at any distance from the centre, pascals, shape of `r`, from a solution's
@@ -153,56 +149,52 @@ class AxisymmetricInversion:
         measured = int(used.sum())
         for _ in range(2):
             inside = int((used & (self.radius < self.mask_radius)).sum())
-            if inside < 3 or used.sum() - inside < 3 or used.sum() < FEWEST:
+            outside = int(used.sum()) - inside
+            if inside < 3 or outside < 3 or used.sum() < FEWEST:
                 raise ValueError(
-                    f"axisymmetric inversion: {inside} rings inside the mask and"
-                    f" {used.sum() - inside} outside were measured; "
-                    "3 or more are needed on either side"
+                    f"axisymmetric inversion: {inside} rings inside the mask and {outside} outside"
+                    " were measured; 3 or more are needed on either side"
                 )
             weight = np.where(used, 1 / sd, 0.0)
             X, y = self._design * weight[:, None], np.where(used, u, 0.0) * weight
-            fit = smooth_fit(
-                X.T @ X,
-                X.T @ (self._correlation @ X),
-                X.T @ y,
-                float(y @ y),
-                self._penalty,
-                int(used.sum()),
-            )
+            shared, power = X.T @ (self._correlation @ X), float(y @ y)
+            fit = smooth_fit(X.T @ X, shared, X.T @ y, power, self._penalty, int(used.sum()))
             residual = u - self._design @ fit.coefficients
             size = np.where(used, np.abs(residual) * weight, 0.0)
             if size.max() < OUTLYING:  # no ring is out of line: spare the median
                 break
-            wrong = size > OUTLYING * max(1.0, 1.4826 * float(np.median(size[used])))
+            wrong = size > OUTLYING * max(1.0, robust_sd(size[used]))
             if wrong.sum() > MOST_WRONG * measured:
                 break
             used &= ~wrong
         return self._result(fit, residual, coverage, measured - int(used.sum()))
 
-    def _result(self, fit: Smooth, residual: F64, coverage: F64, left_out: int) -> RadialInversion:
-        is_covered = bool((coverage[self.radius < self.mask_radius][INNERMOST:] > COMPLETE).all())
+    def _result(
+        self, fit: SmoothFit, residual: F64, coverage: F64, left_out: int
+    ) -> RadialInversion:
+        inside = self.radius < self.mask_radius
+        is_covered = bool((coverage[inside][INNERMOST:] > COMPLETE).all())
         b, chi2 = fit.coefficients, fit.chi2
         fits = chi2 < 1 + TOO_LARGE * math.sqrt(2 / fit.freedom)
         sigma, sigma_sd = self._sigma @ b, fit.sd(self._sigma)
         D_sd, Q_sd = fit.sd(np.stack([np.eye(len(b))[0], self._force]))
-        rim, size = np.flatnonzero(self.radius < self.mask_radius)[-2:], np.abs(sigma)
-        cuts = bool(
-            (size[rim] > np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())).any()
-        )
-        notes: tuple[str, ...] = () if is_covered else (NOT_COVERED,)
+        rim, size = np.flatnonzero(inside)[-2:], np.abs(sigma)
+        visible = np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())
+        cuts = bool((size[rim] > visible).any())
+        notes = [] if is_covered else [NOT_COVERED]
         if not fits:
-            notes += (
+            notes.append(
                 f"axisymmetric inversion: the residual is {math.sqrt(chi2):.2f} times the noise;"
-                " widen the mask, or invert the field",
+                " widen the mask, or invert the field"
             )
         if cuts:
-            notes += (
+            notes.append(
                 "axisymmetric inversion: the stress does not vanish at the mask's rim,"
-                f" {self.mask_radius:.3g} m; widen the mask",
+                f" {self.mask_radius:.3g} m; widen the mask"
             )
         if left_out:
-            notes += (
-                f"axisymmetric inversion: {left_out} rings lie off the rest and were left out",
+            notes.append(
+                f"axisymmetric inversion: {left_out} rings lie off the rest and were left out"
             )
         return RadialInversion(
             radius=self.radius,
@@ -220,39 +212,31 @@ class AxisymmetricInversion:
             stopped=Stopped.GCV,
             is_covered=is_covered,
             is_converged=fits and not cuts,
-            notes=notes,
+            notes=tuple(notes),
         )
 
 
 def _check(
     x: F64, r: F64, width: float, mask_radius: float, E: float, nu: float, edge: float | None
 ) -> None:
+    why = ""
     if x.ndim != 2 or min(x.shape) < 2:
-        raise ValueError(
-            f"axisymmetric inversion: a grid of shape {x.shape} was given; two or more points each"
-            " way are needed"
+        why = f"a grid of shape {x.shape} was given; two or more points each way are needed"
+    elif not (0 < E < math.inf and 0 <= nu <= 0.5):
+        why = f"E = {E:g} Pa and nu = {nu:g} were given; use a positive E and nu from 0 to 0.5"
+    elif not (width > 0 and mask_radius > 3 * width):
+        why = (
+            f"a mask of {mask_radius:g} m and rings of {width:g} m were given; use 3 rings or more"
         )
-    if not (0 < E < math.inf and 0 <= nu <= 0.5):
-        raise ValueError(
-            f"axisymmetric inversion: E = {E:g} Pa and nu = {nu:g} were asked; use a positive E and"
-            " nu from 0 to 0.5"
+    elif not r.max() > mask_radius + 3 * width:
+        why = (
+            f"the field reaches {r.max():g} m from the centre and the mask {mask_radius:g} m;"
+            " points outside the mask are needed for D"
         )
-    if not (width > 0 and mask_radius > 3 * width):
-        raise ValueError(
-            f"axisymmetric inversion: a mask of {mask_radius:g} m and rings of {width:g} m were"
-            " asked; use 3 rings or more"
-        )
-    if not r.max() > mask_radius + 3 * width:
-        raise ValueError(
-            f"axisymmetric inversion: the field reaches {r.max():g} m from the centre and the mask"
-            f" {mask_radius:g} m; "
-            "points outside the mask are needed for D"
-        )
-    if edge is not None and not 0 < edge < mask_radius:
-        raise ValueError(
-            f"axisymmetric inversion: an edge at {edge:g} m was asked; use one inside the mask of"
-            f" {mask_radius:g} m"
-        )
+    elif edge is not None and not 0 < edge < mask_radius:
+        why = f"an edge at {edge:g} m was given; use one inside the mask of {mask_radius:g} m"
+    if why:
+        raise ValueError(f"axisymmetric inversion: {why}")
 
 
 def _basis_radii(A: float, edge: float | None, n: int) -> F64:
@@ -260,9 +244,8 @@ def _basis_radii(A: float, edge: float | None, n: int) -> F64:
     if edge is None:
         return np.linspace(0, A, n + 1)[1:]
     inner = min(max(round(n * edge / A), 1), n - 1)
-    return np.concatenate(
-        [np.linspace(0, edge, inner + 1)[1:], np.linspace(edge, A, n - inner + 1)[1:]]
-    )
+    within, beyond = np.linspace(0, edge, inner + 1), np.linspace(edge, A, n - inner + 1)
+    return np.concatenate([within[1:], beyond[1:]])
 
 
 def _mean_phi0(r: F64, radii: F64, box: float, width: float) -> F64:
@@ -277,21 +260,19 @@ def _mean_phi0(r: F64, radii: F64, box: float, width: float) -> F64:
             along, across = (r + dr) * np.cos(angle), (r + dr) * np.sin(angle)
             for dx, wx in zip(t * box, w, strict=True):
                 for dy, wy in zip(t * box, w, strict=True):
-                    mean += (
-                        wr * wx * wy / 4 * phi0(np.hypot(along + dx, across + dy)[:, None], radii)
-                    )
+                    distance = np.hypot(along + dx, across + dy)
+                    mean += wr * wx * wy / 4 * phi0(distance[:, None], radii)
     return mean
 
 
 def _layer(r: F64, radii: F64, E: float, nu: float, thickness: float) -> F64:
     """What a rigid plate adds to the displacement per newton of each term: nearly uniform, so that
-    its first two moments do.
+    its first two moments suffice.
     """
     ring = radii * math.sqrt(2 / 5)
     cos = np.cos(2 * np.pi * (np.arange(8) + 0.5) / 8)
-    distance = np.sqrt(
-        r[:, None, None] ** 2 + ring[:, None] ** 2 - 2 * r[:, None, None] * ring[:, None] * cos
-    )
+    far = r[:, None, None]
+    distance = np.sqrt(far**2 + ring[:, None] ** 2 - 2 * far * ring[:, None] * cos)
     return np.asarray(layer_correction(distance, E, nu, thickness)[0].mean(axis=2))
 
 
@@ -318,6 +299,5 @@ def _pooled(rings: Rings) -> F64:
         return np.full(len(count), np.nan)
     typical = float(np.median(variance[known]))
     own = np.where(known, count - 1, 0)
-    return np.asarray(
-        np.sqrt((np.where(known, variance, 0.0) * own + typical * POOLED) / (own + POOLED) / count)
-    )
+    total = np.where(known, variance, 0.0) * own + typical * POOLED
+    return np.asarray(np.sqrt(total / (own + POOLED) / count))

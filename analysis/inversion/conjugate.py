@@ -5,12 +5,11 @@ frame for live fields.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import Inversion, Stopped
-
-F64 = NDArray[np.float64]
 
 STILL = 3e-4  # relative fall of chi2 in an iteration below which it has stopped falling
 
@@ -34,17 +33,17 @@ def conjugate_gradient(
     sd : float or array_like, optional
         Standard uncertainty of each point, metres; default: measured in the field.
     start : array_like, shape (ny, nx), optional
-        Stress to start from: the previous frame's. The result then keeps a part of it: what one
-        frame's noise cannot tell from the previous is not undone, so that fine detail lags by a few
-        frames while Q and D do not.
+        Stress to start from: the previous frame's. The result then keeps a part of it: where the
+        noise of one frame hides the difference from the previous, nothing is undone, so that fine
+        detail lags by a few frames while Q and D do not.
     iterations : int
-        At most so many.
+        Largest number of iterations.
 
     Notes
     -----
     Conjugate gradients on the normal equations (CGLS); the number of iterations is the
     regularisation. D and the amounts of a few simple stresses are solved for exactly in each
-    iteration: they are what converges last, D against Q above all.
+    iteration: they converge last, D against Q above all.
 
     References
     ----------
@@ -56,11 +55,11 @@ def conjugate_gradient(
     shapes, known = problem.shapes
     root = np.sqrt(field.weight).ravel()
     size, axes = np.linalg.eigh((known * field.weight.ravel()) @ known.T)
-    # a small mask may have fewer shapes
-    axes = axes[:, size > 1e-10 * size[-1]] / np.sqrt(size[size > 1e-10 * size[-1]])
+    independent = size > 1e-10 * size[-1]  # a small mask may have fewer shapes
+    axes = axes[:, independent] / np.sqrt(size[independent])
     across = (known * root).T @ axes
 
-    def seen(v: F64) -> F64:
+    def unexplained(v: F64) -> F64:
         """What of a displacement neither D nor the simple shapes explain, times the root of the
         weights.
         """
@@ -68,17 +67,16 @@ def conjugate_gradient(
         return np.asarray(v - across @ (v @ across))
 
     image = problem.green.apply(sigma) if sigma.any() else np.zeros_like(sigma)
-    residual = seen(field.u + image)
+    residual = unexplained(field.u + image)
     chi2, stopped, n = float(residual @ residual) / field.count, Stopped.ITERATIONS, 0
     direction, power = np.zeros_like(sigma), np.inf
     while chi2 > 1 and n < iterations:
-        gradient = np.where(
-            problem.mask, problem.green.adjoint((root * residual).reshape(sigma.shape)), 0.0
-        )
+        back = problem.green.apply((root * residual).reshape(sigma.shape))  # its own transpose
+        gradient = np.where(problem.mask, back, 0.0)
         new = float(np.vdot(gradient, gradient))
         direction, power = gradient + new / power * direction, new
         image_step = problem.green.apply(direction)
-        change = seen(image_step)
+        change = unexplained(image_step)
         square = float(change @ change)
         if not square > 0:
             stopped = Stopped.STAGNATION
@@ -93,13 +91,7 @@ def conjugate_gradient(
             break
     if chi2 <= 1:
         stopped = Stopped.DISCREPANCY
-    D, *amounts = axes @ (((field.u + image).ravel() * root) @ across)
-    sigma = sigma + np.tensordot(amounts, shapes, 1)
-    return problem.result(
-        sigma,
-        float(D),
-        field,
-        field.u + image - (np.array([D, *amounts]) @ known).reshape(sigma.shape),
-        n,
-        stopped,
-    )
+    amounts = axes @ (((field.u + image).ravel() * root) @ across)
+    sigma = sigma + np.tensordot(amounts[1:], shapes, 1)
+    left = field.u + image - (amounts @ known).reshape(sigma.shape)
+    return problem.result(sigma, float(amounts[0]), field, left, n, stopped)

@@ -10,15 +10,14 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
+from analysis.arrays import F64, Bool
 from analysis.inversion.result import NOT_COVERED, Inversion, Stopped
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.hertz import contact_radius
-
-F64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from analysis.robust import robust_sd
 
 OUTLYING = 4.0  # standard deviations from which a point counts less
 LARGEST_CHI2 = 1.03**2  # of a residual that is down to the noise
@@ -28,7 +27,7 @@ LARGEST_HOLE = 0.02  # share of the mask's points that may be unmeasured
 
 
 def mask_radius(P: float, E: float, nu: float, R: float, roughness: float, pitch: float) -> float:
-    """Radius in metres beyond which no stress is looked for: Hertz's, and the rough layer's sqrt(R
+    """Radius in metres beyond which the stress is taken as 0: Hertz's, and the rough layer's sqrt(R
     h), and two pitches.
 
     Too large a mask costs little, one too small by two pitches a tenth of the peak stress.
@@ -37,17 +36,17 @@ def mask_radius(P: float, E: float, nu: float, R: float, roughness: float, pitch
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredField:
     """A displacement field ready for inversion; 0 with weight 0 where nothing was measured.
 
     Attributes
     ----------
     u : ndarray, shape (ny, nx)
         Metres.
-    weight : ndarray
+    weight : ndarray, shape (ny, nx)
         1/sd^2, less for outliers, 1/m^2.
     count : float
-        Of points, outliers in part.
+        Number of points, outliers in part.
     """
 
     u: F64
@@ -65,7 +64,7 @@ class Measured:
 
 class InversionProblem:
     """The inversion of u_x fields on one grid: the linear map from stress to displacement and the
-    mask inside which stress is looked for.
+    mask outside which the stress is 0.
 
     Parameters
     ----------
@@ -118,21 +117,18 @@ class InversionProblem:
 
         Each displaces by up to 1.
         """
-        depth = cv2.distanceTransform(np.pad(self.mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[
-            1:-1, 1:-1
-        ].astype(np.float64)
+        padded = np.pad(self.mask, 1).astype(np.uint8)
+        depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1].astype(np.float64)
         t = depth / depth.max()
         stress = np.stack([(t * (2 - t)) ** power for power in SHAPES])
         images = np.stack([self.green.apply(s) for s in stress])
-        scale = 1 / images.max(axis=(1, 2))
-        known = np.concatenate(
-            [np.ones((1, t.size)), -(images * scale[:, None, None]).reshape(len(stress), -1)]
-        )
-        return stress * scale[:, None, None], known
+        scale = (1 / images.max(axis=(1, 2)))[:, None, None]
+        moved = -(images * scale).reshape(len(stress), -1)
+        return stress * scale, np.concatenate([np.ones((1, t.size)), moved])
 
     def measured(
         self, ux: ArrayLike, sd: ArrayLike | None, *, needs_outside: bool = True
-    ) -> Measured:
+    ) -> MeasuredField:
         """A field with its uncertainty: per point, or one number, or by default that of
         `noise_level`.
 
@@ -140,7 +136,7 @@ class InversionProblem:
         ------
         ValueError
             Another shape than the mask's, no point measured inside the mask, or too few outside to
-            tell D.
+            determine D.
         """
         ux = np.asarray(ux, dtype=np.float64)
         if ux.shape != self.mask.shape:
@@ -148,25 +144,23 @@ class InversionProblem:
                 f"inversion: a field of shape {ux.shape} was given for a mask of shape"
                 f" {self.mask.shape}; use the same grid"
             )
-        sd = np.broadcast_to(
-            self.noise_level(ux) if sd is None else np.asarray(sd, dtype=np.float64), ux.shape
-        )
+        sd = self.noise_level(ux) if sd is None else np.asarray(sd, dtype=np.float64)
+        sd = np.broadcast_to(sd, ux.shape)
         valid = np.isfinite(ux) & (sd > 0) & np.isfinite(sd)
         inside, outside = int((valid & self.mask).sum()), int((valid & ~self.mask).sum())
         if inside == 0 or (needs_outside and outside < FEWEST_OUTSIDE):
             raise ValueError(
                 f"inversion: {inside} points inside the mask and {outside} outside were measured;"
-                " some inside are needed, and "
-                f"{FEWEST_OUTSIDE} outside for the displacement far away"
+                f" some inside are needed, and {FEWEST_OUTSIDE} outside for the displacement far"
+                " away"
             )
         _, known = self.shapes
         seen = known * valid.ravel()
         u = np.where(valid, ux, 0.0)
         simple = np.linalg.lstsq(seen @ known.T, seen @ u.ravel())[0] @ known
         trust = _trust(u - simple.reshape(u.shape), sd, valid)
-        return Measured(
-            u, np.divide(trust, sd * sd, out=np.zeros(ux.shape), where=valid), float(trust.sum())
-        )
+        weight = np.divide(trust, sd * sd, out=np.zeros(ux.shape), where=valid)
+        return MeasuredField(u, weight, float(trust.sum()))
 
     def noise_level(self, ux: F64) -> float:
         """Standard deviation of the noise of a point, metres, from second differences both ways
@@ -180,12 +174,12 @@ class InversionProblem:
         step = max(math.ceil(self.box / self.pitch * (1 - 1e-9)), 1)
         bent = ux[: -2 * step] - 2 * ux[step:-step] + ux[2 * step :]
         bent = bent[:, : -2 * step] - 2 * bent[:, step:-step] + bent[:, 2 * step :]
-        sizes = np.abs(bent[np.isfinite(bent)])
-        level = 1.4826 / 6 * float(np.median(sizes)) if sizes.size else 0.0
+        differences = bent[np.isfinite(bent)]
+        level = robust_sd(differences) / 6 if differences.size else 0.0
         if not level > 0:
             raise ValueError(
-                f"inversion: no noise can be told from {sizes.size} differences of the field; give"
-                " its standard uncertainty"
+                f"inversion: {differences.size} differences of the field do not reveal its noise;"
+                " give its standard uncertainty"
             )
         return level
 
@@ -193,7 +187,7 @@ class InversionProblem:
         self,
         sigma: F64,
         D: float,
-        field: Measured,
+        field: MeasuredField,
         residual: F64,
         iterations: int,
         stopped: Stopped,
@@ -203,15 +197,13 @@ class InversionProblem:
         """The result of an iterative method, with its flags."""
         rim = np.pad(np.zeros([n - 2 for n in self.mask.shape], np.bool_), 1, constant_values=True)
         valid, chi2 = field.weight > 0, field.chi2(residual)
-        is_covered = not (self.mask & rim).any() and bool(
-            np.mean(~valid[self.mask]) <= LARGEST_HOLE
-        )
-        notes: tuple[str, ...] = () if is_covered else (NOT_COVERED,)
+        holes = float(np.mean(~valid[self.mask]))
+        is_covered = holes <= LARGEST_HOLE and not (self.mask & rim).any()
+        notes = [] if is_covered else [NOT_COVERED]
         if chi2 > LARGEST_CHI2:
-            notes += (
+            notes.append(
                 f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of"
-                f" {math.sqrt(chi2):.3g} times the noise; "
-                "look at the mask, D and the uncertainty",
+                f" {math.sqrt(chi2):.3g} times the noise; check the mask, D and the uncertainty"
             )
         return Inversion(
             sigma=sigma,
@@ -226,25 +218,25 @@ class InversionProblem:
             stopped=stopped,
             is_covered=is_covered,
             is_converged=chi2 <= LARGEST_CHI2,
-            notes=notes,
+            notes=tuple(notes),
         )
 
 
-def _trust(rest: F64, sd: F64, valid: Mask) -> F64:
+def _trust(rest: F64, sd: F64, valid: Bool) -> F64:
     """Weight of each point, 1 up to four standard deviations from the median of its neighbourhood,
     then falling with the fourth power.
 
     `rest` is what simple stresses leave of the field: slopes would bend the median at the rim. A
-    point is compared with its neighbours, not with a finished fit, so that it depends neither on
-    the method nor on how far it has come; the standard deviation is the stated one or, if that is
-    larger, that of the typical point.
+    point is compared with its neighbours, not with a finished fit, so that its weight depends
+    neither on the method nor on how far it has come; the standard deviation is the stated one or,
+    if that is larger, that of the typical point.
     """
     if not valid.all():
-        nearest = ndimage.distance_transform_edt(
-            ~valid, return_distances=False, return_indices=True
+        nearest = tuple(
+            ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
         )
-        rest, sd = rest[tuple(nearest)], sd[tuple(nearest)]
+        rest, sd = rest[nearest], sd[nearest]
     unit = float(np.median(sd))
     size = np.abs(rest - unit * cv2.medianBlur((rest / unit).astype(np.float32), 5)) / sd
-    limit = OUTLYING * max(1.0, 1.4826 * float(np.median(size[valid])))
+    limit = OUTLYING * max(1.0, robust_sd(size[valid]))
     return np.where(valid, np.minimum(1.0, limit / np.maximum(size, limit)) ** 4, 0.0)

@@ -1,5 +1,5 @@
 """The most accurate field of shear stress: a round part from the ring means, plus what the
-two-dimensional residual asks for.
+two-dimensional residual calls for.
 """
 
 from __future__ import annotations
@@ -8,16 +8,15 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
+from analysis.arrays import F64
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import Inversion, Stopped
 from analysis.inversion.smoothing import shared_noise, smooth_fit
-
-F64 = NDArray[np.float64]
 
 BUMPS = 250  # about; at least `CLOSEST` pitches apart
 CLOSEST = 3.0
@@ -59,27 +58,16 @@ class RegularisedInversion:
                 " each way are needed"
             )
         pitch = float(x[0, 1] - x[0, 0])
-        self.radius, self.azimuth = np.hypot(x, y), np.arctan2(y, x)
-        self.round = AxisymmetricInversion(
-            x,
-            y,
-            pitch,
-            mask_radius,
-            E,
-            nu,
-            edge=edge,
-            box=box,
-            noise_box=noise_box,
-            thickness=thickness,
-        )
-        self.problem = InversionProblem(
-            self.radius < mask_radius, pitch, E, nu, box=box, thickness=thickness
-        )
         self._noise_box = box if noise_box is None else noise_box
+        self.radius, self.azimuth = np.hypot(x, y), np.arctan2(y, x)
+        block = {"box": box, "thickness": thickness}
+        self.round = AxisymmetricInversion(
+            x, y, pitch, mask_radius, E, nu, edge=edge, noise_box=self._noise_box, **block
+        )
+        self.problem = InversionProblem(self.radius < mask_radius, pitch, E, nu, **block)
         self._bumps, self._penalty = _bumps(x, y, mask_radius, pitch)
-        self._design = np.stack(
-            [np.ones_like(x), *(-self.problem.green.apply(bump) for bump in self._bumps)]
-        ).reshape(-1, x.size)
+        moved = (-self.problem.green.apply(bump) for bump in self._bumps)
+        self._design = np.stack([np.ones_like(x), *moved]).reshape(-1, x.size)
 
     def solve(self, ux: ArrayLike, sd: ArrayLike | None = None) -> Inversion:
         """Shear stress of one field, with its uncertainty at each point.
@@ -90,35 +78,28 @@ class RegularisedInversion:
         problem = self.problem
         field = problem.measured(ux, sd)
         trusted = np.where(field.weight > 0, field.u, np.nan)
-        rings = self.round.solve(
-            ring_means(self.radius, trusted, problem.pitch, theta=self.azimuth)
-        )
-        round_stress = np.where(
-            problem.mask, self.round.stress(self.radius, rings.coefficients), 0.0
-        )
+        means = ring_means(self.radius, trusted, problem.pitch, theta=self.azimuth)
+        rings = self.round.solve(means)
+        round_stress = self.round.stress(self.radius, rings.coefficients)
+        round_stress = np.where(problem.mask, round_stress, 0.0)
         rest = field.u - rings.D + problem.green.apply(round_stress)
         root = np.sqrt(field.weight).ravel()
         X, z = self._design * root, rest.ravel() * root
-        noisy = shared_noise(X.reshape(-1, *rest.shape), problem.pitch, self._noise_box).reshape(
-            X.shape
-        )
-        fit = smooth_fit(
-            X @ X.T, X @ noisy.T, X @ z, float(z @ z), self._penalty, round(field.count)
-        )
+        noisy = shared_noise(X.reshape(-1, *rest.shape), problem.pitch, self._noise_box)
+        shared, power, count = X @ noisy.reshape(X.shape).T, float(z @ z), round(field.count)
+        fit = smooth_fit(X @ X.T, shared, X @ z, power, self._penalty, count)
         shift, *amounts = fit.coefficients
         residual = rest - (fit.coefficients @ self._design).reshape(rest.shape)
         sigma = round_stress + np.tensordot(amounts, self._bumps, 1)
         flat = self._bumps.reshape(len(self._bumps), -1)
         own_sd = fit.sd(np.pad(flat.T, ((0, 0), (1, 0)))).reshape(rest.shape)
+        round_sd = np.interp(self.radius, rings.radius, rings.sigma_sd)
         force = np.concatenate([[0.0], flat.sum(axis=1)]) * problem.pitch**2
         D_sd, Q_sd = fit.sd(np.stack([np.eye(len(force))[0], force]))
         result = problem.result(sigma, rings.D + float(shift), field, residual, 0, Stopped.GCV)
         return replace(
             result,
-            sigma_sd=np.hypot(
-                own_sd,
-                np.where(problem.mask, np.interp(self.radius, rings.radius, rings.sigma_sd), 0.0),
-            ),
+            sigma_sd=np.hypot(own_sd, np.where(problem.mask, round_sd, 0.0)),
             D_sd=math.hypot(rings.D_sd, D_sd),
             Q=rings.Q + float(force @ fit.coefficients),
             Q_sd=math.hypot(rings.Q_sd, Q_sd),
@@ -141,11 +122,8 @@ def _bumps(x: F64, y: F64, mask_radius: float, pitch: float) -> tuple[F64, F64]:
     # differences reach beyond the mask, where coefficients are 0: no field but zero is free
     lattice = np.zeros((len(j), 2 * n + 5, 2 * n + 5))
     lattice[np.arange(len(j)), j + 2, i + 2] = 1
-    bends = [
-        np.diff(lattice, 2, axis=1),
-        np.diff(lattice, 2, axis=2),
-        math.sqrt(2) * np.diff(np.diff(lattice, axis=1), axis=2),
-    ]
+    twist = math.sqrt(2) * np.diff(np.diff(lattice, axis=1), axis=2)
+    bends = [np.diff(lattice, 2, axis=1), np.diff(lattice, 2, axis=2), twist]
     bend = np.concatenate([b.reshape(len(j), -1) for b in bends], axis=1)
     penalty = np.zeros((len(j) + 1,) * 2)
     penalty[1:, 1:] = bend @ bend.T

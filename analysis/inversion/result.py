@@ -7,10 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 
 class Stopped(StrEnum):
@@ -18,7 +15,7 @@ class Stopped(StrEnum):
 
     DISCREPANCY = "discrepancy"  # the residual is down to the noise
     STAGNATION = "stagnation"  # the residual no longer falls and is above the noise
-    ITERATIONS = "iterations"  # as many as were allowed
+    ITERATIONS = "iterations"  # the allowed number of iterations was made
     GCV = "gcv"  # direct solution, its smoothing chosen by generalised cross-validation
 
 
@@ -33,7 +30,7 @@ class Inversion:
         shape (n,).
     sigma_sd : ndarray
         Standard uncertainty of `sigma`, with an allowance for what smoothing takes away; NaN where
-        the method has none (see `bootstrap`).
+        the method has none.
     D, D_sd : float
         Displacement of the block far away, metres; the uncertainty is NaN where the method has
         none, 0 where D was given.
@@ -45,7 +42,7 @@ class Inversion:
         Mean square of the residual in units of its uncertainty, outliers down-weighted, per degree
         of freedom where the method knows them.
     iterations : int
-        Made; 0 for direct methods.
+        Number of iterations; 0 for direct methods.
     stopped : Stopped
     is_covered : bool
         The whole mask lies inside the measured part of the picture.

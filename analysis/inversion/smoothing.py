@@ -1,25 +1,22 @@
-"""Penalised least squares whose smoothing is chosen from the data, for noise that neighbours share."""
+"""Penalised least squares, smoothed as the data call for, with noise that neighbours share."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 # by which a degree of freedom counts more: plain cross-validation fits noise once in a while
 CAUTION = 1.4
-_TRIED = np.linspace(0, 1, 60)
+TRIED = np.linspace(0, 1, 60)  # strengths, logarithmically between the least and the greatest
 
 
 @dataclass(frozen=True, slots=True)
-class Smooth:
-    """Coefficients with their covariance (noise and smoothing), and chi2 per degree of freedom
-    left.
-    """
+class SmoothFit:
+    """Coefficients with their covariance (noise and smoothing), and chi2 per degree of freedom."""
 
     coefficients: F64
     covariance: F64
@@ -30,14 +27,13 @@ class Smooth:
         """Standard uncertainty of each of several sums of the coefficients; rows of shape (n, k) to
         (n,).
         """
-        return np.asarray(
-            np.sqrt(np.maximum(np.einsum("ij,ij->i", rows, rows @ self.covariance), 0.0))
-        )
+        variance = np.einsum("ij,ij->i", rows, rows @ self.covariance)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def smooth_fit(
     gram: F64, shared: F64, right: F64, power: float, penalty: F64, count: int
-) -> Smooth:
+) -> SmoothFit:
     """Least ``|y - X b|^2 + lambda b penalty b`` with lambda from generalised cross-validation.
 
     Parameters
@@ -50,6 +46,11 @@ def smooth_fit(
         Zero along what is free.
     count : int
         Of measurements.
+
+    Raises
+    ------
+    ValueError
+        The measurements do not determine the coefficients.
 
     Notes
     -----
@@ -77,47 +78,40 @@ def smooth_fit(
     data = np.maximum(1 - floor * g, 0.0)  # V' gram V
     spread = np.einsum("ij,ij->j", V, shared @ V)
     z = V.T @ (scale * right)
-    strength = floor * (1e3 / (floor * np.min(g[g > 1e-9 * g[-1]]))) ** _TRIED
+    strength = floor * (1e3 / (floor * np.min(g[g > 1e-9 * g[-1]]))) ** TRIED
     passed = 1 / (1 + np.outer(strength - floor, g))
     left = count - passed @ spread
     misfit = np.maximum(power - (passed * (2 - passed * data)) @ z**2, 0.0)
-    score = np.where(
-        CAUTION * (count - left) < count, misfit / (count - CAUTION * (count - left)) ** 2, np.inf
-    )
+    taken = CAUTION * (count - left)
+    score = np.where(taken < count, misfit / (count - taken) ** 2, np.inf)
     best = int(np.argmin(score))
     chosen = V * passed[best]
     b = chosen @ z
     freedom = max(float(left[best]), 1e-9)
     chi2 = max(power - 2 * b @ (scale * right) + b @ gram @ b, 0.0) / freedom
     covariance = chosen @ (V.T @ shared @ V + np.diag(strength[best] * g)) @ chosen.T
-    return Smooth(scale * b, max(chi2, 1.0) * covariance * square, float(chi2), freedom)
-
-
-def box_correlation(distance: NDArray[np.floating], box: float) -> F64:
-    """Correlation between the noise of two boxes that far apart along one axis: the share of the
-    box that they have in common.
-    """
-    return (
-        np.maximum(1 - np.abs(distance) / box, 0.0)
-        if box > 0
-        else np.asarray(distance == 0, dtype=np.float64)
-    )
+    return SmoothFit(scale * b, max(chi2, 1.0) * covariance * square, float(chi2), freedom)
 
 
 def shared_noise(fields: F64, pitch: float, box: float) -> F64:
     """Fields of shape (..., ny, nx) times the correlation matrix of the noise of overlapping boxes
     on their grid.
+
+    Along each axis the noise of two boxes is correlated by the share of the box that they have in
+    common; with a `box` of 0 the noise is independent.
     """
-    n = int(np.ceil(box / pitch)) if box > 0 else 0
-    kernel = box_correlation(np.arange(-n, n + 1, dtype=np.float64) * pitch, box)
+    if box == 0:
+        return fields
+    n = int(np.ceil(box / pitch))
     for axis in (-1, -2):
         size = fields.shape[axis]
+        along = np.moveaxis(fields, axis, -1)
         total = np.zeros_like(fields)
-        for k, value in zip(range(-n, n + 1), kernel, strict=True):
+        sums = np.moveaxis(total, axis, -1)
+        for k in range(-n, n + 1):
+            value = max(1 - abs(k * pitch) / box, 0.0)
             if value > 0 and abs(k) < size:
                 to, since = slice(max(k, 0), size + min(k, 0)), slice(max(-k, 0), size - max(k, 0))
-                index = (..., to) if axis == -1 else (..., to, slice(None))
-                source = (..., since) if axis == -1 else (..., since, slice(None))
-                total[index] += value * fields[source]
+                sums[..., to] += value * along[..., since]
         fields = total
     return fields

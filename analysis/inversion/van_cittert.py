@@ -21,17 +21,16 @@ def van_cittert(
     *,
     D: float | None = None,
     step: float = 1.0,
-    start: ArrayLike | None = None,
     iterations: int = 400,
 ) -> Inversion:
-    """Shear stress from a displacement field: what the field misses is added to the stress until
-    the residual is down to the noise.
+    """Shear stress from a displacement field: what the fit misses of it is added to the stress
+    until the residual is down to the noise.
 
     Parameters
     ----------
     problem : InversionProblem
         The paper's way is a mask of the whole field with `D` given.
-    ux, sd, start
+    ux, sd
         As for `conjugate_gradient`.
     D : float, optional
         Displacement of the block far away, metres; default: fitted in each iteration.
@@ -40,7 +39,7 @@ def van_cittert(
         the iteration would diverge. The paper's 5 percent is a small one: it takes twenty times the
         iterations for the same stress.
     iterations : int
-        At most so many.
+        Largest number of iterations.
 
     Returns
     -------
@@ -59,17 +58,15 @@ def van_cittert(
     """
     if not 0 < step < 2:
         raise ValueError(
-            f"Van-Cittert: a step of {step:g} over the largest eigenvalue was asked; it converges"
+            f"Van-Cittert: a step of {step:g} over the largest eigenvalue was given; it converges"
             " between 0 and 2"
         )
     field = problem.measured(ux, sd, needs_outside=D is None)
-    sigma = np.zeros(problem.mask.shape) if start is None else np.where(problem.mask, start, 0.0)
-    image = problem.green.apply(sigma)
+    sigma = image = np.zeros(problem.mask.shape)
     usual = np.median(field.weight[field.weight > 0])
-    gain = np.where(
-        problem.mask, np.minimum(1.0, field.weight / usual) * step / problem.largest, 0.0
-    )
-    best, stopped, n, since = (np.inf, sigma, 0.0, image), Stopped.ITERATIONS, 0, 0
+    trusted = np.minimum(1.0, field.weight / usual)
+    gain = np.where(problem.mask, trusted * step / problem.largest, 0.0)
+    best, n, since = (np.inf, sigma, 0.0, image), 0, 0
     while True:
         far = field.mean(field.u + image) if D is None else D
         residual = field.u + image - far
@@ -83,10 +80,8 @@ def van_cittert(
         image = problem.green.apply(sigma)
         n += 1
     chi2, sigma, far, residual = best
+    stopped = Stopped.STAGNATION if since >= PATIENCE else Stopped.ITERATIONS
     if chi2 <= 1:
         stopped = Stopped.DISCREPANCY
-    elif since >= PATIENCE:
-        stopped = Stopped.STAGNATION
-    return problem.result(
-        sigma, far, field, residual, n, stopped, D_sd=np.nan if D is None else 0.0
-    )
+    D_sd = np.nan if D is None else 0.0
+    return problem.result(sigma, far, field, residual, n, stopped, D_sd=D_sd)

@@ -20,12 +20,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.mechanics import hertz
 from analysis.mechanics.hertz import check
-
-F64 = NDArray[np.float64]
 
 # of y - sin y = y^3 (1/6 - y^2/120 + ...)
 _DEFECT = np.cumprod([1 / 6] + [-1 / ((2 * k + 2) * (2 * k + 3)) for k in range(1, 14)])
@@ -75,7 +74,7 @@ def _phi(r: ArrayLike, a: ArrayLike, c: float, width: ArrayLike) -> tuple[F64, F
 
 
 def _gap(r: F64, a: F64 | float, c: float, width: F64 | float) -> F64:
-    """Distance r - c beyond the stick zone, exact also where c, nearly a, is known by a - c only."""
+    """Distance r - c beyond the stick zone, exact even where c, nearly a, is given by a - c."""
     return np.where(2 * c < a, r - c, (r - a) + width)
 
 
@@ -89,9 +88,8 @@ def _stick(Q: ArrayLike, limit: float) -> tuple[F64, F64]:
     check("Cattaneo-Mindlin", limit=limit)
     size = np.abs(np.asarray(Q, dtype=np.float64))
     share = np.cbrt(np.maximum((limit - size) / limit, 0.0))
-    return share, np.where(
-        2 * size < limit, -np.expm1(np.log1p(-np.minimum(size / limit, 0.5)) / 3), 1 - share
-    )
+    small = -np.expm1(np.log1p(-np.minimum(size / limit, 0.5)) / 3)
+    return share, np.where(2 * size < limit, small, 1 - share)
 
 
 def _carried(Q: float, mu: float, P: float, a: float) -> tuple[float, float]:
@@ -252,9 +250,8 @@ def radial_displacement(
         Q is more than mu P, or another parameter out of its range.
     """
     c, width = _carried(Q, mu, P, a)
-    scale = np.copysign(
-        hertz.peak_pressure(mu * P, a) / (2 * np.pi * hertz.shear_modulus(E, nu)), Q
-    )
+    full = hertz.peak_pressure(mu * P, a) / (2 * np.pi * hertz.shear_modulus(E, nu))
+    scale = np.copysign(full, Q)
     isotropic, double = _phi(r, a, c, width)
     return np.asarray(scale * (1 - nu / 2) * isotropic), np.asarray(scale * nu / 2 * double)
 

@@ -18,25 +18,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import pbdv
 
+from analysis.arrays import F64
 from analysis.mechanics import hertz
 from analysis.mechanics.cattaneo_mindlin import phi0
-
-F64 = NDArray[np.float64]
+from analysis.mechanics.modes import even_legendre
 
 MODES = 128
 SMOOTHEST, ROUGHEST, SOFTEST = 1e-3, 1e4, 1.0
 """Range of alpha (below, Hertz is right to 0.2 % and `MODES` do not resolve the edge), and least mu
 (below, the layer is crushed).
 """
-_CLEAR = 36.0  # gap in h at which no asperity touches any more
-_STEP, _STEPS = 3.0, 100  # of Newton, h
+CLEAR = 36.0  # gap in h at which no asperity touches any more
+LONGEST_STEP, MOST_STEPS = 3.0, 100  # of Newton, h
 
 
 def apparent_radius(a: float, R: float, h: float) -> float:
@@ -91,8 +90,8 @@ class RoughContact:
         """
         if not 1e-12 <= share < 1:
             raise ValueError(
-                f"rough contact: the radius at {share:g} of the peak pressure asked; give 1e-12 to"
-                " below 1"
+                f"rough contact: the radius at {share:g} of the peak pressure was asked for; give"
+                " 1e-12 to below 1"
             )
         r = np.linspace(0, self.reach, 4000)
         p = np.log(np.maximum(self.pressure(r), 1e-300))
@@ -139,16 +138,16 @@ def rough_contact(
             " Hertz below"
         )
     wide = a / unit
-    reach = min(math.sqrt(2 * wide**2 + 2 * _CLEAR), wide + 11 * wide ** (-1 / 3))
-    xi, weight, values, powers = _modes()
+    reach = min(math.sqrt(2 * wide**2 + 2 * CLEAR), wide + 11 * wide ** (-1 / 3))
+    xi, weight, values, at_zero = even_legendre(MODES)
     rho2 = reach**2 * (1 - xi**2)
     load = 2 * np.pi * reach**2 * weight * xi
     # of the bending, from the pressure at the nodes
+    powers = (4 * np.arange(MODES) + 1) * at_zero**2
     coefficients = reach / 2 * np.pi * powers[:, None] * values.T * (weight * xi)
     flat = rho2 - 2 * wide**2 + 4 * wide / np.pi**2 * phi0(np.sqrt(rho2), wide)  # Hertz's gap
-    gap, approach = _solved(
-        np.maximum(flat, 0.0), rho2, load, values @ coefficients, 16 / 3 * wide**3, mu
-    )
+    bends, total = values @ coefficients, 16 / 3 * wide**3
+    gap, approach = _solved(np.maximum(flat, 0.0), rho2, load, bends, total, mu)
     bending = coefficients @ _carried(gap, mu)[0]
     line = bending.sum()  # at the centre: the sum of p dr
     series = np.zeros(2 * MODES)
@@ -168,23 +167,8 @@ def _carried(gap: ArrayLike, mu: float | None) -> tuple[F64, F64]:
         return p, -p
     # sums of (s - gap)^(3/2) and (s - gap)^(1/2) over a normal distribution of s above the gap
     scale = mu / math.sqrt(2 * math.pi) * np.exp(-(gap**2) / 4)
-    return math.gamma(2.5) * scale * pbdv(-2.5, gap)[0], -1.5 * math.gamma(1.5) * scale * pbdv(
-        -1.5, gap
-    )[0]
-
-
-@cache
-def _modes() -> tuple[F64, F64, F64, F64]:
-    """Gauss nodes on (0, 1) and weights, P_2n at the nodes, and (4n + 1) P_2n(0)^2."""
-    nodes, weights = legendre.leggauss(2 * MODES)
-    xi, weight = (
-        np.asarray(nodes[MODES:], dtype=np.float64),
-        np.asarray(weights[MODES:], dtype=np.float64),
-    )
-    values = np.asarray(legendre.legvander(xi, 2 * MODES - 1)[:, ::2], dtype=np.float64)
-    order = np.arange(MODES)
-    at_zero = legendre.legvander(np.zeros(1), 2 * MODES - 1)[0, ::2]
-    return xi, weight, values, np.asarray((4 * order + 1) * at_zero**2, dtype=np.float64)
+    p = math.gamma(2.5) * scale * pbdv(-2.5, gap)[0]
+    return p, -1.5 * math.gamma(1.5) * scale * pbdv(-1.5, gap)[0]
 
 
 def _solved(
@@ -195,18 +179,18 @@ def _solved(
     """
     approach, n = 0.0, len(gap)
     system = np.zeros((n + 1, n + 1))
-    for _ in range(_STEPS):
+    for _ in range(MOST_STEPS):
         p, slope = _carried(gap, mu)
         system[:n, :n] = np.eye(n) - bends * slope
         system[:n, n] = -1
         system[n, :n] = load * slope / total
         off = np.append(gap - approach - rho2 - bends @ p, load @ p / total - 1)
         step = np.linalg.solve(system, off)
-        step *= min(1.0, _STEP / float(np.abs(step[:n]).max()))
+        step *= min(1.0, LONGEST_STEP / float(np.abs(step[:n]).max()))
         gap, approach = gap - step[:n], approach - float(step[n])
         if np.abs(step[:n]).max() < 1e-11 * (1 + rho2[0]):
             return gap, approach
     raise ValueError(
-        f"rough contact: no solution after {_STEPS} steps for a load of 2P/(h E* sqrt(2 R h)) ="
+        f"rough contact: no solution after {MOST_STEPS} steps for a load of 2P/(h E* sqrt(2 R h)) ="
         f" {total:g}; give a larger mu"
     )

@@ -16,14 +16,15 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse.linalg import LinearOperator, eigsh
 from scipy.special import j0, jv
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 THINNEST = 3
 """Least thickness of a layer in pitches: its part of the kernel is taken at the middle of a cell,
 which is then right to 0.5 % of it.
 """
-_NEAR_NODES, _FAR_NODES = 8, 4  # of Gauss in each direction
-_TABLE = 600
+NEAR_NODES, FAR_NODES = 8, 4  # of Gauss in each direction
+TABLE = 600
+Three = tuple[F64, F64, F64]
 
 
 class SurfaceGreen:
@@ -56,8 +57,8 @@ class SurfaceGreen:
     Per metre of distance r, ``G_ij = [(1 - nu) delta_ij / r + nu x_i x_j / r^3] / (2 pi G)``. A
     layer adds, in the plane of wave vectors, ``(1 - nu)(F - 1)/(G q)`` along q and ``(tanh qH -
     1)/(G q)`` across, where ``F = [(3 - 4 nu) sinh 2qH + 2qH] / [(3 - 4 nu) cosh 2qH + 2 (qH)^2 + 5
-    - 12 nu + 8 nu^2]``; what normal tractions do tangentially is left out (nothing, for the
-    half-space at nu = 1/2).
+    - 12 nu + 8 nu^2]``; the tangential displacement by normal tractions is left out (for the
+    half-space at nu = 1/2 there is none).
 
     References
     ----------
@@ -80,18 +81,14 @@ class SurfaceGreen:
         ny, nx = shape
         _check(ny, nx, px, py, E, nu, thickness, box)
         self.shape, self.pitch, self.coupled = (int(ny), int(nx)), (px, py), coupled
-        self._padded = (
-            fft.next_fast_len(2 * ny - 1, real=True),
-            fft.next_fast_len(2 * nx - 1, real=True),
-        )
+        rows, columns = (fft.next_fast_len(2 * n - 1, real=True) for n in (ny, nx))
+        self._padded = rows, columns
         x, y = px * np.arange(float(nx)), py * np.arange(float(ny))
         one, xx, xy = _box_averaged(x, y, (px, py), box)
         scale = (1 + nu) / (np.pi * E)  # 1 / (2 pi G)
-        g_xx, g_yy, g_xy = (
-            scale * ((1 - nu) * one + nu * xx),
-            scale * ((1 - nu) * one + nu * (one - xx)),
-            scale * nu * xy,
-        )
+        g_xx = scale * ((1 - nu) * one + nu * xx)
+        g_yy = scale * ((1 - nu) * one + nu * (one - xx))
+        g_xy = scale * nu * xy
         if math.isfinite(thickness):
             even, double = layer_correction(np.hypot(x[None, :], y[:, None]), E, nu, thickness)
             angle = 2 * np.arctan2(y[:, None], x[None, :])
@@ -101,28 +98,22 @@ class SurfaceGreen:
             g_xy += area * double * np.sin(angle)
         self._xx = self._transformed(g_xx, odd=False)
         if coupled:
-            self._yy, self._xy = (
-                self._transformed(g_yy, odd=False),
-                self._transformed(g_xy, odd=True),
-            )
+            self._yy = self._transformed(g_yy, odd=False)
+            self._xy = self._transformed(g_xy, odd=True)
 
     def apply(self, sigma: ArrayLike) -> F64:
         """Displacement G*sigma in metres of the surface under the tractions `sigma` in pascals,
         same shape.
+
+        The operator is its own transpose, because two cells act on each other alike (Maxwell and
+        Betti).
         """
         sigma = np.asarray(sigma, dtype=np.float64)
         if not self.coupled:
             return self._back(self._forth(sigma) * self._xx)
         sx, sy = self._forth(sigma[0]), self._forth(sigma[1])
-        return np.stack(
-            [self._back(sx * self._xx + sy * self._xy), self._back(sx * self._xy + sy * self._yy)]
-        )
-
-    def adjoint(self, u: ArrayLike) -> F64:
-        """The transposed operator: it is its own, because two cells act on each other alike
-        (Maxwell and Betti).
-        """
-        return self.apply(u)
+        ux, uy = sx * self._xx + sy * self._xy, sx * self._xy + sy * self._yy
+        return np.stack([self._back(ux), self._back(uy)])
 
     def norm(self, mask: ArrayLike | None = None) -> float:
         """Largest eigenvalue, metres per pascal, of the operator between the points of a mask,
@@ -144,13 +135,8 @@ class SurfaceGreen:
 
         if n < 3:
             return float(np.linalg.eigvalsh(np.column_stack([masked(v) for v in np.eye(n)]))[-1])
-        largest = eigsh(
-            LinearOperator((n, n), matvec=masked, dtype=np.float64),
-            k=1,
-            tol=1e-6,
-            v0=np.ones(n),
-            return_eigenvectors=False,
-        )
+        between = LinearOperator((n, n), matvec=masked, dtype=np.float64)
+        largest = eigsh(between, k=1, tol=1e-6, v0=np.ones(n), return_eigenvectors=False)
         return float(largest[0]) * (1 + 1e-5)
 
     def _transformed(self, quadrant: F64, *, odd: bool) -> F64:
@@ -183,36 +169,27 @@ class SurfaceGreen:
 def _check(
     ny: int, nx: int, px: float, py: float, E: float, nu: float, thickness: float, box: float
 ) -> None:
-    if ny < 1 or nx < 1 or ny * nx < 2:
-        raise ValueError(
-            f"surface displacement: a grid of {nx} x {ny} points was asked; use two or more"
-        )
-    if not (0 < px < math.inf and 0 < py < math.inf):
-        raise ValueError(
-            f"surface displacement: a pitch of {px:g} x {py:g} m was asked; use positive ones"
-        )
-    if not 0 < E < math.inf:
-        raise ValueError(
-            f"surface displacement: a modulus of {E:g} Pa was asked; use a positive one"
-        )
-    if not 0 <= nu <= 0.5:
-        raise ValueError(
-            f"surface displacement: a Poisson's ratio of {nu:g} was asked; use 0 to 0.5"
-        )
     thinnest = THINNEST * max(px, py)
-    if not thickness >= thinnest:
-        raise ValueError(
-            f"surface displacement: a layer of {thickness:g} m was asked; use {thinnest:g} m"
-            f" ({THINNEST} pitches) or more"
-        )
-    if not 0 <= box < math.inf:
-        raise ValueError(
-            f"surface displacement: an average over {box:g} m was asked; use 0 or more"
-        )
+    for is_usable, words in (
+        (ny >= 1 and nx >= 1 and ny * nx >= 2, f"grid of {nx} x {ny} points; use two or more"),
+        (
+            0 < px < math.inf and 0 < py < math.inf,
+            f"pitch of {px:g} x {py:g} m; use positive numbers",
+        ),
+        (0 < E < math.inf, f"modulus of {E:g} Pa; use a positive one"),
+        (0 <= nu <= 0.5, f"Poisson's ratio of {nu:g}; use 0 to 0.5"),
+        (
+            thickness >= thinnest,
+            f"layer of {thickness:g} m; use {thinnest:g} m ({THINNEST} pitches) or more",
+        ),
+        (0 <= box < math.inf, f"box of {box:g} m for the average; use 0 or more"),
+    ):
+        if not is_usable:
+            raise ValueError(f"surface displacement: found a {words}")
 
 
-def _cell_integrals(x: F64, y: F64, pitch: tuple[float, float]) -> tuple[F64, F64, F64]:
-    """Integrals of 1/r, x^2/r^3 and x y/r^3 over a cell about the origin, seen from (x, y); metres."""
+def _cell_integrals(x: F64, y: F64, pitch: tuple[float, float]) -> Three:
+    """Integrals of 1/r, x^2/r^3, x y/r^3 over a cell about the origin, seen from (x, y); metres."""
     one, xx, xy = (np.zeros(np.broadcast_shapes(x.shape, y.shape)) for _ in range(3))
     for i in (-0.5, 0.5):
         for j in (-0.5, 0.5):
@@ -226,33 +203,24 @@ def _cell_integrals(x: F64, y: F64, pitch: tuple[float, float]) -> tuple[F64, F6
     return one, xx, xy
 
 
-def _box_averaged(x: F64, y: F64, pitch: tuple[float, float], box: float) -> tuple[F64, F64, F64]:
+def _box_averaged(x: F64, y: F64, pitch: tuple[float, float], box: float) -> Three:
     """The cell integrals averaged over a square about each point of the quadrant (x, y)."""
     if box == 0:
         return _cell_integrals(x[None, :], y[:, None], pitch)
-    fields = _averaged(x, y, pitch, [_box_nodes(p, box, is_near=False) for p in pitch])
-    near_x, near_y = (
-        min(n.size, math.ceil(2 * box / p) + 8) for n, p in zip((x, y), pitch, strict=True)
-    )
-    near = _averaged(
-        x[:near_x], y[:near_y], pitch, [_box_nodes(p, box, is_near=True) for p in pitch]
-    )
+    fields = _averaged(x, y, pitch, box, is_near=False)
+    near_x, near_y = (math.ceil(2 * box / p) + 8 for p in pitch)
+    near = _averaged(x[:near_x], y[:near_y], pitch, box, is_near=True)
     for field, part in zip(fields, near, strict=True):
         field[:near_y, :near_x] = part
     return fields
 
 
-def _averaged(
-    x: F64, y: F64, pitch: tuple[float, float], nodes: list[tuple[F64, F64]]
-) -> tuple[F64, F64, F64]:
-    (tx, wx), (ty, wy) = nodes
-    fields = _cell_integrals(
-        (x[:, None] + tx).ravel()[None, :], (y[:, None] + ty).ravel()[:, None], pitch
-    )
-    one, xx, xy = (
-        np.einsum("iajb,a,b->ij", f.reshape(y.size, ty.size, x.size, tx.size), wy, wx)
-        for f in fields
-    )
+def _averaged(x: F64, y: F64, pitch: tuple[float, float], box: float, *, is_near: bool) -> Three:
+    (tx, wx), (ty, wy) = (_box_nodes(p, box, is_near=is_near) for p in pitch)
+    at_x, at_y = (x[:, None] + tx).ravel(), (y[:, None] + ty).ravel()
+    shape = y.size, ty.size, x.size, tx.size
+    fields = _cell_integrals(at_x[None, :], at_y[:, None], pitch)
+    one, xx, xy = (np.einsum("iajb,a,b->ij", f.reshape(shape), wy, wx) for f in fields)
     return one, xx, xy
 
 
@@ -263,7 +231,7 @@ def _box_nodes(pitch: float, box: float, *, is_near: bool) -> tuple[F64, F64]:
     n = math.ceil(box / (2 * pitch) + 0.5) if is_near else 0
     edges = pitch * (np.arange(-float(n), n) + 0.5)
     ends = np.concatenate([[-box / 2], edges[np.abs(edges) < box / 2 * (1 - 1e-9)], [box / 2]])
-    t, w = np.polynomial.legendre.leggauss(_NEAR_NODES if is_near else _FAR_NODES)
+    t, w = np.polynomial.legendre.leggauss(NEAR_NODES if is_near else FAR_NODES)
     half = np.diff(ends)[:, None] / 2
     return (ends[:-1, None] + half * (1 + t)).ravel(), (half * w / box).ravel()
 
@@ -281,16 +249,13 @@ def layer_correction(r: ArrayLike, E: float, nu: float, thickness: float) -> tup
     q, w = 9.5 * (1 + t), 9.5 * w  # q H up to 19: exp(-38) is left
     across = np.tanh(q) - 1
     along = (1 - nu) * _layer_along(q, nu)
-    at = np.linspace(0.0, max(far, 1e-6), _TABLE)
+    at = np.linspace(0.0, max(far, 1e-6), TABLE)
     qr = np.outer(at, q)
     scale = 1 / (4 * np.pi * G * thickness)
-    even, double = (
-        scale * j0(qr) @ (w * (along + across)),
-        -scale * jv(2, qr) @ (w * (along - across)),
-    )
-    return np.asarray(CubicSpline(at, even)(r / thickness)), np.asarray(
-        CubicSpline(at, double)(r / thickness)
-    )
+    even = scale * j0(qr) @ (w * (along + across))
+    double = -scale * jv(2, qr) @ (w * (along - across))
+    place = r / thickness
+    return np.asarray(CubicSpline(at, even)(place)), np.asarray(CubicSpline(at, double)(place))
 
 
 def _layer_along(q: F64, nu: float) -> F64:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 
 def check(who: str, *, P: float = 0.0, a: float = 0.0, nu: float = 0.0, **positive: float) -> None:
@@ -17,7 +17,7 @@ def check(who: str, *, P: float = 0.0, a: float = 0.0, nu: float = 0.0, **positi
     Raises
     ------
     ValueError
-        One sentence that begins with `who`.
+        The message is one sentence that begins with `who`.
     """
     for name, value in (("P", P), ("a", a)):
         if not 0 <= value < math.inf:
@@ -81,7 +81,7 @@ def peak_pressure(P: float, a: float) -> float:
     check("Hertz pressure", P=P, a=a)
     if a == 0 < P:
         raise ValueError(
-            f"Hertz pressure: a force of {P:g} N on a contact of radius 0; give the contact's"
+            f"Hertz pressure: a force of {P:g} N acts on a contact of radius 0; give the contact's"
             " radius"
         )
     return 3 * P / (2 * np.pi * a**2) if a > 0 else 0.0
@@ -103,6 +103,5 @@ def pressure(r: ArrayLike, P: float, a: float) -> F64:
     Johnson, Contact Mechanics, eq. 3.39.
     """
     r = np.asarray(r, dtype=np.float64)
-    return np.asarray(
-        peak_pressure(P, a) / (a or 1.0) * np.sqrt(np.maximum((a - r) * (a + r), 0.0))
-    )
+    root = np.sqrt(np.maximum((a - r) * (a + r), 0.0))
+    return np.asarray(peak_pressure(P, a) / (a or 1.0) * root)

@@ -1,14 +1,14 @@
 """Local shear law of a rough interface: sigma = mu p (1 - exp(-s/(mu L))) under a first loading,
 with its memory. SI units throughout.
 
-Bureau's interface is a crowd of Mindlin contacts with exponentially distributed heights. Each
+Bureau's interface is a population of Mindlin contacts with exponentially distributed heights. Each
 behaves as a row of springs that stick until their deflection reaches what their normal load allows
 (Jaeger). Put together, the spring that first touched when the local pressure was q holds, under the
 pressure p, up to a deflection ``mu L ln(p/q)``, and the springs that touched between q and q + dq
-carry dq/L per metre of deflection. Loaded from rest this is the law above. The same springs give,
-with nothing added, what happens next: at constant pressure a reversal repeats the first loading at
-twice its size (Masing; Mindlin and Deresiewicz for one sphere); where the pressure grows new
-springs touch unstressed; where it falls, those that touched last let go.
+carry dq/L per metre of deflection. Loaded from rest this is the law above. The same springs
+determine, with nothing added, what happens next: at constant pressure a reversal repeats the first
+loading at twice its size (Masing; Mindlin and Deresiewicz for one sphere); where the pressure grows
+new springs touch unstressed; where it falls, those that touched last let go.
 
 References
 ----------
@@ -22,10 +22,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-F64 = NDArray[np.float64]
+from analysis.arrays import F64
 
 
 def elastic_length(roughness: float, nu: float) -> float:
@@ -55,7 +55,7 @@ class Memory:
 
     @classmethod
     def fresh(cls, points: int) -> Memory:
-        """Of an interface that was never sheared."""
+        """That of an interface that was never sheared."""
         return cls(np.empty((0, points)), np.empty(0))
 
 
@@ -76,11 +76,11 @@ class Interface:
     def __post_init__(self) -> None:
         if not 0 < self.mu < np.inf:
             raise ValueError(
-                f"interface: a friction coefficient of {self.mu:g} was asked; use a positive one"
+                f"interface: a friction coefficient of {self.mu:g} was given; use a positive one"
             )
         if not 0 <= self.L < np.inf:
             raise ValueError(
-                f"interface: an elastic length of {self.L:g} m was asked; use 0 or more"
+                f"interface: an elastic length of {self.L:g} m was given; use 0 or more"
             )
 
     def traction(self, s: ArrayLike, p: ArrayLike) -> F64:
@@ -88,11 +88,9 @@ class Interface:
         pressure `p` (Pa); they broadcast.
         """
         s, p = np.asarray(s, dtype=np.float64), np.asarray(p, dtype=np.float64)
-        share = (
-            -np.expm1(-np.abs(s) / (self.mu * self.L))
-            if self.L > 0
-            else (s != 0).astype(np.float64)
-        )
+        share = (s != 0).astype(np.float64)
+        if self.L > 0:
+            share = -np.expm1(-np.abs(s) / (self.mu * self.L))
         return np.asarray(np.copysign(self.mu * p * share, s))
 
     def stiffness(self, s: ArrayLike, p: ArrayLike) -> F64:
@@ -108,12 +106,10 @@ class Interface:
         """Displacement (m) at which the traction is `sigma` (Pa), the inverse of `traction`;
         infinite at mu p, NaN above it.
         """
-        sigma, p = np.broadcast_arrays(
-            np.asarray(sigma, dtype=np.float64), np.asarray(p, dtype=np.float64)
-        )
-        share = np.divide(
-            np.abs(sigma), self.mu * p, out=np.where(sigma == 0, 0.0, np.inf), where=p > 0
-        )
+        both = np.asarray(sigma, dtype=np.float64), np.asarray(p, dtype=np.float64)
+        sigma, p = np.broadcast_arrays(*both)
+        unloaded = np.where(sigma == 0, 0.0, np.inf)
+        share = np.divide(np.abs(sigma), self.mu * p, out=unloaded, where=p > 0)
         with np.errstate(divide="ignore"):
             depth = -np.log1p(-np.minimum(share, 1.0))
         reach = self.mu * self.L * depth if self.L > 0 else np.where(share < 1, 0.0, np.inf)
@@ -130,30 +126,27 @@ class Interface:
         """
         if self.L == 0:
             raise ValueError(
-                "interface: the memory of a rigid interface (L = 0) was asked; give a small L, or"
-                " use cattaneo_mindlin"
+                "interface: the memory of a rigid interface (L = 0) was asked for; give a small L,"
+                " or use cattaneo_mindlin"
             )
         sigma, stiffness, front = _respond(memory.touched, memory.slopes, p, move, self.mu, self.L)
         return sigma, stiffness, front
 
     def remember(self, memory: Memory, p: F64, move: F64, front: F64) -> Memory:
         """The memory after a `move` of each point, with the `front` that `respond` gave for it."""
-        touched, slopes, forward = (
-            list(np.minimum(memory.touched, front)),
-            list(memory.slopes),
-            move > 0,
-        )
-        for sign, moved in ((1.0, forward), (-1.0, ~forward)):
-            touched.insert(0, np.where(moved, front, p))
-            slopes.insert(0, sign)
-        return _compact(touched, slopes, p)
+        forward = move > 0
+        touched = [
+            np.where(forward, p, front),
+            np.where(forward, front, p),
+            *np.minimum(memory.touched, front),
+        ]
+        return _compact(touched, [-1.0, 1.0, *memory.slopes], p)
 
     def under(self, memory: Memory, before: F64, p: F64) -> Memory:
         """The memory once the pressure went from `before` to `p` with the points at rest."""
         edge = _deflection(memory.touched, memory.slopes, before, p, self.mu * self.L)
-        kept = _compact(
-            [np.minimum(before, p), *np.minimum(memory.touched, p)], [0.0, *memory.slopes], p
-        )
+        touched = [np.minimum(before, p), *np.minimum(memory.touched, p)]
+        kept = _compact(touched, [0.0, *memory.slopes], p)
         # the springs nearest to letting go now slip
         return self.remember(kept, p, edge, self.respond(kept, p, edge)[2])
 
@@ -177,22 +170,15 @@ class TabulatedLaw:
 
     def __init__(self, mu: float, slip: ArrayLike, share: ArrayLike) -> None:
         slip, share = np.asarray(slip, dtype=np.float64), np.asarray(share, dtype=np.float64)
-        is_law = (
-            slip.ndim == 1
-            and slip.shape == share.shape
-            and len(slip) >= 2
-            and np.isfinite([slip, share]).all()
-        )
-        if not (
-            is_law
-            and slip[0] == share[0] == 0
-            and share[-1] == 1
-            and (np.diff(slip) > 0).all()
-            and (np.diff(share) >= 0).all()
+        is_table = slip.ndim == 1 and slip.shape == share.shape and len(slip) >= 2
+        if (
+            not (is_table and np.isfinite([slip, share]).all())
+            or not (slip[0] == share[0] == 0 and share[-1] == 1)
+            or not ((np.diff(slip) > 0).all() and (np.diff(share) >= 0).all())
         ):
             raise ValueError(
-                f"interface: a table of {slip.size} slips and {share.size} shares was given; "
-                "let the slip rise from 0 and the share of mu p rise from 0 to 1, never falling"
+                f"interface: a table of {slip.size} slips and {share.size} shares was given; let"
+                " the slip rise from 0 and the share of mu p rise from 0 to 1, never falling"
             )
         self.mu, self._end = mu, float(slip[-1])
         self._share = PchipInterpolator(slip, share)
@@ -200,8 +186,8 @@ class TabulatedLaw:
         steepest = float(self._slope(0.0))
         if not steepest > 0:
             raise ValueError(
-                "interface: the table begins flat; an interface at rest has a stiffness, so let the"
-                " share rise from the first row on"
+                "interface: the table begins flat, but an interface at rest has a stiffness; let"
+                " the share rise from the first row on"
             )
         self.L = 1 / (mu * steepest)
 
@@ -211,19 +197,16 @@ class TabulatedLaw:
         """
         s = np.minimum(np.abs(move), self._end)
         rising = np.where(np.abs(move) < self._end, self._slope(s), 0.0)
-        return (
-            np.copysign(self.mu * p * self._share(s), move),
-            self.mu * p * rising,
-            np.zeros_like(p),
-        )
+        sigma = np.copysign(self.mu * p * self._share(s), move)
+        return sigma, self.mu * p * rising, np.zeros_like(p)
 
     def remember(self, memory: Memory, p: F64, move: F64, front: F64) -> Memory:
-        """No memory."""
+        """The memory as it was: there is none."""
         return memory
 
 
 def _compact(touched: list[F64], slopes: list[float], p: F64) -> Memory:
-    """Without the bends that fell together everywhere, or bend nothing."""
+    """A memory without the bends that coincide everywhere, or bend nothing."""
     keep: list[int] = []
     above = p
     for i, row in enumerate(touched):

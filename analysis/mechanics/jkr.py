@@ -2,10 +2,10 @@
 reaches less far than it bends them.
 
 SI units. `w` is the work of adhesion (J/m^2), `P` the normal force, negative where it pulls; E, nu
-and R are those of `hertz`. Adhesion of shorter reach than deformation means a Tabor parameter
-(`tabor_parameter`) above about 5; Maugis' theory covers smaller ones. A rough face adheres far less
-than its smooth back, which is why the paper takes E from a JKR test and leaves adhesion out of the
-friction runs.
+and R are those of `hertz`. The theory holds where adhesion reaches less far than the deformation,
+at a `tabor_parameter` above about 5; Maugis' theory covers smaller ones. A rough face adheres far
+less than its smooth back, which is why the paper takes E from a JKR test of the back and leaves
+adhesion out of the friction runs.
 
 References
 ----------
@@ -16,11 +16,10 @@ section 2.1.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.mechanics.hertz import check, reduced_modulus
-
-F64 = NDArray[np.float64]
 
 
 def pull_off_force(w: float, R: float) -> float:
@@ -44,9 +43,8 @@ def contact_radius(P: ArrayLike, w: float, E: float, nu: float, R: float) -> F64
     P, pull = np.asarray(P, dtype=np.float64), 1.5 * np.pi * _work(w) * R
     beyond = P + pull
     root = np.sqrt(np.where(beyond >= 0, beyond, np.nan))
-    return np.asarray(
-        np.cbrt(3 * R / (4 * reduced_modulus(E, nu))) * np.cbrt(root + np.sqrt(pull)) ** 2
-    )
+    scale = np.cbrt(3 * R / (4 * reduced_modulus(E, nu)))
+    return np.asarray(scale * np.cbrt(root + np.sqrt(pull)) ** 2)
 
 
 def indentation(a: ArrayLike, w: float, E: float, nu: float, R: float) -> F64:

@@ -2,44 +2,40 @@
 surface displacement. SI units throughout.
 
 Every point of the contact obeys ``s = D - G*sigma(s)``: D is the block's displacement, G*sigma the
-elastic one of its surface (azimuthal mean) and sigma(s) the local law of `interface`. In Legendre
-polynomials P_2n of xi = sqrt(1 - r^2/a^2), G is diagonal for tractions P_2n(xi)/xi (Popov), and
-Hertz's pressure makes ``xi sigma`` a smooth even function of xi: a few modes give many digits.
-
-The same sums have Abel's form ``G*sigma ~ integral of F(t)/sqrt(r^2 - t^2)`` over t < min(r, a),
-with F a sum of Legendre polynomials of t/a; a factor ``1 - 2 t^2/r^2`` gives the part that goes
-with the double angle. The displacement is exact at all r, inside and outside.
+elastic displacement of its surface (azimuthal mean) and sigma(s) the local law of `interface`. In
+the polynomials of `modes` G is diagonal, and Hertz's pressure makes ``xi sigma`` a smooth even
+function of xi: a few modes give many digits.
 
 References
 ----------
-Popov 1962 (the eigenfunctions); Copson 1947 (Abel's form); Prevost et al. 2013, sections 5 and 6.
+Prevost et al. 2013, sections 5 and 6.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev, legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.half_space import layer_correction
 from analysis.mechanics.interface import Interface, Memory, TabulatedLaw
-
-F64 = NDArray[np.float64]
+from analysis.mechanics.modes import basis, chebyshev_series
 
 MOST_STEPS = 80
 FAR = 6.0  # in thicknesses of a layer: beyond, its surface does not move
-_LAYER_TERMS, _LAYER_ANGLES = 128, 16
+LAYER_TERMS, LAYER_ANGLES = 128, 16
 
 
 @dataclass(frozen=True)
-class Contact:
+class SphereContact:
     """A rough elastic block pressed on a rigid sphere.
 
     Parameters
@@ -72,9 +68,8 @@ class Contact:
     thickness: float = math.inf
 
     def __post_init__(self) -> None:
-        hertz.check(
-            "loading", nu=self.nu, normal_force=self.P, E=self.E, R=self.R, mu=self.mu, L=self.L
-        )
+        positive = {"normal_force": self.P, "E": self.E, "R": self.R, "mu": self.mu, "L": self.L}
+        hertz.check("loading", nu=self.nu, **positive)
         if not self.thickness >= 2 * self.a:
             raise ValueError(
                 f"loading: a block {self.thickness:g} m thick found; give two contact radii"
@@ -92,6 +87,11 @@ class Contact:
         return hertz.shear_modulus(self.E, self.nu)
 
     @property
+    def limit(self) -> float:
+        """Greatest shear force mu P, newtons."""
+        return self.mu * self.P
+
+    @property
     def full_shift(self) -> float:
         """Displacement of the block (m) at which the whole contact would slide for L = 0, on a
         half-space.
@@ -103,57 +103,8 @@ class Contact:
         return hertz.pressure(r, self.P, self.a)
 
 
-class _Basis(NamedTuple):
-    """What depends on the number of modes alone, for a contact of radius 1.
-
-    `series` matrices give coefficients of Chebyshev.
-    """
-
-    xi: F64
-    weight: F64  # of a traction in the force, over 2 pi a^2
-    green: F64  # traction -> integral of sigma/|x - x'|, at the nodes
-    share: F64  # values at the nodes -> series in 2 xi^2 - 1
-    inside: tuple[F64, F64]  # xi sigma -> series of both parts of the displacement in 1 - 2 r^2
-    outside: tuple[F64, F64]  # the same over asin(1/r), in the square of asin(1/r)
-
-
-@lru_cache(maxsize=8)
-def _basis(modes: int) -> _Basis:
-    x, w = legendre.leggauss(2 * modes)
-    xi, w = x[modes:], w[modes:]
-    n, even = np.arange(modes), _even(xi, modes)
-    at_zero = _even(np.zeros(1), modes)[0]
-    project = (4 * n + 1)[:, None] * (w[:, None] * even).T
-    terms = modes + 16
-    angle = np.pi * (np.arange(terms) + 0.5) / terms
-    z = np.cos(angle)
-    series = 2 / terms * np.cos(np.outer(np.arange(terms), angle))
-    series[0] /= 2
-    t, v = legendre.leggauss(2 * modes + 16)
-    ends = (np.full(terms, np.pi / 2), np.pi / 2 * np.sqrt((1 + z) / 2))
-    radii = (np.sqrt((1 - z) / 2), 1 / np.sin(ends[1]))
-    parts = []
-    for end, r, divisor in zip(ends, radii, (1.0, ends[1][:, None]), strict=True):
-        theta = end[:, None] / 2 * (1 + t)
-        abel = np.pi**2 * at_zero * _even(r[:, None] * np.sin(theta), modes)  # F(t), for each mode
-        weights = (end[:, None] / np.pi * v, end[:, None] / np.pi * v * np.cos(2 * theta))
-        mean, double = (
-            series @ (np.einsum("kt,ktn->kn", q, abel) / divisor) @ project for q in weights
-        )
-        parts.append((mean, double))
-    green = even @ ((np.pi * at_zero)[:, None] ** 2 * project) * xi
-    return _Basis(
-        xi, w * xi, green, series @ _even(np.sqrt((1 + z) / 2), modes) @ project, parts[0], parts[1]
-    )
-
-
-def _even(t: F64, modes: int) -> F64:
-    """Legendre polynomials of degree 0, 2, ... 2 (modes - 1)."""
-    return np.asarray(legendre.legvander(t, 2 * modes - 2)[..., ::2])
-
-
 @dataclass(frozen=True)
-class State:
+class LoadingState:
     """The contact at one moment of its history.
 
     Attributes
@@ -193,13 +144,12 @@ class State:
     def stick_radius(self) -> float:
         """Cattaneo and Mindlin's c(Q) of a first loading, metres."""
         contact = self.loading.contact
-        return float(cattaneo_mindlin.stick_radius(self.Q, contact.mu * contact.P, contact.a))
+        return float(cattaneo_mindlin.stick_radius(self.Q, contact.limit, contact.a))
 
     @property
     def peak_radius(self) -> float:
-        """Radius (m) at which the shear traction is greatest: c as read from a measured traction."""
-        a = self.loading.contact.a
-        r = np.linspace(0, a, 1025)
+        """Radius (m) of the greatest shear traction: c as read from a measured traction."""
+        r = np.linspace(0, self.loading.contact.a, 1025)
         sigma = np.abs(self.traction(r))
         i = int(np.argmax(sigma))
         if i == 0:
@@ -210,11 +160,9 @@ class State:
     def traction(self, r: ArrayLike) -> F64:
         """Shear traction along x at any distance r (m) from the centre, pascals, shape of `r`."""
         contact = self.loading.contact
-        r = np.asarray(r, dtype=np.float64)
-        x = np.minimum(r / contact.a, 1.0)
-        return np.asarray(
-            contact.pressure(r) * chebyshev.chebval(1 - 2 * x * x, self._series.share)
-        )
+        x = np.minimum(np.asarray(r, dtype=np.float64) / contact.a, 1.0)
+        share = chebyshev.chebval(1 - 2 * x * x, self._series.share)
+        return np.asarray(contact.pressure(r) * share)
 
     def displacement(self, r: ArrayLike) -> tuple[F64, F64]:
         """Surface displacement G*sigma as (g0, g2), metres, at any r: ``gx = g0 + g2 cos 2 theta``,
@@ -256,12 +204,11 @@ class AxisymmetricLoading:
 
     Parameters
     ----------
-    contact : Contact
+    contact : SphereContact
     modes : int
         Number of Legendre polynomials, and of radii.
     law : TabulatedLaw, optional
-        Instead of the contact's interface; its mu and L are to be the contact's. First loadings
-        only.
+        Instead of the contact's interface, with the same mu and L. First loadings only.
 
     Notes
     -----
@@ -269,17 +216,17 @@ class AxisymmetricLoading:
     % in Q. The equations are solved by Newton's method with a line search, together with what
     drives the contact: ``D + compliance Q = stage``, or Q given.
 
-    A first loading depends on where it ends alone. Otherwise each radius keeps the memory described
+    A first loading depends only on where it ends. Otherwise each radius keeps the memory described
     in `interface`, which has Mindlin and Deresiewicz's unloading as its limit L -> 0. A step first
     changes P, then D, and is exact for that path; when both change together, make small steps.
     """
 
     def __init__(
-        self, contact: Contact, modes: int = 64, *, law: TabulatedLaw | None = None
+        self, contact: SphereContact, modes: int = 64, *, law: TabulatedLaw | None = None
     ) -> None:
         if modes < 4:
-            raise ValueError(f"loading: {modes} modes were asked; use 4 or more")
-        self.contact, self.modes, self._basis = contact, int(modes), _basis(int(modes))
+            raise ValueError(f"loading: {modes} modes were asked for; use 4 or more")
+        self.contact, self.modes, self._basis = contact, int(modes), basis(int(modes))
         a, xi = contact.a, self._basis.xi
         self.r = a * np.sqrt((1 - xi) * (1 + xi))
         self.p = hertz.peak_pressure(contact.P, a) * xi
@@ -290,12 +237,9 @@ class AxisymmetricLoading:
         self._green = self._scale[0] * self._basis.green
         self._layer = (np.empty((0, modes)), np.empty((0, modes)))
         if math.isfinite(contact.thickness):
-            terms = np.arange(_LAYER_TERMS)
-            angle = np.pi * (terms + 0.5) / terms.size
-            far = FAR * contact.thickness / 2 * (1 + np.cos(angle))
+            nodes, series = chebyshev_series(LAYER_TERMS)
+            far = FAR * contact.thickness / 2 * (1 + nodes)
             mean, double = self._layer_matrices(np.concatenate([self.r, far]))
-            series = 2 / terms.size * np.cos(np.outer(terms, angle))
-            series[0] /= 2
             self._green = self._green + mean[:modes]
             self._layer = (series @ mean[modes:], series @ double[modes:])
 
@@ -304,46 +248,41 @@ class AxisymmetricLoading:
         at the radii r.
         """
         contact = self.contact
-        angle = np.pi * (np.arange(_LAYER_ANGLES) + 0.5) / _LAYER_ANGLES
+        angle = np.pi * (np.arange(LAYER_ANGLES) + 0.5) / LAYER_ANGLES
         x = r[:, None, None] - self.r[:, None] * np.cos(angle)
         y = self.r[:, None] * np.sin(angle)
         even, double = layer_correction(np.hypot(x, y), contact.E, contact.nu, contact.thickness)
-        mean = even.mean(axis=2), (double * np.cos(2 * np.arctan2(y, x))).mean(axis=2)
-        return mean[0] * self._weight, mean[1] * self._weight
+        turned = double * np.cos(2 * np.arctan2(y, x))
+        return even.mean(axis=2) * self._weight, turned.mean(axis=2) * self._weight
 
-    def at_block(self, D: float) -> State:
+    def at_block(self, D: float) -> LoadingState:
         """State after a first loading to the block displacement D, metres."""
         return self.driven(D)
 
-    def at_force(self, Q: float) -> State:
+    def at_force(self, Q: float) -> LoadingState:
         """State after a first loading to the shear force Q, newtons, less than mu P."""
-        limit = self.contact.mu * self.contact.P
-        if not abs(Q) < limit:
+        if not abs(Q) < self.contact.limit:
             raise ValueError(
-                f"loading: a shear force of {Q:g} N was asked; the contact carries less than mu P ="
-                f" {limit:g} N"
+                f"loading: a shear force of {Q:g} N was asked for; the contact carries less than mu"
+                f" P = {self.contact.limit:g} N"
             )
         return self._solved(self.rest, 0.0, 1.0, Q)
 
-    def driven(self, stage: float, compliance: float = 0.0) -> State:
+    def driven(self, stage: float, compliance: float = 0.0) -> LoadingState:
         """State after a first loading by a stage (m) in series with a compliance (m/N) of all else
         that gives way.
         """
         return self.advance(self.rest, stage, compliance=compliance)
 
     def advance(
-        self, state: State, stage: float, *, P: float | None = None, compliance: float = 0.0
-    ) -> State:
+        self, state: LoadingState, stage: float, *, P: float | None = None, compliance: float = 0.0
+    ) -> LoadingState:
         """State that follows another one, once P (default: its own) and then the stage have come to
         their new values.
 
         With no compliance the stage is the block: its displacement D.
         """
-        if not (math.isfinite(stage) and 0 <= compliance < math.inf):
-            raise ValueError(
-                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite"
-                " ones, the compliance 0 or more"
-            )
+        check_drive(stage, compliance)
         loading = state.loading
         if self._law is not None and state.s.any():
             raise ValueError(
@@ -354,61 +293,54 @@ class AxisymmetricLoading:
             loading = AxisymmetricLoading(replace(loading.contact, P=P), loading.modes)
         return loading._solved(state, 1.0, compliance, stage)
 
-    def table(self, n: int, furthest: float | None = None) -> tuple[State, ...]:
+    def table(self, n: int, furthest: float | None = None) -> tuple[LoadingState, ...]:
         """States (n) of a first loading, evenly spaced in D from 0 to `furthest` (m); default:
         until all but 1e-6 of mu P is carried.
         """
-        contact = self.contact
         if furthest is None:
-            furthest = self.at_force((1 - 1e-6) * contact.mu * contact.P).D
+            furthest = self.at_force((1 - 1e-6) * self.contact.mu * self.contact.P).D
         states = [self.rest]
-        for D in np.linspace(0.0, furthest, n)[1:]:
-            states.append(
-                self.at_block(float(D)) if self._law else self.advance(states[-1], float(D))
-            )
+        for D in np.linspace(0.0, furthest, n)[1:].tolist():
+            states.append(self.at_block(D) if self._law else self.advance(states[-1], D))
         return tuple(states)
 
     def series(self, sigma: F64) -> _Series:
         """Chebyshev series of a traction given at the nodes, and of its displacement."""
-        basis, load = self._basis, self._basis.xi * sigma
+        own, load = self._basis, self._basis.xi * sigma
         first, second = (
             (scale * inside @ load, scale * outside @ load, layer @ sigma)
             for scale, inside, outside, layer in zip(
-                self._scale, basis.inside, basis.outside, self._layer, strict=True
+                self._scale, own.inside, own.outside, self._layer, strict=True
             )
         )
-        return _Series(basis.share @ (sigma / self.p), (first, second))
+        return _Series(own.share @ (sigma / self.p), (first, second))
 
     @cached_property
-    def rest(self) -> State:
+    def rest(self) -> LoadingState:
         """The state before any shear."""
         zero, k = np.zeros(self.modes), self.p / self.contact.L
         moved = np.linalg.solve(np.eye(self.modes) + self._green * k, np.ones(self.modes))
-        return State(
-            self, 0.0, 0.0, float((self._weight * k) @ moved), zero, zero, Memory.fresh(self.modes)
-        )
+        stiffness = float((self._weight * k) @ moved)
+        return LoadingState(self, 0.0, 0.0, stiffness, zero, zero, Memory.fresh(self.modes))
 
-    def _taken_over(self, state: State) -> tuple[Memory, F64]:
+    def _taken_over(self, state: LoadingState) -> tuple[Memory, F64]:
         """Memory and displacement s of another state, at the radii and pressures of this one."""
-        if state.loading is self or state.loading.contact == self.contact:
-            return state.memory, state.s
-        old = state.loading
-        before, memory = old.contact.pressure(self.r), state.memory
+        old, memory = state.loading, state.memory
+        if old is self or old.contact == self.contact:
+            return memory, state.s
+        before = old.contact.pressure(self.r)
         if memory.slopes.size:
-            xi = np.clip(
-                before / hertz.peak_pressure(old.contact.P, old.contact.a),
-                old._basis.xi[0],
-                old._basis.xi[-1],
-            )
+            nodes = old._basis.xi
+            xi = before / hertz.peak_pressure(old.contact.P, old.contact.a)
             share = np.where(memory.touched > 1e-100 * old.p, memory.touched / old.p, 0.0)
-            memory = replace(
-                memory, touched=before * PchipInterpolator(old._basis.xi, share, axis=1)(xi)
-            )
-        return self._interface.under(memory, before, self.p), state.D - state.displacement(self.r)[
-            0
-        ]
+            there = PchipInterpolator(nodes, share, axis=1)(np.clip(xi, nodes[0], nodes[-1]))
+            memory = replace(memory, touched=before * there)
+        s = state.D - state.displacement(self.r)[0]
+        return self._interface.under(memory, before, self.p), s
 
-    def _solved(self, state: State, per_D: float, per_Q: float, target: float) -> State:
+    def _solved(
+        self, state: LoadingState, per_D: float, per_Q: float, target: float
+    ) -> LoadingState:
         """Newton's method for ``s + G sigma = D`` and ``per_D D + per_Q Q = target``."""
         memory, before = self._taken_over(state)
         law = self._law or self._interface
@@ -417,20 +349,17 @@ class AxisymmetricLoading:
         soft = 1 / (per_D + per_Q * 8 * self.contact.G * self.contact.a / (2 - self.contact.nu))
 
         def excess(sigma: F64, s: F64, D: float) -> tuple[F64, float, float]:
-            local, rest = (
-                D - s - self._green @ sigma,
-                target - per_D * D - per_Q * float(self._weight @ sigma),
-            )
+            local = D - s - self._green @ sigma
+            rest = target - per_D * D - per_Q * float(self._weight @ sigma)
             return local, rest, math.hypot(float(np.sqrt(local @ local / local.size)), soft * rest)
 
-        # at rest, the side towards which a point will move tells its stiffness
+        # at rest, the direction in which a point will move decides its stiffness
         move = one * math.copysign(1e-12 * self.contact.L, target - per_D * D - per_Q * state.Q)
         sigma, stiffness, front = respond(memory, self.p, move)
         local, rest, size = excess(sigma, s, D)
         for _ in range(MOST_STEPS):
-            first, moved = np.linalg.solve(
-                eye + self._green * stiffness, np.stack([local, one], axis=1)
-            ).T
+            matrix = eye + self._green * stiffness
+            first, moved = np.linalg.solve(matrix, np.stack([local, one], axis=1)).T
             drive = self._weight * stiffness
             dD = (rest - per_Q * float(drive @ first)) / (per_D + per_Q * float(drive @ moved))
             ds = first + dD * moved
@@ -451,5 +380,20 @@ class AxisymmetricLoading:
                 f"loading: no equilibrium was found in {MOST_STEPS} steps towards {target:g}; go"
                 " there in smaller steps"
             )
-        memory = law.remember(memory, self.p, move, front)
-        return State(self, D, float(self._weight @ sigma), float(drive @ moved), s, sigma, memory)
+        memory, Q = law.remember(memory, self.p, move, front), float(self._weight @ sigma)
+        return LoadingState(self, D, Q, float(drive @ moved), s, sigma, memory)
+
+
+def check_drive(stage: float, compliance: float) -> None:
+    """Refuse a stage that is nowhere, or a compliance that is none.
+
+    Raises
+    ------
+    ValueError
+        One of them is not finite, or the compliance is negative.
+    """
+    if not (math.isfinite(stage) and 0 <= compliance < math.inf):
+        raise ValueError(
+            f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked for; give finite"
+            " ones, the compliance 0 or more"
+        )

@@ -13,22 +13,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from analysis.arrays import F64
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.interface import Interface, Memory
-from analysis.mechanics.loading import AxisymmetricLoading, Contact
-
-F64 = NDArray[np.float64]
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact, check_drive
 
 CLOSE = 3e-7
 """Residual, as a fraction of what drives the contact, at which a step is done: 100 times below the
 error of 128 x 128 cells.
 """
 MOST_STEPS = 200
-_MOST_PRODUCTS = 200
-_FORCING = 0.01  # part of the residual that conjugate gradients leave
-_SUB = 8  # points along each side of a cell over which the pressure is averaged
+MOST_PRODUCTS = 200
+FORCING = 0.01  # part of the residual that conjugate gradients leave
+SUB = 8  # points along each side of a cell over which the pressure is averaged
 
 
 @dataclass(frozen=True)
@@ -68,19 +67,16 @@ class _Response:
     front: F64
 
 
-def hertz_cells(contact: Contact, cells: int) -> tuple[F64, float]:
+def hertz_cells(contact: SphereContact, cells: int) -> tuple[F64, float]:
     """Mean pressure (Pa) on each cell of a square grid that just holds the contact, shape (cells,
     cells), and its pitch (m).
     """
     if cells < 8:
-        raise ValueError(f"loading: a grid of {cells} cells a side was asked; use 8 or more")
+        raise ValueError(f"loading: a grid of {cells} cells a side was asked for; use 8 or more")
     pitch = 2 * contact.a / (cells - 2)
-    at = (np.arange(cells * _SUB) - (cells * _SUB - 1) / 2) * pitch / _SUB
-    p = (
-        contact.pressure(np.hypot(at[:, None], at))
-        .reshape(cells, _SUB, cells, _SUB)
-        .mean(axis=(1, 3))
-    )
+    at = (np.arange(cells * SUB) - (cells * SUB - 1) / 2) * pitch / SUB
+    fine = contact.pressure(np.hypot(at[:, None], at))
+    p = fine.reshape(cells, SUB, cells, SUB).mean(axis=(1, 3))
     return p * (contact.P / (p.sum() * pitch * pitch)), pitch
 
 
@@ -114,12 +110,13 @@ class GridLoading:
         self._area = green.pitch[0] * green.pitch[1]
 
     @classmethod
-    def of_sphere(cls, contact: Contact, cells: int = 128, *, coupled: bool = False) -> GridLoading:
+    def of_sphere(
+        cls, contact: SphereContact, cells: int = 128, *, coupled: bool = False
+    ) -> GridLoading:
         """A sphere on a plane, on a square grid that just holds the contact."""
         p, pitch = hertz_cells(contact, cells)
-        green = SurfaceGreen(
-            p.shape, pitch, contact.E, contact.nu, thickness=contact.thickness, coupled=coupled
-        )
+        E, nu, thickness = contact.E, contact.nu, contact.thickness
+        green = SurfaceGreen(p.shape, pitch, E, nu, thickness=thickness, coupled=coupled)
         loading = cls(p, green, Interface(contact.mu, contact.L))
         loading._round = AxisymmetricLoading(contact)
         return loading
@@ -128,20 +125,17 @@ class GridLoading:
         """Where the search for a first loading starts: at the axisymmetric solution, if the contact
         is round.
         """
-        s = self.rest.s.copy()
-        if self._round is not None:
-            ny, nx = self.green.shape
-            x, y = (
-                (np.arange(nx) - (nx - 1) / 2) * self.green.pitch[0],
-                (np.arange(ny)[:, None] - (ny - 1) / 2) * self.green.pitch[1],
-            )
-            state = self._round.driven(stage, compliance)
-            r, double = np.hypot(x, y), 2 * np.arctan2(y, x)
-            at = np.linspace(0, r.max(), 2048)
-            g0, g2 = (np.interp(r, at, g) for g in state.displacement(at))
-            along, across = state.D - g0 - g2 * np.cos(double), -g2 * np.sin(double)
-            s = np.stack([along, across]) if self.green.coupled else along
-        return s
+        if self._round is None:
+            return self.rest.s
+        ny, nx = self.green.shape
+        x = (np.arange(nx) - (nx - 1) / 2) * self.green.pitch[0]
+        y = (np.arange(ny)[:, None] - (ny - 1) / 2) * self.green.pitch[1]
+        state = self._round.driven(stage, compliance)
+        r, double = np.hypot(x, y), 2 * np.arctan2(y, x)
+        at = np.linspace(0, r.max(), 2048)
+        g0, g2 = (np.interp(r, at, g) for g in state.displacement(at))
+        along = state.D - g0 - g2 * np.cos(double)
+        return np.stack([along, -g2 * np.sin(double)]) if self.green.coupled else along
 
     @property
     def rest(self) -> GridState:
@@ -155,10 +149,9 @@ class GridLoading:
         """State after a first loading by a stage (m) in series with a compliance (m/N); the search
         starts `near` another state.
         """
-        rest = self.rest
-        return self._solved(
-            rest, self._guess(stage, compliance) if near is None else near.s, stage, compliance
-        )
+        check_drive(stage, compliance)
+        s = self._guess(stage, compliance) if near is None else near.s
+        return self._solved(self.rest, s, stage, compliance)
 
     def advance(
         self,
@@ -171,9 +164,10 @@ class GridLoading:
         """State that follows another one, once the pressure (default: its own) and then the stage
         have come to their new values.
         """
+        check_drive(stage, compliance)
         if self.green.coupled:
             raise ValueError(
-                "loading: a history with both components of the traction was asked; use one"
+                "loading: a history with both components of the traction was asked for; use one"
                 " component, or first loadings"
             )
         p = state.pressure if pressure is None else np.asarray(pressure, dtype=np.float64)
@@ -181,17 +175,9 @@ class GridLoading:
         return loading._solved(state, state.s, stage, compliance)
 
     def _solved(self, state: GridState, s: F64, stage: float, compliance: float) -> GridState:
-        if not (math.isfinite(stage) and 0 <= compliance < math.inf):
-            raise ValueError(
-                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked; give finite"
-                " ones, the compliance 0 or more"
-            )
-        p, before = self.pressure.ravel(), state.pressure.ravel()
-        memory = (
-            state.memory
-            if state.pressure is self.pressure
-            else self.interface.under(state.memory, before, p)
-        )
+        p, memory = self.pressure.ravel(), state.memory
+        if state.pressure is not self.pressure:
+            memory = self.interface.under(memory, state.pressure.ravel(), p)
         drive = np.zeros_like(s)
         _along(drive)[...] = stage
 
@@ -203,13 +189,11 @@ class GridLoading:
 
         def respond(s: F64) -> _Response:
             move = (s - state.s).reshape(-1, p.size)
-            return (
-                self._along_slip(move)
-                if self.green.coupled
-                else self._one_component(memory, move[0])
-            )
+            if self.green.coupled:
+                return self._along_slip(move)
+            return self._one_component(memory, move[0])
 
-        # at rest, the side towards which a point will move tells its stiffness
+        # at rest, the direction in which a point will move decides its stiffness
         s = s + math.copysign(1e-12 * self.interface.L, stage - state.D - compliance * state.Q)
         law = respond(s)
         rest = drive - s - yielded(law.sigma)
@@ -245,27 +229,25 @@ class GridLoading:
         return self._area * float(_along(sigma).sum())
 
     def _one_component(self, memory: Memory, move: F64) -> _Response:
+        shape = self.green.shape
         sigma, stiffness, front = self.interface.respond(memory, self.pressure.ravel(), move)
-        root = np.sqrt(stiffness).reshape(self.green.shape)
-        return _Response(sigma.reshape(self.green.shape), lambda v: root * v, move, front)
+        root = np.sqrt(stiffness).reshape(shape)
+        return _Response(sigma.reshape(shape), lambda v: root * v, move, front)
 
     def _along_slip(self, move: F64) -> _Response:
-        length = np.hypot(move[0], move[1])
-        sigma, stiffness, front = self.interface.respond(
-            Memory.fresh(length.size), self.pressure.ravel(), length
-        )
+        shape, length = self.green.shape, np.hypot(move[0], move[1])
+        fresh = Memory.fresh(length.size)
+        sigma, stiffness, front = self.interface.respond(fresh, self.pressure.ravel(), length)
         n = np.divide(move, length, out=np.zeros_like(move), where=length > 0)
-        root_along = np.sqrt(stiffness).reshape(self.green.shape)
-        root_across = np.sqrt(
-            np.divide(sigma, length, out=stiffness.copy(), where=length > 0)
-        ).reshape(self.green.shape)
-        direction = n.reshape(2, *self.green.shape)
+        across = np.divide(sigma, length, out=stiffness.copy(), where=length > 0)
+        root_along, root_across = (np.sqrt(k).reshape(shape) for k in (stiffness, across))
+        direction = n.reshape(2, *shape)
 
         def root(v: F64) -> F64:
             part = direction * (direction * v).sum(axis=0)
             return np.asarray(root_along * part + root_across * (v - part))
 
-        return _Response((sigma * n).reshape(2, *self.green.shape), root, length, front)
+        return _Response((sigma * n).reshape(2, *shape), root, length, front)
 
 
 def _along(field: F64) -> F64:
@@ -279,9 +261,9 @@ def _newton_step(rest: F64, root: Callable[[F64], F64], yielded: Callable[[F64],
     """
     y = np.zeros_like(rest)
     r = root(rest)
-    goal = _FORCING * float(np.linalg.norm(r))
+    goal = FORCING * float(np.linalg.norm(r))
     d, power = r, float(np.vdot(r, r))
-    for _ in range(_MOST_PRODUCTS):
+    for _ in range(MOST_PRODUCTS):
         if math.sqrt(power) <= goal:
             break
         product = d + root(yielded(root(d)))

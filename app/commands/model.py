@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz, jkr
 from analysis.mechanics.interface import elastic_length
-from analysis.mechanics.loading import AxisymmetricLoading, Contact, State
+from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from analysis.options import quantity
 from app.commands.names import check_writable
 from app.commands.terminal import DONE, output, print_json, print_rows
@@ -148,9 +148,9 @@ class Sheared:
             )
         self.cm = system.friction, self.P, self.a, self.E, self.nu
         self.loading: AxisymmetricLoading | None = None
-        self.state: State | None = None
+        self.state: LoadingState | None = None
         if self.L > 0:
-            contact = Contact(
+            contact = SphereContact(
                 self.P, self.E, self.nu, self.R, system.friction, self.L, system.depth
             )
             self.loading = AxisymmetricLoading(

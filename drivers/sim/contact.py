@@ -17,9 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.interface import TabulatedLaw
-from analysis.mechanics.loading import AxisymmetricLoading
-from analysis.mechanics.loading import Contact as Sphere
-from analysis.mechanics.loading import State as LoadingState
+from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from drivers.sim.scenario import Scenario
 
 F64 = NDArray[np.float64]
@@ -116,7 +114,7 @@ class ElastoPlastic:
         is_table = s.sim.law == "table"
         law = TabulatedLaw(s.mu, *read_law(s.sim.law_table)) if is_table else None
         L = law.L if law else s.sim.slip_length
-        sphere = Sphere(
+        sphere = SphereContact(
             s.normal_force, block.young_modulus, block.poisson, block.lens_radius, s.mu, L, s.depth
         )
         self._loading = AxisymmetricLoading(sphere, law=law)

@@ -15,9 +15,8 @@ def speckle():
 
 
 def opened(reference, **options):
-    return closing(
-        open_tracker(Correlation(**{"method": "direct", "search": 16, **options}), reference)
-    )
+    correlation = Correlation(**{"method": "direct", "search": 16, **options})
+    return closing(open_tracker(correlation, reference))
 
 
 def track_all(images, **options):
@@ -266,7 +265,7 @@ def test_an_image_that_can_not_be_used_is_refused(speckle, image, words):
     ("options", "words"),
     [
         ({"box": 149}, "do not fit"),
-        ({"step": 0}, "step of 1"),
+        ({"step": 0}, "step must be"),
         ({"search": 0}, "search"),
         ({"threads": 0}, "threads"),
     ],

@@ -11,7 +11,7 @@ from analysis.friction.local_law import displacement_in_rings, fit_local_law
 from analysis.friction.master_curve import master_curve
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
-from analysis.mechanics.loading import AxisymmetricLoading, Contact
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 
 KNOWN = {"E": 3.0e6, "nu": world.NU, "R": world.R, "box": world.BOX, "width": world.PITCH}
 
@@ -25,7 +25,7 @@ def test_the_two_solutions_of_the_contact_agree():
     contact = world.World(0.5)
     state = contact.run(np.array([25e-6]))[0]
     found = AxisymmetricLoading(
-        Contact(0.5, world.E, world.NU, world.R, world.MU, world.L)
+        SphereContact(0.5, world.E, world.NU, world.R, world.MU, world.L)
     ).at_block(25e-6)
     np.testing.assert_allclose(found.Q, state.Q, rtol=1e-11)
     np.testing.assert_allclose(found.displacement(world.DENSE)[0], state.g0, atol=1e-15)
@@ -35,7 +35,7 @@ def test_the_two_solutions_of_the_contact_agree():
 
 def test_boxes_and_rings_average_the_model_as_the_picture_does(run):
     state = AxisymmetricLoading(
-        Contact(0.5, world.E, world.NU, world.R, world.MU, world.L)
+        SphereContact(0.5, world.E, world.NU, world.R, world.MU, world.L)
     ).at_block(run.states[9].D)
     full = run.count > 12
     np.testing.assert_allclose(
@@ -168,4 +168,4 @@ def test_an_interface_too_stiff_to_be_told_is_said_to_be_so() -> None:
         r, ux, np.full(ux.shape, 3e-9), np.full(41, P), forces, E=E, nu=nu, R=R, Q_sd=1e-4
     )
     assert np.isnan(law.L)
-    assert "too short to be told" in law.notes[0]
+    assert "too short to be determined" in law.notes[0]

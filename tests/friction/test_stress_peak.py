@@ -10,7 +10,7 @@ from analysis.friction.stick import fit_stick_radius, seen_in_rings
 from analysis.friction.stress_peak import calibrate, stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
-from analysis.mechanics.loading import AxisymmetricLoading, Contact
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 
 P, SD = 0.5, 232e-9
 A = world.hertz_radius(P)
@@ -122,7 +122,7 @@ def _scores(estimate, calibration, profiles, truth):
 
 def test_both_estimates_of_c_are_brought_to_the_maximum_of_the_true_stress():
     run, peak, live = _inverted_peak()
-    loading = AxisymmetricLoading(Contact(P, world.E, world.NU, world.R, world.MU, world.L))
+    loading = AxisymmetricLoading(SphereContact(P, world.E, world.NU, world.R, world.MU, world.L))
     states = [
         loading.at_force(world.MU * P * (1 - share**3)) for share in np.linspace(0.2, 0.98, 20)
     ]

@@ -10,7 +10,6 @@ from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import Stopped
-from analysis.inversion.uncertainty import bootstrap
 from analysis.inversion.van_cittert import van_cittert
 from analysis.mechanics.half_space import SurfaceGreen
 
@@ -175,22 +174,6 @@ def test_regularised_field_follows_what_is_not_round(regularised, contact):
     assert shift == pytest.approx(centre, abs=0.3 * world.PITCH)
 
 
-def test_bootstrap_agrees_with_the_scatter_of_the_method(problem, contact, clean):
-    def invert(u):
-        return conjugate_gradient(problem, u, world.NOISE)
-
-    scatter = np.std([invert(clean + world.noise(seed, world.BOX)).Q for seed in range(12)], ddof=1)
-    found = bootstrap(
-        invert, problem, invert(clean + world.noise(20, world.BOX)), world.NOISE, repeats=12
-    )
-    assert 0.4 < found.Q_sd / scatter < 2.5
-    assert found.sigma_sd[contact.a > RADIUS].mean() / contact.peak == pytest.approx(
-        0.02, abs=0.015
-    )
-    with pytest.raises(ValueError, match="two or more"):
-        bootstrap(invert, problem, found, world.NOISE, repeats=1)
-
-
 def test_a_contact_at_the_rim_is_not_covered(contact):
     x, y = world.points(centre=(4e-3, 0.0))
     off = InversionProblem(np.hypot(x, y) < LIMIT, world.PITCH, world.E, world.NU, box=world.BOX)
@@ -209,7 +192,7 @@ def test_masks_and_grids_of_no_use_are_refused(mask):
 
 @pytest.mark.parametrize(("E", "nu"), [(0.0, 0.5), (1e6, -0.1), (1e6, 0.51)])
 def test_materials_out_of_range_are_refused(E, nu):
-    with pytest.raises(ValueError, match="was asked"):
+    with pytest.raises(ValueError, match=r"modulus|Poisson"):
         InversionProblem(np.ones((8, 8), np.bool_), 1e-4, E, nu)
 
 
@@ -221,7 +204,7 @@ def test_fields_of_no_use_are_refused(problem, clean, invert):
         invert(problem, np.where(problem.mask, clean, np.nan), world.NOISE)
     with pytest.raises(ValueError, match="0 points inside"):
         invert(problem, np.where(problem.mask, np.nan, clean), world.NOISE)
-    with pytest.raises(ValueError, match="no noise can be told"):
+    with pytest.raises(ValueError, match="do not reveal its noise"):
         invert(problem, np.full_like(clean, np.nan))
 
 

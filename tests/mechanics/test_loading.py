@@ -10,9 +10,9 @@ import pytest
 
 from analysis.mechanics import cattaneo_mindlin as cm
 from analysis.mechanics.interface import Interface
-from analysis.mechanics.loading import AxisymmetricLoading, Contact
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 
-CONTACT = Contact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
+CONTACT = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
 LIMIT = CONTACT.mu * CONTACT.P
 LOADING = AxisymmetricLoading(CONTACT)
 SHIFT = CONTACT.full_shift
