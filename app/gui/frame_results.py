@@ -37,7 +37,6 @@ class Overlay:
     """A field over the image; the colour scale runs from -limit to +limit."""
 
     values: F32
-    rect_px: Rect
     limit: float
     symbol: str
     unit: str
@@ -91,30 +90,27 @@ def shown_image(full: Image) -> ShownImage:
     return ShownImage(pixels, rect, (float(low), float(max(high, low + 1))), caption, full)
 
 
-def frame_results(snapshot: Snapshot, setup: Setup) -> FrameResults:
-    """What is drawn of `snapshot`, which has a displacement field."""
-    # the motion of the lens is taken off
-    assert snapshot.field is not None
-    assert snapshot.motion is not None
-    lens_um = np.float32(snapshot.motion.lens_m * 1e6)
-    ux_um = snapshot.field.ux_px * np.float32(setup.pixel_um) - lens_um
-    traction = None
+def frame_results(snapshot: Snapshot, setup: Setup) -> FrameResults | None:
+    """What is drawn of `snapshot`; None where it has no displacement field."""
+    field, motion, kpa = snapshot.field, snapshot.motion, None
+    if field is None or motion is None:
+        return None
+    ux_um = field.ux_px * np.float32(setup.pixel_um) - np.float32(motion.lens_m * 1e6)
     if snapshot.stress_field_pa is not None:
-        kpa = snapshot.stress_field_pa * np.float32(1e-3)
-        traction = _overlay(kpa, "σₓ", "kPa", snapshot, setup)
+        kpa = _overlay(snapshot.stress_field_pa * np.float32(1e-3), "σₓ", "kPa", snapshot)
     return FrameResults(
         snapshot.frame,
-        _overlay(ux_um, "uₓ", "µm", snapshot, setup),
-        traction,
+        _overlay(ux_um, "uₓ", "µm", snapshot),
+        kpa,
         traction_profile(snapshot, setup.config),
     )
 
 
-def _overlay(values: F32, symbol: str, unit: str, snapshot: Snapshot, setup: Setup) -> Overlay:
+def _overlay(values: F32, symbol: str, unit: str, snapshot: Snapshot) -> Overlay:
     time_s = snapshot.conditions.time_s
     when = f", t = {time_s:.2f} s" if math.isfinite(time_s) else ""
     caption = f"{symbol} of frame {snapshot.frame}{when}"
-    return Overlay(values, setup.grid_rect_px, symmetric_limit(values), symbol, unit, caption)
+    return Overlay(values, symmetric_limit(values), symbol, unit, caption)
 
 
 def symmetric_limit(values: F32) -> float:

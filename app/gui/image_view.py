@@ -78,11 +78,10 @@ class InterfaceView(Panel):
         if overlay is self._overlay:
             return
         self._overlay = overlay
-        if overlay is None:
+        if overlay is None or self._setup is None:
             self.overlay.clear()
             return
-        limit = overlay.limit
-        rect = QRectF(*overlay.rect_px)
+        limit, rect = overlay.limit, QRectF(*self._setup.grid_rect_px)
         self.overlay.setImage(overlay.values, levels=(-limit, limit), rect=rect)
         self.colour_bar.setLevels((-limit, limit))
         self.colour_bar.getAxis("left").setLabel(f"{overlay.symbol} ({overlay.unit})")
@@ -170,7 +169,7 @@ def describe_point(setup: Setup, overlay: Overlay | None, x_px: float, y_px: flo
     )
     if overlay is None:
         return place
-    left, top, width, height = overlay.rect_px
+    left, top, width, height = setup.grid_rect_px
     rows, cols = overlay.values.shape
     col, row = math.floor((x_px - left) / width * cols), math.floor((y_px - top) / height * rows)
     if not (0 <= row < rows and 0 <= col < cols):

@@ -15,7 +15,7 @@ from app.records import Phase
 class CellView(QWidget):
     """One named value with its unit and its uncertainty."""
 
-    def __init__(self, cell: Cell, value_style: str = "value") -> None:
+    def __init__(self, cell: Cell, value_style: str) -> None:
         super().__init__()
         self.name, self.value = label("", "name"), label("", value_style)
         self.detail = label("", "detail")
@@ -40,20 +40,21 @@ class CellView(QWidget):
 
 
 class CellRow(Panel):
-    """Named values side by side, in columns of equal width."""
+    """Named values side by side, which share the width equally where `share` is 1."""
 
-    def __init__(self, spacing: int = 16) -> None:
+    def __init__(self, *, style: str = "value", share: int = 1, spacing: int = 16) -> None:
         super().__init__()
         self.views: list[CellView] = []
-        self._row = row(spacing=spacing)
-        self.body = column(self._row, margins=(12, 8, 12, 8))
+        self._style, self._share = style, share
+        self.row = row(spacing=spacing)
+        self.body = column(self.row, margins=(12, 8, 12, 8))
         self.setLayout(self.body)
 
     def show_cells(self, cells: tuple[Cell, ...]) -> None:
         """Show `cells`, whose number stays the same during a run."""
         for cell in cells[len(self.views) :]:
-            self.views.append(CellView(cell))
-            self._row.addWidget(self.views[-1], 1)
+            self.views.append(CellView(cell, self._style))
+            self.row.insertWidget(len(self.views) - 1, self.views[-1], self._share)
         for view, cell in zip(self.views, cells, strict=True):
             view.show_cell(cell)
 
@@ -125,32 +126,20 @@ class TopBar(Panel):
         self.phases.setText("<span style='color:#4b5563'> &nbsp;›&nbsp; </span>".join(words))
 
 
-class HealthStrip(Panel):
-    """What became of every trigger and sample, the queue, the free space, and the progress."""
+class HealthStrip(CellRow):
+    """What became of every trigger and sample, the free space, the queue, and the progress."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.cells: list[CellView] = []
+        super().__init__(style="count", share=0, spacing=18)
+        self.body.setContentsMargins(14, 6, 14, 6)
         self.queue, self.progress = _bar("queue"), _bar("progress")
         self.queue_text, self.progress_text = label("", "detail"), label("0 %", "detail")
-        self.disk = CellView(Cell("disk left", DASH), "count")
-        self._row = row(
-            self.disk,
-            _named_bar("recorder queue", self.queue, self.queue_text),
-            (_named_bar("progress", self.progress, self.progress_text), 1),
-            spacing=18,
-            margins=(14, 6, 14, 6),
-        )
-        self.setLayout(self._row)
+        self.row.addWidget(_named_bar("recorder queue", self.queue, self.queue_text))
+        self.row.addWidget(_named_bar("progress", self.progress, self.progress_text), 1)
 
     def show_view(self, view: ViewState) -> None:
         """Show the account as of now."""
-        for cell in view.counts[len(self.cells) :]:
-            self.cells.append(CellView(cell, "count"))
-            self._row.insertWidget(len(self.cells) - 1, self.cells[-1])
-        for shown, cell in zip(self.cells, view.counts, strict=True):
-            shown.show_cell(cell)
-        self.disk.show_cell(view.disk)
+        self.show_cells((*view.counts, view.disk))
         self.queue.setValue(round(1000 * view.queue_fill))
         self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
         if self.queue.property("tone") != str(view.queue.tone):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QComboBox, QPushButton, QSlider, QStyle
@@ -58,9 +56,7 @@ class PlaybackBar(Panel):
         self.play.clicked.connect(self.toggle)
         self.forward.clicked.connect(self.go_forward)
         self.back.clicked.connect(self.go_back)
-        self.pace.textActivated.connect(
-            lambda text: self._do(lambda source: source.playback.set_pace(PACES[text]))
-        )
+        self.pace.textActivated.connect(self._set_pace)
         self.slider.valueChanged.connect(self._show_frame)
         self.hide()
 
@@ -77,15 +73,14 @@ class PlaybackBar(Panel):
 
     def toggle(self) -> None:
         """Pause the replay, or go on with it."""
-
-        def act(source: PlaybackSource) -> None:
-            if source.playback.is_paused:
-                source.browser.show(None)
-                source.playback.resume()
-            else:
-                source.playback.pause()
-
-        self._do(act)
+        if (source := self._source) is None:
+            return
+        if source.playback.is_paused:
+            source.browser.show(None)
+            source.playback.resume()
+        else:
+            source.playback.pause()
+        self._show_action()
 
     def go_forward(self) -> None:
         """Show the next frame; after the newest one, by replaying one more."""
@@ -111,24 +106,26 @@ class PlaybackBar(Panel):
         self.place.setText(f"{kind} frame {source.place + 1} of {source.frame_count}")
 
     def _go(self, frames: int) -> None:
-        def act(source: PlaybackSource) -> None:
-            source.playback.pause()
-            if frames > 0 and not source.is_browsing:
-                source.playback.step()
-            elif source.can_browse:
-                source.browser.show(min(max(source.place + frames, 0), source.frame_count - 1))
-
-        self._do(act)
+        if (source := self._source) is None:
+            return
+        source.playback.pause()
+        if frames > 0 and not source.is_browsing:
+            source.playback.step()
+        elif source.can_browse:
+            source.browser.show(min(max(source.place + frames, 0), source.frame_count - 1))
+        self._show_action()
 
     def _show_frame(self, number: int) -> None:
-        def act(source: PlaybackSource) -> None:
-            source.playback.pause()
-            source.browser.show(number)
-
-        self._do(act)
-
-    def _do(self, act: Callable[[PlaybackSource], None]) -> None:
         if self._source is not None:
-            act(self._source)
-            self.refresh()
-            self.acted.emit()
+            self._source.playback.pause()
+            self._source.browser.show(number)
+            self._show_action()
+
+    def _set_pace(self, name: str) -> None:
+        if self._source is not None:
+            self._source.playback.set_pace(PACES[name])
+            self._show_action()
+
+    def _show_action(self) -> None:
+        self.refresh()
+        self.acted.emit()

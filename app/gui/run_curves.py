@@ -76,7 +76,7 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup) -> C
     newest, start_s = snapshots[-1], curves.drive_start_s
     if math.isfinite(newest.conditions.time_s):
         middle = newest.sample + setup.config.exposure_samples / 2
-        start_s = middle / setup.sample_rate_hz - newest.conditions.time_s
+        start_s = middle / setup.config.forces.sample_rate - newest.conditions.time_s
     return Curves(
         curves.seen + len(snapshots),
         _with_points(curves.loading, travel * 1e6, shear),
@@ -99,7 +99,7 @@ def force_strips(
 ) -> ForceStrips:
     """P and Q against time, which counts from the start of the drive once that is known."""
     samples, normal, shear = forces
-    time_s = np.asarray(samples, float) / setup.sample_rate_hz
+    time_s = np.asarray(samples, float) / setup.config.forces.sample_rate
     if math.isfinite(drive_start_s):
         label = "time t from the start of the drive (s)"
         return ForceStrips(time_s - drive_start_s, normal, shear, label)

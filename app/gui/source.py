@@ -119,7 +119,6 @@ class Setup:
     title: str
     pixel_um: float
     grid_rect_px: Rect
-    sample_rate_hz: float
     config: Config
 
 
@@ -128,5 +127,4 @@ def setup_of(source: RunSource) -> Setup:
     x, y, config = source.grid_x_px, source.grid_y_px, source.config
     step = float(config.dic.step)
     rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
-    rate_hz = float(config.forces.sample_rate)
-    return Setup(source.title, config.camera.pixel * 1e6, rect, rate_hz, config)
+    return Setup(source.title, config.camera.pixel * 1e6, rect, config)

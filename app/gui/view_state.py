@@ -98,23 +98,22 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     health, outcome, config = reading.health, reading.outcome, setup.config
     image, frame = (previous.image, previous.frame) if previous else (None, None)
     curves = extended(previous.curves if previous else NO_CURVES, reading.snapshots, setup)
-    shown, shown_field = curves.newest, curves.newest_field
+    shown, with_field = curves.newest, curves.newest_field
     normal_n, shear_n = (float(f[-1]) if len(f) else math.nan for f in reading.forces[1:])
     sentence = cells.operator_sentence(
         health, outcome, normal_n, shown.conditions.travel_m if shown else math.nan, config
     )
     if reading.browsed is not None:
-        shown = reading.browsed
-        shown_field = shown if shown.field else None
+        shown = with_field = reading.browsed
         normal_n, shear_n = shown.conditions.normal_force_n, shown.conditions.shear_force_n
     travel_m = shown.conditions.travel_m if shown else math.nan
     stick_m = shown.stick.stick_radius_m if shown and shown.stick else math.nan
     if reading.image is not None and (image is None or image.full is not reading.image):
         image = shown_image(reading.image)
-    if shown_field is None:
+    if with_field is None:
         frame = None
-    elif frame is None or frame.frame != shown_field.frame:
-        frame = frame_results(shown_field, setup)
+    elif frame is None or frame.frame != with_field.frame:
+        frame = frame_results(with_field, setup)
     state = outcome.state if outcome else health.state
     return ViewState(
         state=state,

@@ -115,10 +115,9 @@ def experiment_figure(
         for panel in panels[len(numbered) :]:
             panel.set_visible(False)
         for number, (panel, shot) in enumerate(zip(panels, numbered, strict=False), 1):
-            assert shot.field is not None
-            assert shot.motion is not None
-            ux_um = (np.asarray(shot.field.ux_px, np.float64) * pixel_m - shot.motion.lens_m) * 1e6
-            _draw_field(panel, ux_um, x_mm, y_mm, has_label=number % 3 == 0)
+            if shot.field and shot.motion:
+                ux_m = shot.field.ux_px * np.float64(pixel_m) - shot.motion.lens_m
+                _draw_field(panel, ux_m * 1e6, x_mm, y_mm, has_label=number % 3 == 0)
             now = shot.conditions
             when = f"$t$ = {now.time_s:.1f} s,  $Q$ = {now.shear_force_n:.3f} N"
             panel.set_title(f"{number}:  {when}", pad=3)

@@ -87,7 +87,8 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
     expected = snapshot.field.ux_px * 7.04 - 0.68 * snapshot.conditions.shear_force_n
     np.testing.assert_allclose(field.values, expected, rtol=1e-4, atol=1e-3)
     assert np.isnan(field.values[0, 0])
-    assert field.rect_px == (5.0, 5.0, 10.0 * len(run.grid_x_px), 10.0 * len(run.grid_y_px))
+    rect = (5.0, 5.0, 10.0 * len(run.grid_x_px), 10.0 * len(run.grid_y_px))
+    assert setup_of(run).grid_rect_px == rect
 
 
 def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> None:

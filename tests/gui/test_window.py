@@ -112,7 +112,7 @@ def test_everything_that_the_run_measures_is_drawn(
         window.interface.image.boundingRect()
     ).getRect() == (-0.5, -0.5, 320, 240)
     assert window.top.badge.text() == "RUNNING"
-    assert {v.name.text(): v.value.text() for v in window.health.cells}["frames received"] == "50"
+    assert {v.name.text(): v.value.text() for v in window.health.views}["frames received"] == "50"
 
 
 def test_the_overlay_shows_the_traction_on_request(
