@@ -21,8 +21,17 @@ from app.config import to_toml
 from app.engine.pipeline import sensor_chain
 from app.errors import UserError
 from app.playback import Browser
+from app.records import (
+    Counts,
+    Event,
+    LostTrigger,
+    Outcome,
+    Position,
+    Snapshot,
+    Source,
+    SourceFrame,
+)
 from app.replay import Replay
-from app.results import Counts, Event, Outcome, Snapshot, Source
 from app.session.reader import SessionReader
 from app.session.versions import versions
 from app.session.writer import SessionWriter
@@ -58,8 +67,8 @@ class Reanalysis(Replay):
     ) -> None:
         super().__init__(path, pace=pace, overrides=overrides)
         with SessionReader(path) as session:
-            self.source = session.source or Source(path.name, session.started)
-            self.recorded_summary = session.summary()
+            self.source = session.header.source or Source(path.name, session.header.started)
+            self.recorded_summary = session.outcome.summary
             kept = {path, session.images_path}
         if output.exists() and any(output.samefile(one) for one in kept):
             raise UserError(
@@ -95,33 +104,29 @@ class Reanalysis(Replay):
         return [int(index) for index in session.triggers()["index"][received]]
 
     def _begin(self, session: SessionReader) -> None:
-        self._writer = writer = SessionWriter.create(
-            self.output,
+        header = replace(
+            session.header,
             config_toml=to_toml(self.config),
-            sample_rate_hz=session.sample_rate_hz,
-            frame_shape=session.frame_shape,
-            frame_dtype=session.frame_dtype,
-            exposure_samples=session.exposure_samples,
-            divisor=session.divisor,
-            first_trigger=session.first_trigger,
             pixel_m=self.pixel_m,
             grid_x_px=self.grid_x_px,
             grid_y_px=self.grid_y_px,
             versions=versions(),
+            started="",
             source=self.source,
-            overwrite=self._overwrite,
+            compression="none",
         )
+        self._writer = writer = SessionWriter.create(self.output, header, overwrite=self._overwrite)
         chain = sensor_chain(self.config)
-        for first, volts, _ in session.stretches():
-            writer.append_samples(first, volts, chain.forces(volts))
+        for block in session.samples():
+            writer.append(replace(block, forces=chain.forces(block.volts)))
         for sample, metres in zip(
             *(column.tolist() for column in session.positions()), strict=True
         ):
-            writer.append_position(sample, metres)
+            writer.append(Position(sample, metres))
         self._events = [event for event in session.events() if event.kind != "reference"]
         self._events.append(
             Event(
-                len(session.forces()[1]),
+                len(session.forces().volts),
                 "analysis",
                 f"{session.path.name} once more, with {self._changes}",
             )
@@ -133,20 +138,18 @@ class Reanalysis(Replay):
     ) -> None:
         assert self._writer is not None
         self._write_lost_before(snapshot.frame)
-        row = session.image_row(snapshot.frame)
-        self._writer.append_source_frame(
-            snapshot.frame, snapshot.sample, row, crc32(np.ascontiguousarray(image).data)
-        )
+        row, checksum = session.image_row(snapshot.frame), crc32(np.ascontiguousarray(image).data)
+        self._writer.append(SourceFrame(snapshot.frame, snapshot.sample, row, checksum))
         if self._pipeline.reference_frame == snapshot.frame:
             self._events.append(Event(snapshot.sample, "reference", f"frame {snapshot.frame}"))
-        self._writer.append_snapshot(snapshot)
+        self._writer.append(snapshot)
         if number % FLUSH_EVERY == 0:
             self._writer.flush()
 
     def _write_lost_before(self, index: float) -> None:
         assert self._writer is not None
         while self._lost_before < len(self._lost) and self._lost[self._lost_before][0] < index:
-            self._writer.append_lost_frame(*self._lost[self._lost_before])
+            self._writer.append(LostTrigger(*self._lost[self._lost_before]))
             self._lost_before += 1
 
     def _end(self, outcome: Outcome) -> Outcome:
@@ -154,12 +157,12 @@ class Reanalysis(Replay):
         if len(self._snapshots) == len(self._frames):
             self._write_lost_before(np.inf)
         for event in sorted(self._events, key=lambda event: event.sample):
-            self._writer.append_event(event)
+            self._writer.append(event)
         contact = self.contact()
         if contact is not None:
-            self._writer.write_contact(contact)
+            self._writer.append(contact)
         outcome = replace(outcome, counts=self._count())
-        self._writer.finish(outcome)
+        self._writer.append(outcome)
         self._writer.close()
         return replace(
             outcome, resources=outcome.resources | {"receipt": str(self._writer.receipt)}

@@ -5,7 +5,6 @@ No device is involved, nor could be.
 
 from __future__ import annotations
 
-import dataclasses
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -26,8 +25,10 @@ from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.engine.series import Series
 from app.errors import UserError
 from app.playback import Browser, Playback
-from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot
+from app.records import ContactResult, Counts, Health, Outcome, Phase, Snapshot
+from app.schema import values
 from app.sections import Config
+from app.session.layout import FORMAT_VERSION
 from app.session.reader import SessionReader
 
 
@@ -45,17 +46,14 @@ class Comparison:
         return self.frames == self.identical
 
 
-def difference(a: Snapshot, b: Snapshot, besides: frozenset[str] = frozenset()) -> str:
-    """Name of the first quantity, besides some, in which two snapshots differ by a bit; empty when
-    there is none.
+def difference(a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION) -> str:
+    """The first dataset in which two snapshots differ by a bit, of those that a session of that
+    version of the format has; empty where there is none.
     """
-    for field in dataclasses.fields(Snapshot):
-        if field.name in besides:
-            continue
-        x, y = getattr(a, field.name), getattr(b, field.name)
-        same = np.array_equal(x, y, equal_nan=True) if isinstance(x, np.ndarray | float) else x == y
-        if not same:
-            return field.name
+    for (column, x), (_, y) in zip(values(a), values(b), strict=True):
+        same = np.array_equal(column.stored(x), column.stored(y), equal_nan=True)
+        if column.since <= version and not same:
+            return column.path.removeprefix("/entry/")
     return ""
 
 
@@ -73,9 +71,9 @@ class Replay:
     def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
             self.config: Config = revised(
-                from_record(session.config_toml, f"{path}: settings"), overrides
+                from_record(session.header.config_toml, f"{path}: settings"), overrides
             )
-            self._recorded_counts = session.counts()
+            self._recorded_counts = session.outcome.counts
             self._frames = self._frames_of(session)
         self.path = path
         self.title = f"replay of {path.name}"
@@ -83,9 +81,7 @@ class Replay:
         self.sample_rate_hz = float(self.config.forces.sample_rate)
         self.playback = Playback(pace)
         self.browser = Browser(path)
-        self._pipeline = Pipeline(
-            self.config, (self.config.camera.height, self.config.camera.width)
-        )
+        self._pipeline = Pipeline(self.config)
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._history: History | None = None
         self._snapshots = Series()
@@ -229,7 +225,7 @@ class Replay:
             compile_kernels(tracking(self.config))
             self._preparing = ""
             with closing(self._pipeline), SessionReader(self.path) as session:
-                self._history = History(self.sample_rate_hz, session.exposure_samples)
+                self._history = History(self.sample_rate_hz, session.header.exposure_samples)
                 phases = [
                     (event.sample, Phase(event.text))
                     for event in session.events()
@@ -237,7 +233,11 @@ class Replay:
                 ]
                 positions = zip(*(column.tolist() for column in session.positions()), strict=True)
                 feed = Feed(
-                    self._history, sensor_chain(self.config), session.forces()[1], positions, phases
+                    self._history,
+                    sensor_chain(self.config),
+                    session.forces().volts,
+                    positions,
+                    phases,
                 )
                 self._begin(session)
                 for number, index in enumerate(self._frames):
@@ -281,9 +281,7 @@ class Replay:
         self, session: SessionReader, number: int, snapshot: Snapshot, image: NDArray[Any]
     ) -> None:
         """The result of the next frame: compare it with what was recorded."""
-        unlike = difference(
-            snapshot, next(self._recorded), besides=session.lacking | {"stress_field_pa"}
-        )
+        unlike = difference(snapshot, next(self._recorded), session.format)
         if not unlike:
             self._identical += 1
         elif not self._first_difference:
@@ -299,7 +297,7 @@ class Replay:
     def _show(self, snapshot: Snapshot, image: NDArray[Any]) -> None:
         """Let the window see a frame."""
         self._latest_image = image
-        self._phase = str(snapshot.phase)
+        self._phase = str(snapshot.conditions.phase)
         self._snapshots.append(snapshot)
 
 

@@ -369,9 +369,7 @@ class Recording(Section, frozen=True):
 
 
 class Replay(Section, frozen=True):
-    """The recorded experiment whose forces, images or stage a bench plays where a source is
-    "replay".
-    """
+    """The recorded experiment that a bench plays where a source is "replay"."""
 
     session: Annotated[str, _f("Session file")] = ""
 

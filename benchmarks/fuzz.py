@@ -174,10 +174,10 @@ def make_whole(folder: Path) -> None:
     import.
     """
     writer, _ = record(folder / "whole.h5")
-    writer.write_contact(CONTACT)
+    writer.append(CONTACT)
     shutil.copy(folder / "whole.h5", folder / "cut.h5")
     shutil.copy(journal_of(folder / "whole.h5"), journal_of(folder / "cut.h5"))
-    writer.finish(OUTCOME)
+    writer.append(OUTCOME)
     writer.close()
     (folder / "images").mkdir(exist_ok=True)
     rng = np.random.default_rng(0)

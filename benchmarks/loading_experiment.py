@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from analysis.dic import Grid
 from app import config as settings
 from app import live
-from app.results import Phase
+from app.records import Phase
 from app.session.reader import SessionReader
 
 
@@ -61,12 +61,12 @@ def compare(path: Path, world, config: settings.Config) -> None:
     pixel_um = config.camera.pixel
     with SessionReader(path) as session:
         snapshots = list(session.snapshots())
-        contact, summary = session.contact(), session.summary()
+        contact, summary = session.contact(), session.outcome.summary
         reference = next(e for e in session.events() if e.kind == "reference").sample + half
     x, y = np.meshgrid(*grid(config))
     squares, count, worst, stick = 0.0, 0, 0.0, []
     lost = total = 0
-    for snapshot in (s for s in snapshots if s.phase is Phase.DRIVE):
+    for snapshot in (s for s in snapshots if s.conditions.phase is Phase.DRIVE):
         truth = world.truth(snapshot.sample + half)
         ux, uy = truth.displacement_px(x, y, reference)
         state = truth.state
@@ -75,18 +75,18 @@ def compare(path: Path, world, config: settings.Config) -> None:
             np.hypot(x + ux - centre[0], y + uy - centre[1])
             < state.apparent_radius_m * 1e6 / pixel_um
         )
-        error = (snapshot.ux_px - ux)[inside]
+        error = (snapshot.field.ux_px - ux)[inside]
         good = np.isfinite(error)
         lost, total = lost + int((~good).sum()), total + good.size
         squares, count = squares + float((error[good] ** 2).sum()), count + int(good.sum())
         worst = max(worst, float(np.sqrt(np.mean(error[good] ** 2))))
         share = state.stick_radius_m / state.hertz_radius_m
-        if 0.2 <= share <= 0.95:
+        if 0.2 <= share <= 0.95 and snapshot.stick:
             stick.append(
                 (
                     share,
-                    (snapshot.stick_radius_m - state.stick_radius_m) / state.hertz_radius_m,
-                    snapshot.stick_radius_sd_m / state.hertz_radius_m,
+                    (snapshot.stick.stick_radius_m - state.stick_radius_m) / state.hertz_radius_m,
+                    snapshot.stick.stick_radius_sd_m / state.hertz_radius_m,
                 )
             )
     last = world.truth(snapshots[-1].sample)
@@ -152,11 +152,11 @@ def compare(path: Path, world, config: settings.Config) -> None:
             f"{found:.4f} +- {sd:.4f}, truth {true:.4f}: {100 * (found / true - 1):+.2f} %",
             asked,
         )
-    drive = next(s for s in snapshots if s.phase is Phase.DRIVE)
+    drive = next(s for s in snapshots if s.conditions.phase is Phase.DRIVE)
     rate = config.forces.sample_rate
     onset = (
         last.onset_sample
-        - (drive.sample + settings.exposure_samples(config) / 2 - drive.time_s * rate)
+        - (drive.sample + settings.exposure_samples(config) / 2 - drive.conditions.time_s * rate)
     ) / rate
     row(
         "t_s (s)", f"{summary.onset_time_s:.3f} +- {summary.onset_time_sd_s:.3f}, truth {onset:.3f}"
@@ -165,23 +165,24 @@ def compare(path: Path, world, config: settings.Config) -> None:
 
 def traction(snapshots, world, half: int, reference: int) -> None:
     """Print how far the inverted shear traction, its force and D are from the truth."""
-    found = [s for s in snapshots if s.phase is Phase.DRIVE and s.stress_pa.size]
+    found = [s for s in snapshots if s.stress and s.traction]
     if not found:
         return
     lines = []
     for snapshot in found:
         state, at_rest = world.state(snapshot.sample + half), world.state(reference)
         peak = 1.5 * state.friction * state.normal_force_n / np.pi / state.hertz_radius_m**2
-        error = (snapshot.stress_pa - state.traction(snapshot.stress_radius_m)) / peak
+        profile, found_there = snapshot.stress, snapshot.traction
+        error = (profile.stress_pa - state.traction(profile.radius_m)) / peak
         far = state.block_m - state.lens_m - at_rest.block_m + at_rest.lens_m
         lines.append(
             (
                 state.shear_force_n / (state.friction * state.normal_force_n),
                 np.sqrt(np.mean(error**2)),
-                snapshot.stress_force_n / state.shear_force_n - 1,
-                (snapshot.stress_force_n - state.shear_force_n) / snapshot.stress_force_sd_n,
-                snapshot.block_m - far,
-                snapshot.block_sd_m,
+                found_there.stress_force_n / state.shear_force_n - 1,
+                (found_there.stress_force_n - state.shear_force_n) / found_there.stress_force_sd_n,
+                found_there.block_m - far,
+                found_there.block_sd_m,
             )
         )
     share, profile, force, score, far, _ = np.array(lines).T

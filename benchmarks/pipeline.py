@@ -27,7 +27,7 @@ from app import config as settings
 from app import live
 from app.engine import pipeline, tractions
 from app.engine.history import Conditions
-from app.results import Phase
+from app.records import Phase
 from drivers.sim.images import Renderer
 from drivers.sim.world import World
 
@@ -67,7 +67,7 @@ def main() -> None:
     reference = renderer.image(world.state(at_rest), 0)
     free = renderer.image(world.state(0), 1)
     world.move(300e-6, 5e-6)
-    line = pipeline.Pipeline(config, world.settings.image_shape)
+    line = pipeline.Pipeline(config)
     line.step(0, 0, free, conditions(world, 0, Phase.BACKGROUND, 0.0))
     began = time.perf_counter()
     line.step(1, at_rest, reference, conditions(world, at_rest, Phase.REFERENCE, 0.0))

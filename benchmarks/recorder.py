@@ -29,11 +29,21 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from app.engine.recorder import Recorder
-from app.results import Phase, Snapshot
+from app.records import (
+    Conditions,
+    DisplacementField,
+    Header,
+    Motion,
+    Phase,
+    ReceivedFrame,
+    RingProfile,
+    Samples,
+    Snapshot,
+    Stick,
+)
 from app.session.journal import journal_of
 from app.session.repair import repair
 from app.session.writer import SessionWriter
-from drivers.protocols import Frame
 
 SHAPE, GRID, RINGS = (1200, 1600), (119, 159), 40
 RATE_HZ, DIVISOR = 1000.0, 42
@@ -43,24 +53,14 @@ QUEUE_S, FLUSH_S = 4.0, 0.4
 def snapshot(frame: int) -> Snapshot:
     """Results of a frame, of the usual size."""
     field, ring = np.zeros(GRID, np.float32), np.zeros(RINGS)
-    status = np.zeros(GRID, np.uint8)
-    fields = (field, field, field, field, field, status)
     return Snapshot(
         frame,
         DIVISOR * frame,
-        Phase.DRIVE,
-        0.0,
-        0.5,
-        0.1,
-        1e-6,
-        1e-8,
-        *fields,
-        ring,
-        ring,
-        ring,
-        0.0,
-        1e-3,
-        1e-5,
+        Conditions(Phase.DRIVE, 0.0, 0.5, 0.1, 1e-6),
+        motion=Motion(1e-8, 0.0),
+        field=DisplacementField(*[field] * 5, status=np.zeros(GRID, np.uint8)),
+        rings=RingProfile(ring, ring, ring),
+        stick=Stick(1e-3, 1e-5, 3e4),
     )
 
 
@@ -103,12 +103,11 @@ def main(folder: Path, seconds: float, compression: str) -> None:
     """Record, close, repair, print."""
     images = [speckle(seed) for seed in range(8)]
     path, cut = folder / "recorder-benchmark.h5", folder / "recorder-benchmark-cut.h5"
-    writer = SessionWriter.create(
-        path,
+    header = Header(
         config_toml="",
         sample_rate_hz=RATE_HZ,
         frame_shape=SHAPE,
-        frame_dtype=np.dtype(np.uint8),
+        frame_dtype="uint8",
         exposure_samples=10,
         divisor=DIVISOR,
         first_trigger=0,
@@ -117,8 +116,8 @@ def main(folder: Path, seconds: float, compression: str) -> None:
         grid_y_px=np.arange(GRID[0], dtype=float),
         versions={},
         compression=compression,
-        overwrite=True,
     )
+    writer = SessionWriter.create(path, header, overwrite=True)
     rate = RATE_HZ / DIVISOR
     failures: list[str] = []
     recorder = Recorder(
@@ -136,9 +135,9 @@ def main(folder: Path, seconds: float, compression: str) -> None:
     frames = int(seconds * rate)
     for n in range(frames):
         time.sleep(max(0.0, began + n / rate - time.monotonic()))
-        recorder.samples(DIVISOR * n, block, block)
-        recorder.frame(Frame(n, DIVISOR * n, images[n % 8]))
-        recorder.snapshot(snapshot(n))
+        recorder.append(Samples(DIVISOR * n, block, block))
+        recorder.append(ReceivedFrame(n, DIVISOR * n, images[n % 8]))
+        recorder.append(snapshot(n))
         fullest = max(fullest, recorder.fill)
     recorder.end()
     thread.join()

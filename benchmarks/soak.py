@@ -39,7 +39,7 @@ from app import config as settings
 from app import live
 from app.engine.run import Run
 from app.errors import UserError
-from app.results import Outcome
+from app.records import Outcome, ReceivedFrame, Record
 
 TRAVEL_UM = 300.0
 EVERY_S = 2.0
@@ -241,17 +241,18 @@ def slow_down(run: Run, bytes_per_s: float) -> None:
     """
     create = run._create_sink
 
-    def slowed(*about: Any) -> Any:
-        sink = create(*about)
-        append, free_at = sink.append_frame, time.monotonic()
+    def slowed() -> Any:
+        sink = create()
+        append, free_at = sink.append, time.monotonic()
 
-        def slowly(index: int, sample: int, image: np.ndarray) -> None:
+        def slowly(record: Record) -> None:
             nonlocal free_at
-            free_at = max(free_at, time.monotonic()) + image.nbytes / bytes_per_s
-            time.sleep(max(0.0, free_at - time.monotonic()))
-            append(index, sample, image)
+            if isinstance(record, ReceivedFrame):
+                free_at = max(free_at, time.monotonic()) + record.image.nbytes / bytes_per_s
+                time.sleep(max(0.0, free_at - time.monotonic()))
+            append(record)
 
-        sink.append_frame = slowly  # type: ignore[method-assign]
+        sink.append = slowly  # type: ignore[method-assign]
         return sink
 
     run._create_sink = slowed

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from app import config, live
 from app.gui.start import run_window
-from app.results import Phase
+from app.records import Phase
 
 SETTINGS = (
     "camera.divisor=42",

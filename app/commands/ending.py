@@ -4,13 +4,14 @@ session.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from app.commands.names import picture_of
 from app.commands.terminal import output, print_rows, say
 from app.errors import UserError
-from app.results import Outcome
+from app.records import Outcome
 
 
 def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
@@ -96,14 +97,13 @@ def _draw(session: Path, as_json: bool) -> Path | None:
     where there is nothing to draw.
     """
     from app.report.figures import experiment_picture, numbered_instants
-    from app.results import without_fields
     from app.session.reader import SessionReader
 
     path = picture_of(session)
     try:
         with SessionReader(session) as reader:
-            snapshots = [without_fields(snapshot) for snapshot in reader.snapshots()]
-            summary = reader.summary()
+            snapshots = [replace(snapshot, field=None) for snapshot in reader.snapshots()]
+            summary = reader.outcome.summary
             instants = numbered_instants(snapshots, summary)
             if not instants:
                 if not as_json:
@@ -115,9 +115,9 @@ def _draw(session: Path, as_json: bool) -> Path | None:
                 snapshots,
                 reader.contact(),
                 summary,
-                reader.grid_x_px,
-                reader.grid_y_px,
-                reader.pixel_m,
+                reader.header.grid_x_px,
+                reader.header.grid_y_px,
+                reader.header.pixel_m,
                 path,
                 title=session.name,
             )

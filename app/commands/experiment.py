@@ -23,7 +23,7 @@ from app.commands.names import (
 from app.commands.terminal import DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
-from app.results import Health, Outcome
+from app.records import Health, Outcome
 
 POLL_S = 0.1
 LEAVE_S = 10.0  # what a run has to come to its end when it is left in a hurry

@@ -27,8 +27,8 @@ from app.invert_files import (
     invert_series,
     noise_of,
 )
+from app.records import Phase, series_of
 from app.report.summary import measured_text, plain
-from app.results import Phase
 from app.sections import Config, Dic
 from app.session.fields import is_session
 from app.session.reader import SessionReader
@@ -129,29 +129,30 @@ def _from_fields(
 
 def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
     with SessionReader(path) as session:
-        config = from_record(session.config_toml, f"{path}: settings")
+        config = from_record(session.header.config_toml, f"{path}: settings")
         contact = session.contact()
         numbers = [
-            i for i, s in enumerate(session.snapshots()) if s.phase is Phase.DRIVE and s.ux_px.size
+            i
+            for i, s in enumerate(session.snapshots())
+            if s.conditions.phase is Phase.DRIVE and s.field is not None
         ]
         if not numbers:
             raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
-        force = float(
-            np.median(
-                [session.snapshot(i).normal_force_n for i in numbers[:: max(1, len(numbers) // 20)]]
-            )
-        )
-        grid = session.grid_x_px, session.grid_y_px
+        some = numbers[:: max(1, len(numbers) // 20)]
+        force = float(np.median(series_of(map(session.snapshot, some), "normal_force_n")))
+        grid = session.header.grid_x_px, session.header.grid_y_px
     pixel_m = config.camera.pixel * 1e-6
 
     def fields() -> Iterator[tuple[int, Any, Any]]:
         with SessionReader(path) as session:
             for i in numbers:
                 s = session.snapshot(i)
+                assert s.field is not None
+                lens_m = s.motion.lens_m if s.motion is not None else math.nan
                 yield (
                     s.frame,
-                    s.ux_px * np.float64(pixel_m) - s.lens_m,
-                    s.ux_std_px * np.float64(pixel_m),
+                    s.field.ux_px * np.float64(pixel_m) - lens_m,
+                    s.field.ux_std_px * np.float64(pixel_m),
                 )
 
     centre = (

@@ -10,7 +10,7 @@ from app.engine.pipeline import Pipeline
 from app.engine.priority import give_way
 from app.engine.recorder import Recorder
 from app.engine.series import Series
-from app.results import Event
+from app.records import Event
 from drivers.protocols import Frame
 
 POLL_S = 0.1
@@ -59,7 +59,7 @@ class Analyst:
             frame.index, frame.sample, frame.image, self._history.conditions(frame.sample)
         )
         if self._pipeline.reference_frame == frame.index:
-            self._recorder.event(Event(frame.sample, "reference", f"frame {frame.index}"))
+            self._recorder.append(Event(frame.sample, "reference", f"frame {frame.index}"))
             self.reference_taken.set()
         self.series.append(snapshot)
-        self._recorder.snapshot(snapshot)
+        self._recorder.append(snapshot)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.results import Phase
+from app.records import Phase
 from app.sections import Config
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made

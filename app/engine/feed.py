@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from analysis.calibration.forces import SensorChain
 from app.engine.history import History
-from app.results import Phase
+from app.records import Phase
 
 
 class Feed:

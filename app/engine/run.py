@@ -37,7 +37,7 @@ from app.engine.intake import BenchDevices, Intake
 from app.engine.pipeline import Pipeline, summarise
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
-from app.results import ContactResult, Counts, Event, Health, Outcome, Phase, Snapshot
+from app.records import ContactResult, Counts, Event, Health, Outcome, Phase, Snapshot, Summary
 from app.sections import Config
 from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
@@ -51,11 +51,6 @@ FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it wa
 FIELD_BYTES, SAMPLE_BYTES = 21, 32  # of a grid point's results, and of a sample's forces and volts
 # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
 UNHURRIED_S = 1.5
-
-
-CreateSink = Callable[
-    [tuple[int, int], np.dtype[Any], NDArray[np.float64], NDArray[np.float64]], SessionSink
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +71,7 @@ class Run:
     bench : BenchDevices
         Opened by the run, closed by the run.
     create_sink : callable
-        Makes the session once the bench is open; called with the camera's frame shape and dtype and
-        the DIC grid (x_px, y_px).
+        Makes the session, once the bench is open and its camera is as the settings say.
     free_running : bool
         True where the sources wait for us (simulation at full speed): then nothing is skipped and
         no queue can run full.
@@ -93,7 +87,7 @@ class Run:
         self,
         config: Config,
         bench: BenchDevices,
-        create_sink: CreateSink,
+        create_sink: Callable[[], SessionSink],
         *,
         free_running: bool,
         title: str,
@@ -112,7 +106,7 @@ class Run:
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
         self._exposure = exposure_samples(config)
-        self._pipeline = Pipeline(config, (config.camera.height, config.camera.width))
+        self._pipeline = Pipeline(config)
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._queue_s = max(
             config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
@@ -225,9 +219,7 @@ class Run:
             gc.freeze()
             self._bench.open()
             self._check_camera()
-            sink = self._create_sink(
-                self._bench.camera.shape, self._bench.camera.dtype, self.grid_x_px, self.grid_y_px
-            )
+            sink = self._create_sink()
             self._record_run(sink)
         except Exception as error:
             self._ending.call(sentence("control", error), failed=True)
@@ -243,10 +235,13 @@ class Run:
             "cpu_s": round(now.user + now.system - used.user - used.system, 2),
             "wall_s": round(time.monotonic() - began, 2),
         }
+        outcome = self._outcome_now(self._summary(), resources)
         if sink is not None:
-            self._finish(sink, resources)
+            self._finish(sink, outcome)
+            if sink.receipt is not None:
+                resources["receipt"] = str(sink.receipt)
         self._ending.close()
-        self._outcome = self._describe(resources)
+        self._outcome = self._outcome_now(outcome.summary, resources)
         self._state = self._outcome.state
         self._ended.set()
 
@@ -269,28 +264,29 @@ class Run:
                 f" it gives {columns} x {rows}; set camera.width and camera.height to that"
             )
 
-    def _finish(self, sink: SessionSink, resources: dict[str, Any]) -> None:
+    def _finish(self, sink: SessionSink, outcome: Outcome) -> None:
         def write() -> None:
-            sink.finish(self._describe(resources))
+            sink.append(outcome)
             sink.flush()
 
         self._ending.attempt("session", write)
         self._ending.attempt("session", sink.close)
-        if sink.receipt is not None:
-            resources["receipt"] = str(sink.receipt)
 
-    def _describe(self, resources: dict[str, Any]) -> Outcome:
-        series = self.snapshots_since(0)
-        summary = (
-            summarise(self.config, series, self.contact(), self._pipeline.notes) if series else None
-        )
-        return Outcome(
-            "failed" if self._ending.failed else "done",
-            self._ending.reason,
-            self._count(),
-            summary,
-            resources,
-        )
+    def _summary(self) -> Summary | None:
+        """What the run comes down to; None where no frame was analysed."""
+        snapshots = self.snapshots_since(0)
+        if not snapshots:
+            return None
+        try:
+            return summarise(self.config, snapshots, self.contact(), self._pipeline.notes)
+        except Exception as error:
+            self._ending.call(sentence("summary", error), failed=True)
+            return None
+
+    def _outcome_now(self, summary: Summary | None, resources: dict[str, Any]) -> Outcome:
+        """How the run ends, by the reason that stands at this moment."""
+        state = "failed" if self._ending.failed else "done"
+        return Outcome(state, self._ending.reason, self._count(), summary, resources)
 
     def _bytes_per_s(self) -> float:
         """What a second of the run is for the disk at most: images, forces and volts, and the
@@ -420,7 +416,7 @@ class Run:
 
     def _begin_phase(self, workers: _Workers, phase: Phase, sample: int) -> None:
         self._history.begin(phase, sample)
-        workers.recorder.event(Event(sample, "phase", str(phase)))
+        workers.recorder.append(Event(sample, "phase", str(phase)))
 
     # ------------------------------------------------------------------ the end
 
@@ -445,11 +441,11 @@ class Run:
             attempt("recorder", lambda: self._begin_phase(workers, Phase.END, self._history.end))
         contact = self.contact()
         if contact is not None:
-            attempt("recorder", lambda: workers.recorder.contact(contact))
+            attempt("recorder", lambda: workers.recorder.append(contact))
         last = Event(
             self._history.end, "error" if self._ending.failed else "stop", self._ending.reason
         )
-        attempt("recorder", lambda: workers.recorder.event(last))
+        attempt("recorder", lambda: workers.recorder.append(last))
 
     def _read_on(self, workers: _Workers) -> None:
         """Read what was sampled until now, and on until no exposure is open, so that the last

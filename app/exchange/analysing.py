@@ -17,12 +17,23 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
-from app.config import exposure_samples, pixel_type, to_toml, tracking
+from app.config import exposure_samples, tracking
 from app.engine.feed import Feed
 from app.engine.history import History
-from app.engine.pipeline import Pipeline, sensor_chain, summarise
+from app.engine.pipeline import Pipeline, header_of, sensor_chain, summarise
 from app.engine.series import Series
-from app.results import Counts, Event, Outcome, Phase, Snapshot
+from app.records import (
+    Counts,
+    Event,
+    Gap,
+    LostTrigger,
+    Outcome,
+    Phase,
+    Position,
+    ReceivedFrame,
+    Samples,
+    Snapshot,
+)
 from app.sections import Config
 from app.session.versions import versions
 from app.session.writer import LONGEST_GAP_S, SessionWriter
@@ -75,9 +86,10 @@ def analyse(
     process = psutil.Process()
     cpu, began = process.cpu_times(), time.monotonic()
     compile_kernels(tracking(config))
-    pipeline = Pipeline(config, (config.camera.height, config.camera.width))
+    pipeline = Pipeline(config)
     try:
-        writer = _create(config, measured, pipeline, output)
+        header = header_of(config, versions(), measured.first_trigger)
+        writer = SessionWriter.create(output, header, overwrite=True)
     except BaseException:
         pipeline.close()
         raise
@@ -88,7 +100,7 @@ def analyse(
         finally:
             pipeline.close()
         if pipeline.contact is not None:
-            writer.write_contact(pipeline.contact)
+            writer.append(pipeline.contact)
         summary = summarise(config, snapshots, pipeline.contact, pipeline.notes)
         used = process.cpu_times()
         resources = {
@@ -96,29 +108,8 @@ def analyse(
             "wall_s": round(time.monotonic() - began, 2),
         }
         outcome = Outcome("done", measured.source, counts, summary, resources)
-        writer.finish(outcome)
+        writer.append(outcome)
     return outcome
-
-
-def _create(
-    config: Config, measured: Measurements, pipeline: Pipeline, output: Path
-) -> SessionWriter:
-    return SessionWriter.create(
-        output,
-        config_toml=to_toml(config),
-        sample_rate_hz=float(config.forces.sample_rate),
-        frame_shape=(config.camera.height, config.camera.width),
-        frame_dtype=pixel_type(config),
-        exposure_samples=exposure_samples(config),
-        divisor=config.camera.divisor,
-        first_trigger=measured.first_trigger,
-        pixel_m=config.camera.pixel * 1e-6,
-        grid_x_px=pipeline.grid.x_px,
-        grid_y_px=pipeline.grid.y_px,
-        versions=versions(),
-        compression=config.recording.compression,
-        overwrite=True,
-    )
 
 
 def _write_measurements(config: Config, measured: Measurements, writer: SessionWriter) -> None:
@@ -130,15 +121,16 @@ def _write_measurements(config: Config, measured: Measurements, writer: SessionW
     longest = int(LONGEST_GAP_S * config.forces.sample_rate)
     for start, end in pairwise(edges):
         if not missing[start]:
-            writer.append_samples(start, volts[start:end], forces[start:end])
+            writer.append(Samples(start, volts[start:end], forces[start:end]))
             continue
         for first in range(start, end, longest):
-            writer.append_gap(first, min(longest, end - first), "not among the imported forces")
+            count = min(longest, end - first)
+            writer.append(Gap(first, count, "not among the imported forces"))
     for sample, metres in measured.positions:
-        writer.append_position(sample, metres)
+        writer.append(Position(sample, metres))
     for sample, phase in measured.phases:
-        writer.append_event(Event(sample, "phase", str(phase)))
-    writer.append_event(Event(len(volts), "import", measured.source))
+        writer.append(Event(sample, "phase", str(phase)))
+    writer.append(Event(len(volts), "import", measured.source))
     writer.flush()
 
 
@@ -157,14 +149,14 @@ def _write_frames(
     for number, (index, sample, image) in enumerate(frames):
         if isinstance(image, str):
             lost += 1
-            writer.append_lost_frame(index, sample, image)
+            writer.append(LostTrigger(index, sample, image))
         else:
-            writer.append_frame(index, sample, image)
+            writer.append(ReceivedFrame(index, sample, image))
             feed.up_to(sample)
             snapshot = pipeline.step(index, sample, image, history.conditions(sample))
             if pipeline.reference_frame == index:
-                writer.append_event(Event(sample, "reference", f"frame {index}"))
-            writer.append_snapshot(snapshot)
+                writer.append(Event(sample, "reference", f"frame {index}"))
+            writer.append(snapshot)
             series.append(snapshot)
         if number % FLUSH_EVERY == 0:
             writer.flush()

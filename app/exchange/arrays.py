@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from analysis.dic import Status
 from app.errors import UserError
-from app.results import Snapshot, without_fields
-from app.session import layout
+from app.records import NUMBERS, DisplacementField, Header, Snapshot, numbers_of
+from app.schema import columns_of
 from app.session.reader import SessionReader
 
 MAT_BYTES = 2**31  # largest array of a MATLAB 5 file
@@ -45,43 +45,39 @@ def _arrays(
     reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
 ) -> Iterator[_Array]:
     """Forces, stage, results and fields, each when it is its turn."""
-    _, volts, newtons = reader.forces()
+    forces = reader.forces()
     samples, metres = reader.positions()
-    yield _whole("sample_rate_hz", reader.sample_rate_hz)
-    yield _whole("pixel_m", reader.pixel_m)
-    for name, values in (
-        ("force_P_N", newtons),
-        ("force_Q_N", newtons),
-        ("normal_sensor_V", volts),
-        ("shear_sensor_V", volts),
-    ):
-        yield _whole(name, values[:, int(name in ("force_Q_N", "shear_sensor_V"))])
+    yield _whole("sample_rate_hz", reader.header.sample_rate_hz)
+    yield _whole("pixel_m", reader.header.pixel_m)
+    yield _whole("force_P_N", forces.forces[:, 0])
+    yield _whole("force_Q_N", forces.forces[:, 1])
+    yield _whole("normal_sensor_V", forces.volts[:, 0])
+    yield _whole("shear_sensor_V", forces.volts[:, 1])
     yield _whole("stage_sample", samples)
     yield _whole("stage_m", metres)
-    snapshots, measured = [], []
+    numbers, measured, frames = [], [], []
     for n, i in enumerate(rows):
         tell("results", n / len(rows))
         snapshot = reader.snapshot(i)
-        snapshots.append(without_fields(snapshot))
-        if snapshot.ux_px.size:
+        numbers.append(numbers_of(snapshot))
+        if snapshot.field is not None:
             measured.append(i)
-    for name in layout.RESULTS.values():
-        yield _whole(
-            f"result_{name}", [getattr(s, name) for s in snapshots] if snapshots else np.empty(0)
-        )
-    yield _whole(
-        "field_frame",
-        np.array(
-            [s.frame for i, s in zip(rows, snapshots, strict=True) if i in set(measured)], np.int64
-        ),
-    )
-    yield _whole("field_x_px", reader.grid_x_px)
-    yield _whole("field_y_px", reader.grid_y_px)
+            frames.append(snapshot.frame)
+    for name in NUMBERS:
+        held = [one[name] for one in numbers] if numbers else np.empty(0)
+        yield _whole(f"result_{name}", held)
+    yield _whole("field_frame", np.array(frames, np.int64))
+    x_px, y_px = reader.header.grid_x_px, reader.header.grid_y_px
+    yield _whole("field_x_px", x_px)
+    yield _whole("field_y_px", y_px)
     yield _whole("field_status_names", [status.label for status in Status])
-    shape = (len(measured), len(reader.grid_y_px), len(reader.grid_x_px))
-    for name in layout.FIELDS.values():
-        dtype = np.dtype(np.uint8 if name == "status" else np.float32)
-        yield _Array(f"field_{name}", shape, dtype, _planes(reader, measured, name, tell))
+    for column in columns_of(DisplacementField):
+        yield _Array(
+            f"field_{column.attribute}",
+            (len(measured), len(y_px), len(x_px)),
+            np.dtype(column.dtype),
+            _planes(reader, measured, column.attribute, tell),
+        )
 
 
 def _planes(
@@ -89,7 +85,7 @@ def _planes(
 ) -> Iterator[NDArray[Any]]:
     for n, i in enumerate(rows):
         tell(f"fields of {name}", n / len(rows))
-        yield getattr(reader.snapshot(i), name)[np.newaxis]
+        yield getattr(reader.snapshot(i).field, name)[np.newaxis]
 
 
 def write_npz(
@@ -158,12 +154,12 @@ def write_pvd(
     """
     lines = []
     for snapshot in snapshots:
-        if snapshot.ux_px.size:
+        if snapshot.field is not None:
             name = f"{snapshot.frame:06d}.vti"
-            (folder / name).write_text(_image_data(reader, snapshot), encoding="ascii")
-            time_s = (snapshot.sample + reader.exposure_samples / 2) / reader.sample_rate_hz
+            (folder / name).write_text(_image_data(reader.header, snapshot.field), encoding="ascii")
+            middle = snapshot.sample + reader.header.exposure_samples / 2
             lines.append(
-                f'<DataSet timestep="{time_s!r}" group="" part="0"'
+                f'<DataSet timestep="{middle / reader.header.sample_rate_hz!r}" group="" part="0"'
                 f" file={quoteattr(f'{folder_name}/{name}')}/>\n"
             )
     head = (
@@ -174,20 +170,20 @@ def write_pvd(
     return len(lines)
 
 
-def _image_data(reader: SessionReader, snapshot: Snapshot) -> str:
+def _image_data(header: Header, field: DisplacementField) -> str:
     """One field in the XML of VTK,
     https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html.
     """
-    pixel = np.float32(reader.pixel_m)
-    x, y = reader.grid_x_px * reader.pixel_m, reader.grid_y_px * reader.pixel_m
-    spacing = [float(axis[1] - axis[0]) if len(axis) > 1 else reader.pixel_m for axis in (x, y)]
-    nothing = np.zeros_like(snapshot.ux_px)
+    pixel = np.float32(header.pixel_m)
+    x, y = header.grid_x_px * header.pixel_m, header.grid_y_px * header.pixel_m
+    spacing = [float(axis[1] - axis[0]) if len(axis) > 1 else header.pixel_m for axis in (x, y)]
+    nothing = np.zeros_like(field.ux_px)
     arrays: dict[str, NDArray[Any]] = {
-        "displacement_m": np.stack([snapshot.ux_px, -snapshot.uy_px, nothing], axis=-1) * pixel,
-        "displacement_std_m": np.stack([snapshot.ux_std_px, snapshot.uy_std_px, nothing], axis=-1)
+        "displacement_m": np.stack([field.ux_px, -field.uy_px, nothing], axis=-1) * pixel,
+        "displacement_std_m": np.stack([field.ux_std_px, field.uy_std_px, nothing], axis=-1)
         * pixel,
-        "zncc": snapshot.zncc,
-        "status": snapshot.status,
+        "zncc": field.zncc,
+        "status": field.status,
     }
     extent = f"0 {len(x) - 1} 0 {len(y) - 1} 0 0"
     image = f'Origin="{x[0]!s} {-y[-1]!s} 0" Spacing="{spacing[0]!r} {spacing[1]!r} 1"'

@@ -20,8 +20,7 @@ from analysis.dic import Status
 from app.config import from_record, to_toml
 from app.errors import UserError
 from app.exchange.arrays import write_mat, write_npz, write_pvd
-from app.results import Snapshot
-from app.session import layout
+from app.records import NUMBERS, Snapshot, numbers_of
 from app.session.reader import SessionReader
 
 Tell = Callable[[str, float], None]
@@ -183,7 +182,7 @@ class _Chosen:
 
     def has_fields(self) -> None:
         """Refuse frames without displacement fields."""
-        if not any(self.reader.snapshot(i).ux_px.size for i in reversed(self.results)):
+        if not any(self.reader.snapshot(i).field for i in reversed(self.results)):
             raise UserError(
                 f"{self.reader.path}: no displacement field was measured on these frames;"
                 " `slipscope info` lists what there is"
@@ -198,14 +197,15 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             " many there are"
         )
     received = int(triggers["received"].sum())
-    needed = received * int(np.prod(reader.frame_shape)) * reader.frame_dtype.itemsize
+    itemsize = np.dtype(reader.header.frame_dtype).itemsize
+    needed = received * math.prod(reader.header.frame_shape) * itemsize
     free = shutil.disk_usage(output.parent).free
     if needed > free:
         raise UserError(
             f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make"
             " room or choose --frames"
         )
-    settings = to_toml(from_record(reader.config_toml, f"{reader.path}: settings"))
+    settings = to_toml(from_record(reader.header.config_toml, f"{reader.path}: settings"))
     with appearing(output, overwrite) as folder:
         folder.mkdir()
         rows = _Conditions(reader)
@@ -214,7 +214,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
                 "# sample: that of the forces on which the exposure began; time_s: from sample 0;"
                 " phase_sample: on which its phase did;\n"
                 "# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is"
-                f" {reader.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
+                f" {reader.header.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
             )
             cells = csv.writer(table, lineterminator="\n")
             for n, (index, sample, is_there, _, reason) in enumerate(triggers.tolist()):
@@ -239,8 +239,8 @@ class _Conditions:
     """What the bench did during an exposure, as the cells of a table."""
 
     def __init__(self, reader: SessionReader) -> None:
-        self._rate, self._exposure = reader.sample_rate_hz, reader.exposure_samples
-        self._forces = reader.forces()[2]
+        self._rate, self._exposure = reader.header.sample_rate_hz, reader.header.exposure_samples
+        self._forces = reader.forces().forces
         self._stage = _stage_um(reader)
         self._phases = [
             (event.sample, event.text) for event in reader.events() if event.kind == "phase"
@@ -292,22 +292,23 @@ def _write_forces(chosen: _Chosen, output: Path, overwrite: bool) -> str:
 def _forces_table(chosen: _Chosen, path: Path) -> int:
     """Number of samples written, one a line, missing ones without forces."""
     reader = chosen.reader
-    first, volts, newtons = reader.forces()
+    forces = reader.forces()
+    volts, newtons = forces.volts, forces.forces
     stage = _stage_um(reader)
     with _text(path) as table:
         table.write(
-            f"# {reader.sample_rate_hz:.9g} samples a second; cells of missing samples are"
+            f"# {reader.header.sample_rate_hz:.9g} samples a second; cells of missing samples are"
             f" empty\n{FORCES}\n"
         )
         for start in range(0, len(volts), BLOCK):
             chosen.tell("forces", start / len(volts))
-            samples = np.arange(start, min(start + BLOCK, len(volts))) + first
+            samples = np.arange(start, min(start + BLOCK, len(volts)))
             rows = np.column_stack(
                 [newtons[start : start + BLOCK], volts[start : start + BLOCK], stage(samples)]
             ).tolist()
             for sample, row in zip(samples.tolist(), rows, strict=True):
                 table.write(
-                    f"{sample},{sample / reader.sample_rate_hz!r},{','.join(map(_cell, row))}\n"
+                    f"{sample},{sample / reader.header.sample_rate_hz!r},{','.join(map(_cell, row))}\n"
                 )
     return len(volts)
 
@@ -318,11 +319,10 @@ def _write_results(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             f"{chosen.reader.path}: none of these frames was analysed; `slipscope info` lists what"
             " there is"
         )
-    names = list(layout.RESULTS.values())
     with appearing(output, overwrite) as path, _text(path) as table:
-        table.write(",".join(names) + "\n")
+        table.write(",".join(NUMBERS) + "\n")
         for snapshot in chosen.snapshots():
-            values = (getattr(snapshot, name) for name in names)
+            values = numbers_of(snapshot).values()
             table.write(
                 ",".join(_cell(v) if isinstance(v, float) else str(v) for v in values) + "\n"
             )
@@ -333,16 +333,19 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     reader = chosen.reader
     chosen.has_fields()
     labels = [status.label for status in Status]
-    places = [f"{x:.1f},{y:.1f}" for y in reader.grid_y_px for x in reader.grid_x_px]
+    places = [f"{x:.1f},{y:.1f}" for y in reader.header.grid_y_px for x in reader.header.grid_x_px]
     count = 0
     with appearing(output, overwrite) as path, _text(path) as table:
         table.write(
-            f"# a pixel is {reader.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the top-left"
+            f"# a pixel is {reader.header.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the top-left"
             " pixel, y points down;"
             f" the motion of the lens is not taken off\n{POINTS}\n"
         )
-        for found in chosen.snapshots():
-            count += bool(found.ux_px.size)
+        for snapshot in chosen.snapshots():
+            found = snapshot.field
+            if found is None:
+                continue
+            count += 1
             planes = (
                 found.ux_px,
                 found.uy_px,
@@ -356,7 +359,7 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             ):
                 label = labels[status] if status < len(labels) else status
                 table.write(
-                    f"{found.frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}\n"
+                    f"{snapshot.frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}\n"
                 )
     return f"{output}: {count} fields of {len(places)} points"
 

@@ -26,7 +26,7 @@ from app.exchange.frames import (
     with_lost,
 )
 from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples, read_table
-from app.results import Outcome, Phase
+from app.records import Outcome, Phase
 from app.sections import Config
 from app.session.journal import journal_of
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 
 from app.gui.numbers import NOT_KNOWN, Cell, Tone, disk_text, grouped, measured, number
-from app.results import Counts, Health, Outcome, Phase, Snapshot, Summary
+from app.records import Counts, Health, Outcome, Phase, Snapshot, Summary
 from app.sections import Config
 
 QUEUE_WARNS = 0.5  # share of the recorder's queue from which the operator is told
@@ -16,8 +16,8 @@ QUEUE_WARNS = 0.5  # share of the recorder's queue from which the operator is to
 def readouts(normal_n: float, shear_n: float, newest: Snapshot | None) -> tuple[Cell, ...]:
     """The numbers of this instant: P, Q, Q/P, delta, c."""
     ratio = shear_n / normal_n if normal_n > 0.02 else math.nan
-    travel_um = newest.travel_m * 1e6 if newest else math.nan
-    stick_mm = newest.stick_radius_m * 1e3 if newest else math.nan
+    travel_um = newest.conditions.travel_m * 1e6 if newest else math.nan
+    stick_mm = newest.stick.stick_radius_m * 1e3 if newest and newest.stick else math.nan
     return (
         Cell("normal force P", number(normal_n, 3), "N"),
         Cell("shear force Q", number(shear_n, 3), "N"),
@@ -48,7 +48,7 @@ def operator_sentence(
             "idle": "Ready. Start (F5) begins the run.",
             "armed": "The bench is being made ready.",
         }.get(health.state, "")
-    travel = number(newest.travel_m * 1e6 if newest else math.nan, 0)
+    travel = number(newest.conditions.travel_m * 1e6 if newest else math.nan, 0)
     return {
         Phase.BACKGROUND: "The block hangs free: images without contact are taken.",
         Phase.CONTACT: (

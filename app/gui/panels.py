@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.numbers import NOT_KNOWN, Cell, Tone
 from app.gui.view_state import ViewState
-from app.results import Phase
+from app.records import Phase
 
 
 def _label(text: str, name: str) -> QLabel:

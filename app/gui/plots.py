@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QVBoxLay
 
 from app.gui import theme
 from app.gui.view_state import Curves, ForceView, Scene, StressView, ViewState
-from app.results import F64, Summary
+from app.records import F64, Summary
 
 STRIP_STEP_S = 0.2
 

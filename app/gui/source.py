@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from app.results import F64, ContactResult, Health, Outcome, Snapshot
+from app.records import F64, ContactResult, Health, Outcome, Snapshot
 from app.sections import Config
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]

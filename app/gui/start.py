@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.gui.source import RunSource
 from app.gui.window import MainWindow
-from app.results import Outcome
+from app.records import Outcome
 
 SETTLE_MS = 300  # between the last data and the picture of the window
 

@@ -28,7 +28,17 @@ from app.gui.cells import (
 )
 from app.gui.numbers import Cell, Tone, measured, number
 from app.gui.source import Image, PlaybackSource, RunSource
-from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
+from app.records import (
+    F32,
+    F64,
+    ContactResult,
+    Health,
+    Outcome,
+    Phase,
+    Snapshot,
+    Summary,
+    series_of,
+)
 from app.sections import Config
 
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
@@ -205,28 +215,36 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], scene: Scene) -> C
     """`curves` with the points of newer `snapshots`; the same object if there are none."""
     if not snapshots:
         return curves
-    loaded = [s for s in snapshots if s.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
-    pulled = [s for s in loaded if math.isfinite(s.travel_m) and math.isfinite(s.shear_force_n)]
-    stuck = [
-        s for s in loaded if math.isfinite(s.stick_radius_m) and math.isfinite(s.shear_force_n)
-    ]
-    peaked = [s for s in loaded if s.peak_radius_sd_m < MOST_UNCERTAIN * s.peak_radius_m]
-    fields = [s for s in snapshots if s.ux_px.size]
+    loaded = [s for s in snapshots if s.conditions.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
+    travel, shear, stick, stick_sd, peak, peak_sd = (
+        series_of(loaded, name)
+        for name in (
+            "travel_m",
+            "shear_force_n",
+            "stick_radius_m",
+            "stick_radius_sd_m",
+            "peak_radius_m",
+            "peak_radius_sd_m",
+        )
+    )
+    pulled = np.isfinite(travel) & np.isfinite(shear)
+    stuck = np.isfinite(stick) & np.isfinite(shear)
+    peaked = peak_sd < MOST_UNCERTAIN * peak
+    fields = [s for s in snapshots if s.field is not None]
     newest = snapshots[-1]
     start = curves.drive_start_s
-    if math.isfinite(newest.time_s):
-        start = (
-            newest.sample + exposure_samples(scene.config) / 2
-        ) / scene.sample_rate_hz - newest.time_s
+    if math.isfinite(newest.conditions.time_s):
+        middle = newest.sample + exposure_samples(scene.config) / 2
+        start = middle / scene.sample_rate_hz - newest.conditions.time_s
     return Curves(
         curves.seen + len(snapshots),
-        np.append(curves.travel_um, [s.travel_m * 1e6 for s in pulled]),
-        np.append(curves.shear_n, [s.shear_force_n for s in pulled]),
-        np.append(curves.stick_shear_n, [s.shear_force_n for s in stuck]),
-        np.append(curves.stick_mm, [s.stick_radius_m * 1e3 for s in stuck]),
-        np.append(curves.stick_sd_mm, [np.nan_to_num(s.stick_radius_sd_m * 1e3) for s in stuck]),
-        np.append(curves.peak_shear_n, [s.shear_force_n for s in peaked]),
-        np.append(curves.peak_mm, [s.peak_radius_m * 1e3 for s in peaked]),
+        np.append(curves.travel_um, travel[pulled] * 1e6),
+        np.append(curves.shear_n, shear[pulled]),
+        np.append(curves.stick_shear_n, shear[stuck]),
+        np.append(curves.stick_mm, stick[stuck] * 1e3),
+        np.append(curves.stick_sd_mm, np.nan_to_num(stick_sd[stuck] * 1e3)),
+        np.append(curves.peak_shear_n, shear[peaked]),
+        np.append(curves.peak_mm, peak[peaked] * 1e3),
         start,
         newest,
         fields[-1] if fields else curves.newest_field,
@@ -258,70 +276,57 @@ def symmetric_limit(values: F32) -> float:
     )
 
 
-def field_view(snapshot: Snapshot, scene: Scene) -> FieldView:
-    """u_x of `snapshot` in micrometres, the motion of the lens taken off."""
-    ux_um = snapshot.ux_px * np.float32(scene.pixel_um) - np.float32(snapshot.lens_m * 1e6)
-    return FieldView(
-        ux_um,
-        scene.field_rect_px,
-        symmetric_limit(ux_um),
-        "uₓ",
-        "µm",
-        f"uₓ of {_when(snapshot)}",
-        snapshot.frame,
-    )
+def field_view(snapshot: Snapshot, scene: Scene) -> FieldView | None:
+    """u_x of `snapshot` in micrometres, the motion of the lens taken off; None where it has no
+    field.
+    """
+    if snapshot.field is None or snapshot.motion is None:
+        return None
+    lens_um = np.float32(snapshot.motion.lens_m * 1e6)
+    ux_um = snapshot.field.ux_px * np.float32(scene.pixel_um) - lens_um
+    return _field_view(ux_um, "uₓ", "µm", snapshot, scene)
 
 
 def stress_field_view(snapshot: Snapshot, scene: Scene) -> FieldView | None:
-    """The shear traction of `snapshot` in kilopascals; None where it was not asked for."""
-    if not snapshot.stress_field_pa.size:
+    """The shear traction of `snapshot` in kilopascals; None where the settings do not ask for it."""
+    if snapshot.stress_field_pa is None:
         return None
     kpa = snapshot.stress_field_pa * np.float32(1e-3)
-    return FieldView(
-        kpa,
-        scene.field_rect_px,
-        symmetric_limit(kpa),
-        "σₓ",
-        "kPa",
-        f"σₓ of {_when(snapshot)}",
-        snapshot.frame,
-    )
+    return _field_view(kpa, "σₓ", "kPa", snapshot, scene)
+
+
+def _field_view(values: F32, symbol: str, unit: str, snapshot: Snapshot, scene: Scene) -> FieldView:
+    limit = symmetric_limit(values)
+    caption = f"{symbol} of frame {snapshot.frame}"
+    if math.isfinite(snapshot.conditions.time_s):
+        caption += f", t = {snapshot.conditions.time_s:.2f} s"
+    return FieldView(values, scene.field_rect_px, limit, symbol, unit, caption, snapshot.frame)
 
 
 def stress_view(snapshot: Snapshot, config: Config) -> StressView | None:
     """The profile of the shear traction of `snapshot`; None where it was not inverted."""
-    if not snapshot.stress_radius_m.size:
+    stress, traction, stick = snapshot.stress, snapshot.traction, snapshot.stick
+    if stress is None or traction is None:
         return None
-    model, P, c, sample = (
-        np.full(snapshot.stress_radius_m.shape, np.nan),
-        snapshot.normal_force_n,
-        snapshot.stick_radius_m,
-        config.sample,
-    )
-    if P > 0 and math.isfinite(c):
+    model = np.full(stress.radius_m.shape, np.nan)
+    P, sample = snapshot.conditions.normal_force_n, config.sample
+    if P > 0 and stick is not None:
         a = hertz.contact_radius(
             P, sample.young_modulus * 1e6, sample.poisson, sample.lens_radius * 1e-3
         )
-        mu = snapshot.full_slip_pa / hertz.peak_pressure(P, a)
-        model = cattaneo_mindlin.traction(
-            snapshot.stress_radius_m, mu * P * (1 - min(1.0, c / a) ** 3), mu, P, a
-        )
-    force = measured("∫σ dA", snapshot.stress_force_n, snapshot.stress_force_sd_n, 3, "N")
+        mu = stick.full_slip_pa / hertz.peak_pressure(P, a)
+        sheared = mu * P * (1 - min(1.0, stick.stick_radius_m / a) ** 3)
+        model = cattaneo_mindlin.traction(stress.radius_m, sheared, mu, P, a)
+    force = measured("∫σ dA", traction.stress_force_n, traction.stress_force_sd_n, 3, "N")
     return StressView(
-        snapshot.stress_radius_m * 1e3,
-        snapshot.stress_pa * 1e-3,
-        snapshot.stress_sd_pa * 1e-3,
+        stress.radius_m * 1e3,
+        stress.stress_pa * 1e-3,
+        stress.sd_pa * 1e-3,
         model * 1e-3,
-        snapshot.stick_radius_m * 1e3,
-        snapshot.peak_radius_m * 1e3,
+        stick.stick_radius_m * 1e3 if stick is not None else math.nan,
+        traction.peak_radius_m * 1e3,
         f"∫σ dA = {force.value}{force.detail and ' ' + force.detail} N, Q ="
-        f" {number(snapshot.shear_force_n, 3)} N",
-    )
-
-
-def _when(snapshot: Snapshot) -> str:
-    return f"frame {snapshot.frame}" + (
-        f", t = {snapshot.time_s:.2f} s" if math.isfinite(snapshot.time_s) else ""
+        f" {number(snapshot.conditions.shear_force_n, 3)} N",
     )
 
 
@@ -348,10 +353,8 @@ def resolve(scene: Scene, reading: Reading, previous: ViewState | None) -> ViewS
     )
     shown, browsed = curves, reading.browsed
     if browsed is not None:  # an older frame takes the place of the newest; the curves stay
-        normal_n, shear_n = browsed.normal_force_n, browsed.shear_force_n
-        shown = replace(
-            curves, newest=browsed, newest_field=browsed if browsed.ux_px.size else None
-        )
+        normal_n, shear_n = browsed.conditions.normal_force_n, browsed.conditions.shear_force_n
+        shown = replace(curves, newest=browsed, newest_field=browsed if browsed.field else None)
     summary = outcome.summary if outcome else None
     state = outcome.state if outcome else health.state
     return ViewState(
@@ -378,7 +381,8 @@ def resolve(scene: Scene, reading: Reading, previous: ViewState | None) -> ViewS
 
 
 def _circles(contact: ContactResult | None, curves: Curves, scene: Scene) -> dict[str, Any]:
-    stick_um = curves.newest.stick_radius_m * 1e6 if curves.newest else math.nan
+    stick = curves.newest.stick if curves.newest else None
+    stick_um = stick.stick_radius_m * 1e6 if stick else math.nan
     apparent_um = contact.apparent_radius_m * 1e6 if contact else math.nan
     centre = contact.centre_px if contact and all(map(math.isfinite, contact.centre_px)) else None
     return {

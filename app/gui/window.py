@@ -22,7 +22,7 @@ from app.gui.plots import CurvesView
 from app.gui.reader import Answer, Reader
 from app.gui.source import RunSource
 from app.gui.view_state import ViewState
-from app.results import Outcome
+from app.records import Outcome
 
 TICK_MS = 15  # one part of the window is drawn per tick: a key waits for that part at most
 REFRESH_MS = 100  # the parts begin anew

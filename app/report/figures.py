@@ -18,7 +18,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from app.results import ContactResult, Phase, Snapshot, Summary
+from app.records import ContactResult, Phase, Snapshot, Summary, series_of
 
 # of t_s: instants 1 to 5; the sixth slides, at 1.4 t_s or the end
 LOADING_SHARES = (0.19, 0.38, 0.57, 0.76, 0.95)
@@ -51,9 +51,9 @@ def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) ->
     of fewer frames.
     """
     drive = [
-        (i, s.time_s)
+        (i, s.conditions.time_s)
         for i, s in enumerate(snapshots)
-        if s.phase is Phase.DRIVE and math.isfinite(s.time_s)
+        if s.conditions.phase is Phase.DRIVE and math.isfinite(s.conditions.time_s)
     ]
     if not drive:
         return []
@@ -101,7 +101,7 @@ def experiment_figure(
         Size of a pixel on the interface.
     """
     instants = numbered_instants(snapshots, summary)
-    drive = [s for s in snapshots if s.phase is Phase.DRIVE]
+    drive = [s for s in snapshots if s.conditions.phase is Phase.DRIVE]
     with matplotlib.rc_context(STYLE):
         rows = 1 if len(instants) <= 3 else 2
         figure = Figure(
@@ -129,12 +129,12 @@ def experiment_figure(
             (grid_y_px - centre[1]) * pixel_m * 1e3,
         )
         for number, panel in enumerate(panels, 1):
-            if number > len(instants):
+            shot = snapshots[instants[number - 1]] if number <= len(instants) else None
+            if shot is None or shot.field is None or shot.motion is None:
                 panel.set_visible(False)
                 continue
-            shot = snapshots[instants[number - 1]]
-            ux_um = (np.asarray(shot.ux_px, np.float64) * pixel_m - shot.lens_m) * 1e6
-            _draw_field(fields, panel, ux_um, x_mm, y_mm, number, shot)
+            ux_m = np.asarray(shot.field.ux_px, np.float64) * pixel_m - shot.motion.lens_m
+            _draw_field(fields, panel, ux_m * 1e6, x_mm, y_mm, number, shot)
             _draw_circles(panel, contact, shot)
             panel.label_outer()
         if title:
@@ -168,15 +168,11 @@ def _contact_radius_m(contact: ContactResult | None, summary: Summary | None) ->
     return summary.hertz_radius_m if summary else math.nan
 
 
-def _series(snapshots: Sequence[Snapshot], name: str) -> NDArray[np.float64]:
-    return np.array([getattr(s, name) for s in snapshots], dtype=np.float64)
-
-
 def _draw_force(
     axes: Any, drive: Sequence[Snapshot], numbered: Sequence[Snapshot], summary: Summary | None
 ) -> None:
     """Q(delta) with the six instants (Fig. 5)."""
-    axes.plot(_series(drive, "travel_m") * 1e6, _series(drive, "shear_force_n"), color=BLUE)
+    axes.plot(series_of(drive, "travel_m") * 1e6, series_of(drive, "shear_force_n"), color=BLUE)
     if summary and math.isfinite(summary.static_force_n):
         axes.axhline(summary.static_force_n, color=GREY, lw=0.7, ls=":")
         axes.annotate(
@@ -188,7 +184,7 @@ def _draw_force(
             color=GREY,
         )
     for number, shot in enumerate(numbered, 1):
-        x, y = shot.travel_m * 1e6, shot.shear_force_n
+        x, y = shot.conditions.travel_m * 1e6, shot.conditions.shear_force_n
         axes.plot([x], [y], "o", ms=8.5, mfc="white", mec=BLUE, mew=0.8, zorder=3)
         axes.annotate(str(number), (x, y), ha="center", va="center_baseline", fontsize=6, zorder=4)
     axes.margins(y=0.12)
@@ -202,13 +198,13 @@ def _draw_force(
 def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | None) -> None:
     """Stick radius against Q beside Cattaneo-Mindlin's (Fig. 14)."""
     c_m, sd_m, force = (
-        _series(drive, name) for name in ("stick_radius_m", "stick_radius_sd_m", "shear_force_n")
+        series_of(drive, name) for name in ("stick_radius_m", "stick_radius_sd_m", "shear_force_n")
     )
-    told = np.isfinite(c_m)
-    error = np.where(np.isfinite(sd_m[told]), sd_m[told], 0.0)
+    known = np.isfinite(c_m)
+    error = np.where(np.isfinite(sd_m[known]), sd_m[known], 0.0)
     axes.errorbar(
-        force[told],
-        c_m[told] * 1e3,
+        force[known],
+        c_m[known] * 1e3,
         error * 1e3,
         fmt="o",
         ms=2,
@@ -235,10 +231,10 @@ def _draw_ring_displacements(
     axes: Any, drive: Sequence[Snapshot], radius_m: float, summary: Summary | None
 ) -> None:
     """u_x at r = 0, a/2, 3a/4 and a against time, and the construction of t_s (Fig. 7)."""
-    time = _series(drive, "time_s")
+    time = series_of(drive, "time_s")
     for share, colour in zip(RADII, RADII_COLOURS, strict=True):
         if share == 0:
-            ux = _series(drive, "centre_ux_m")
+            ux = series_of(drive, "centre_ux_m")
         elif math.isfinite(radius_m):
             ux = np.array([_at_radius(s, share * radius_m) for s in drive])
         else:
@@ -280,14 +276,13 @@ def _draw_ring_displacements(
 
 def _at_radius(shot: Snapshot, radius_m: float) -> float:
     """Ring mean of u_x at a radius, linear between the rings; NaN outside them."""
-    good = np.isfinite(shot.ring_ux_m)
+    if shot.rings is None:
+        return math.nan
+    good = np.isfinite(shot.rings.ux_m)
     if not good.any():
         return math.nan
-    return float(
-        np.interp(
-            radius_m, shot.ring_radius_m[good], shot.ring_ux_m[good], left=math.nan, right=math.nan
-        )
-    )
+    r, ux = shot.rings.radius_m[good], shot.rings.ux_m[good]
+    return float(np.interp(radius_m, r, ux, left=math.nan, right=math.nan))
 
 
 def _draw_field(
@@ -329,9 +324,8 @@ def _draw_field(
         zorder=4,
     )
     axes.set(xlim=extent[:2], ylim=extent[2:])
-    axes.set_title(
-        f"{number}:  $t$ = {shot.time_s:.1f} s,  $Q$ = {shot.shear_force_n:.3f} N", pad=3
-    )
+    now = shot.conditions
+    axes.set_title(f"{number}:  $t$ = {now.time_s:.1f} s,  $Q$ = {now.shear_force_n:.3f} N", pad=3)
     axes.set_xlabel("$x$ (mm)")
     axes.set_ylabel("$y$ (mm)", labelpad=1)
 
@@ -350,7 +344,9 @@ def _draw_circles(axes: Any, contact: ContactResult | None, shot: Snapshot) -> N
                 zorder=3,
             )
         )
-    if math.isfinite(shot.stick_radius_m) and shot.stick_radius_m > 0:
+    if shot.stick is not None and shot.stick.stick_radius_m > 0:
         axes.add_patch(
-            Circle((0, 0), shot.stick_radius_m * 1e3, fill=False, ec="white", lw=1.1, zorder=3)
+            Circle(
+                (0, 0), shot.stick.stick_radius_m * 1e3, fill=False, ec="white", lw=1.1, zorder=3
+            )
         )

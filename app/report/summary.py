@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from app.results import Counts, Outcome, Summary
+from app.records import Counts, Outcome, Summary
 
 NOT_MEASURED = "not measured"
 

@@ -21,7 +21,7 @@ from typer.testing import Result
 from app import cli_files
 from app.commands import experiment
 from app.config import default_toml
-from app.results import Counts, Health, Outcome
+from app.records import Counts, Health, Outcome
 from app.sections import Dic
 
 Command = Callable[..., Result]

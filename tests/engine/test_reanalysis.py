@@ -90,13 +90,14 @@ def test_the_same_settings_give_the_same_bits_and_the_session_is_not_touched(ses
         pairs = list(zip(old.snapshots(), new.snapshots(), strict=True))
         assert len(pairs) > 20
         assert [difference(a, b) for a, b in pairs] == [""] * len(pairs)
-        for a, b in zip(old.forces()[1:], new.forces()[1:], strict=True):
+        for name in ("volts", "forces"):
+            a, b = getattr(old.forces(), name), getattr(new.forces(), name)
             np.testing.assert_array_equal(a, b)
         assert new.gaps() == old.gaps() == [(5500, 60)]
         assert new.lost_frames() == old.lost_frames()
         assert [lost[0] for lost in new.lost_frames()] == [40, 41, 61, 62]  # to the last trigger
         np.testing.assert_array_equal(new.triggers()["index"], old.triggers()["index"])
-        assert new.counts() == old.counts() == outcome.counts
+        assert new.outcome.counts == old.outcome.counts == outcome.counts
         assert new.contact().centre_px == old.contact().centre_px
         kept = [event for event in new.events() if event.kind != "analysis"]
         assert sorted(kept, key=str) == sorted(old.events(), key=str)
@@ -130,24 +131,24 @@ def test_other_settings_make_another_set_of_results_that_says_how_it_came_about(
 
 def test_forces_follow_the_constants_of_the_sensors(session):
     with SessionReader(session) as old:
-        forces = config.from_record(old.config_toml, "").forces
-        before = old.forces()[2]
+        forces = config.from_record(old.header.config_toml, "").forces
+        before = old.forces().forces
     twice = [
         f"forces.stiffness_{name}={2 * getattr(forces, f'stiffness_{name}')}"
         for name in ("normal", "shear")
     ]
     _, path = analysed(session, "stiff.h5", *twice)
     with SessionReader(path) as new:
-        np.testing.assert_allclose(new.forces()[2], 2 * before, rtol=1e-12)
+        np.testing.assert_allclose(new.forces().forces, 2 * before, rtol=1e-12)
 
 
 def test_an_analysis_of_an_analysis_refers_to_the_images_too(other):
     outcome, second = analysed(other, "c.h5", "dic.step=12")
     assert outcome.state == "done"
     with SessionReader(second) as reader:
-        settings = config.from_record(reader.config_toml, "")
+        settings = config.from_record(reader.header.config_toml, "")
         assert (settings.dic.box, settings.dic.step) == (28, 12)
-        assert reader.source.session == "a.h5"
+        assert reader.header.source.session == "a.h5"
     assert replayed(second).all_identical
 
 
@@ -261,9 +262,9 @@ def test_one_that_is_stopped_holds_what_was_done_until_then(session):
     assert analysis.can_browse
     with SessionReader(analysis.output) as reader:
         assert reader.analysed_frames() == [n for n in range(45) if n not in (40, 41)]
-        assert reader.counts() == outcome.counts
+        assert reader.outcome.counts == outcome.counts
         assert len(reader.triggers()) == outcome.counts.triggers == 45
-        assert math.isnan(reader.summary().mu_d)
+        assert math.isnan(reader.outcome.summary.mu_d)
     analysis.browser.show(42)
     assert analysis.browsed().frame == 44
     analysis.browser.close()
@@ -273,7 +274,7 @@ def test_a_full_disk_fails_by_name_and_leaves_nothing(session, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(SessionWriter, "append_snapshot", full)
+    monkeypatch.setattr(SessionWriter, "_append_snapshot", full)
     outcome, _path = analysed(session, "b.h5")
     assert outcome.state == "failed"
     assert "No space left on device" in outcome.reason
@@ -297,7 +298,7 @@ def test_one_that_was_cut_short_is_repaired(session, tmp_path, monkeypatch):
         "close",
         lambda writer: [f.close() for f in (writer._file, writer._on_disk, writer._journal)],
     )
-    monkeypatch.setattr(SessionWriter, "finish", lambda writer, outcome: writer.flush())
+    monkeypatch.setattr(SessionWriter, "_finish", lambda writer, outcome: writer.flush())
     analysed(session, "b.h5")
     monkeypatch.undo()
     repaired = repair(session.with_name("b.h5"), session.with_name("c.h5"))

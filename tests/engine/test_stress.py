@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app import config, live
-from app.results import Phase
+from app.records import Phase, ReceivedFrame
 from app.session.files import RESERVE_BYTES
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
@@ -91,15 +91,16 @@ class Stressed:
 
     def before_images(self, wait):
         """Have the sink call `wait()` before each image is written."""
-        append = self.sink.append_frame
+        append = self.sink.append
 
-        def slowly(*frame):
-            self.is_held = True
-            wait()
-            self.is_held = False
-            append(*frame)
+        def slowly(record):
+            if isinstance(record, ReceivedFrame):
+                self.is_held = True
+                wait()
+                self.is_held = False
+            append(record)
 
-        self.sink.append_frame = slowly
+        self.sink.append = slowly
 
     def stage_stands_since(self):
         """Sample of the last command to the stage, which left it standing."""
@@ -116,15 +117,18 @@ class Stressed:
         volts = np.concatenate([block.volts for block in self.blocks])
         camera, half = self.run._bench.camera, self.run._exposure // 2
         with SessionReader(self.path) as session:
-            assert (session.state, session.reason) == (self.outcome.state, self.outcome.reason)
+            assert (session.outcome.state, session.outcome.reason) == (
+                self.outcome.state,
+                self.outcome.reason,
+            )
             assert [index for index, _, _ in session.frames()] == list(range(frames))
             for index, sample, image in session.frames():
                 assert sample == DIVISOR * index
                 assert np.array_equal(
                     image, camera._renderer.image(self.world.state(sample + half), index)
                 )
-            assert np.array_equal(session.forces()[1], volts[: len(session.forces()[1])])
-            samples = len(session.forces()[1])
+            assert np.array_equal(session.forces().volts, volts[: len(session.forces().volts)])
+            samples = len(session.forces().volts)
         assert self.outcome.resources["receipt"].startswith(f"{frames:,} frames")
         assert not journal_of(self.path).exists()
         return samples

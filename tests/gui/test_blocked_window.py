@@ -9,7 +9,7 @@ import pytest
 
 from app import config, live
 from app.gui.window import MainWindow
-from app.results import Phase
+from app.records import Phase
 from app.session.reader import SessionReader
 
 BLOCKED_S = 10.0
@@ -73,7 +73,7 @@ def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtb
     assert (counts.frames_lost, counts.samples_lost, counts.samples) == (0, 0, blocks[-1].end)
     with SessionReader(tmp_path / "x.h5") as session:
         assert np.array_equal(
-            session.forces()[1], np.concatenate([block.volts for block in blocks])
+            session.forces().volts, np.concatenate([block.volts for block in blocks])
         )
         assert [index for index, _, _ in session.frames()] == list(range(counts.triggers))
     assert view.curves.seen == counts.frames_analysed  # and the window has caught up

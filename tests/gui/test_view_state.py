@@ -14,7 +14,7 @@ from scripted_run import MU, PERIOD, REFERENCE, P, ScriptedRun
 from app.gui.cells import health_cells, queue_cell
 from app.gui.numbers import Tone, disk_text, grouped, measured, number
 from app.gui.view_state import ViewState, image_view, read, resolve, scene_of, symmetric_limit
-from app.results import Counts, Phase
+from app.records import Counts, Phase
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
     field = look(run.at(200)).field
     snapshot = run.snapshots_since(199)[0]
     assert field is not None
-    expected = snapshot.ux_px * 7.04 - 0.68 * snapshot.shear_force_n
+    expected = snapshot.field.ux_px * 7.04 - 0.68 * snapshot.conditions.shear_force_n
     np.testing.assert_allclose(field.values, expected, rtol=1e-4, atol=1e-3)
     assert np.isnan(field.values[0, 0])
     assert field.rect_px == (5.0, 5.0, 10.0 * len(run.grid_x_px), 10.0 * len(run.grid_y_px))
@@ -119,7 +119,9 @@ def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
     view = look(run.at(200))
     assert view.centre_px == run.centre_px
     assert view.apparent_px == pytest.approx(run.radius_m / 7.04e-6)
-    assert view.stick_px == pytest.approx(run.snapshots_since(199)[0].stick_radius_m / 7.04e-6)
+    assert view.stick_px == pytest.approx(
+        run.snapshots_since(199)[0].stick.stick_radius_m / 7.04e-6
+    )
 
 
 def test_what_did_not_change_is_the_same_object(run: ScriptedRun) -> None:

@@ -20,7 +20,7 @@ from app.gui.image_view import describe_point
 from app.gui.start import run_window
 from app.gui.view_state import image_view, scene_of
 from app.gui.window import MainWindow
-from app.results import Health
+from app.records import Health
 
 Open = Callable[..., MainWindow]
 
@@ -99,8 +99,8 @@ def test_everything_the_run_gives_is_drawn(
     begin(qtbot, window, run, 50)
     travel, shear = window.curves.loading_curve.getData()
     snapshots = run.snapshots_since(20)
-    np.testing.assert_allclose(travel, [s.travel_m * 1e6 for s in snapshots])
-    np.testing.assert_allclose(shear, [s.shear_force_n for s in snapshots])
+    np.testing.assert_allclose(travel, [s.conditions.travel_m * 1e6 for s in snapshots])
+    np.testing.assert_allclose(shear, [s.conditions.shear_force_n for s in snapshots])
     np.testing.assert_array_equal(window.interface.image.image, run.pressed)
     x, y = window.interface.apparent.getData()
     np.testing.assert_allclose(

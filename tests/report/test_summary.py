@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.records import Counts, Outcome, Phase, Summary
 from app.report.summary import (
     measured_text,
     outcome_data,
@@ -18,7 +19,6 @@ from app.report.summary import (
     range_text,
     summary_rows,
 )
-from app.results import Counts, Outcome, Phase, Summary
 
 NAN = math.nan
 MEASURED = Summary(
