@@ -363,7 +363,7 @@ def test_the_command_tells_what_was_assumed(
     assert "the reference is frame 0" in said
     assert "no settings" in said
     with SessionReader(tmp_path / "c.h5") as session:
-        assert np.diff(session.grid_x_px)[0] == 20
+        assert np.diff(session.header.grid_x_px)[0] == 20
 
 
 @pytest.mark.parametrize(
