@@ -148,7 +148,7 @@ def to_toml(config: Config, comments: bool = True) -> str:
     )
     for table, (kind, _) in options(Config).items():
         if comments and kind.__doc__:
-            lines.append(f"# {kind.__doc__.strip()}")
+            lines.append(f"# {' '.join(kind.__doc__.split())}")
         lines.append(f"[{table}]")
         for name, (_, meta) in options(kind).items():
             if comments and meta.description:

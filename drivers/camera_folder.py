@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
@@ -30,21 +31,19 @@ def find(folder: str = "") -> list[Found]:
 
 
 def images_of(folder: Path) -> list[Path]:
-    """The image files of a folder in the order in which people number them: 2 before 10.
+    """The image files of a folder, in the order of their numbers; none if there is no such folder."""
+    if not folder.is_dir():
+        return []
+    return in_order_of_numbers(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
 
-    None where there is no such folder.
-    """
-    files = (
-        [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
-        if folder.is_dir()
-        else []
-    )
-    return sorted(
-        files,
-        key=lambda path: [
-            int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)
-        ],
-    )
+
+def in_order_of_numbers(paths: Iterable[Path]) -> list[Path]:
+    """The paths in the order in which people number them: a2 before a10."""
+
+    def parts(path: Path) -> list[int | str]:
+        return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
+
+    return sorted(paths, key=parts)
 
 
 class FolderCamera:

@@ -7,10 +7,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from app.commands.names import picture_of
 from app.commands.terminal import output, print_rows, say
 from app.errors import UserError
+from app.outputs import new_file
 from app.results import Outcome
+from app.session.files import picture_of
 
 
 def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
@@ -111,16 +112,17 @@ def _draw(session: Path, as_json: bool) -> Path | None:
                 return None
             for i in instants:
                 snapshots[i] = reader.snapshot(i)
-            experiment_picture(
-                snapshots,
-                reader.contact(),
-                summary,
-                reader.grid_x_px,
-                reader.grid_y_px,
-                reader.pixel_m,
-                path,
-                title=session.name,
-            )
+            with new_file(path, overwrite=True) as unfinished:
+                experiment_picture(
+                    snapshots,
+                    reader.contact(),
+                    summary,
+                    reader.grid_x_px,
+                    reader.grid_y_px,
+                    reader.pixel_m,
+                    unfinished,
+                    title=session.name,
+                )
     except (UserError, OSError) as error:
         if not as_json:
             say(f"no picture: {error}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output, print_json, print_rows
 
 
@@ -31,7 +30,6 @@ def import_(session: Path, *, overwrite: bool, as_json: bool, **given: Any) -> i
 
     `given` are the fields of `app.exchange.frames.Sources`.
     """
-    check_writable(session)
     from app.exchange.frames import Sources
     from app.exchange.importing import import_files
     from app.report.summary import outcome_data, outcome_rows

@@ -13,17 +13,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
-from app.commands.names import (
-    check_session_and_picture,
-    mark_of,
-    new_session_name,
-    next_free,
-    parse_pace,
-)
+from app.commands.names import mark_of, new_session_name, next_free, parse_pace
 from app.commands.terminal import DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
 from app.results import Health, Outcome
+from app.session.files import check_new_session
 
 POLL_S = 0.1
 LEAVE_S = 10.0  # what a run has to come to its end when it is left in a hurry
@@ -112,7 +107,7 @@ def run(
     speed = parse_pace(pace)
     asked = session
     first = asked or next_free(new_session_name(datetime.now()))
-    check_session_and_picture(first, overwrite)
+    check_new_session(first, overwrite)
     problem = window_problem(headless)
     if problem is not None and not autostart:
         raise UserError(
@@ -130,7 +125,7 @@ def run(
         """
         again = bool(made)
         path = next_free(asked or new_session_name(datetime.now())) if again else first
-        check_session_and_picture(path, overwrite and not again)
+        check_new_session(path, overwrite and not again)
         made.append(
             Recorded(
                 make_run(config, path, pace=speed, overwrite=overwrite and not again),
@@ -190,7 +185,7 @@ def replay(
         asked = output or session.with_stem(f"{session.stem}-analysis")
         first = output is not None and not made
         path = asked if first else next_free(asked)
-        check_session_and_picture(path, overwrite and first)
+        check_new_session(path, overwrite and first)
         return Reanalysis(
             session, path, pace=speed, overrides=overrides, overwrite=overwrite and first
         )

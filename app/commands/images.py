@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output
 from app.config import ConfigError, from_data
 from app.errors import UserError
 from app.sections import Dic
 
 if TYPE_CHECKING:
-    from app.dic_files import FilesSummary
+    from app.exchange.correlating import CorrelationSummary
 
 
 def dic(
@@ -32,12 +31,7 @@ def dic(
     `asked` are settings by their names in ``[dic]``.
     """
     settings = _settings(asked)
-    check_writable(fields)
-    if fields.exists() and not overwrite:
-        raise UserError(
-            f"{fields}: a file of that name exists; choose another name or give --overwrite"
-        )
-    from app.dic_files import correlate_files
+    from app.exchange.correlating import correlate_files
 
     with Bar("correlating", quiet=False) as bar:
         summary = correlate_files(
@@ -64,7 +58,7 @@ def _settings(asked: dict[str, Any]) -> Dic:
         ) from None
 
 
-def _tell(summary: FilesSummary) -> None:
+def _tell(summary: CorrelationSummary) -> None:
     fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
     output().print(
         f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}"

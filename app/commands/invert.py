@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,21 +13,20 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output, print_json
 from app.config import averaging_box_px, from_record
 from app.errors import UserError
-from app.field_files import read_fields
-from app.invert_files import (
+from app.exchange.fields import FieldSeries, read_fields
+from app.exchange.inverting import (
+    ENDINGS,
     METHODS,
-    SUFFIXES,
     Block,
     Inverted,
-    Series,
-    TableWriter,
     invert_series,
-    noise_of,
+    with_centre,
+    write_tractions,
 )
+from app.outputs import check_output
 from app.report.summary import measured_text, plain
 from app.results import Phase
 from app.sections import Config, Dic
@@ -56,97 +56,64 @@ def invert(
     if method not in METHODS:
         raise UserError(f"--method: {method} found; there are {', '.join(METHODS)}")
     if destination is not None:
-        check_writable(destination)
-        if destination.suffix.lower() not in SUFFIXES:
-            raise UserError(
-                f"{destination}: results are written as {' or '.join(SUFFIXES)}; give such an"
-                " ending"
-            )
-        if destination.exists() and not overwrite:
-            raise UserError(
-                f"{destination}: a file of that name exists; choose another name or give"
-                " --overwrite"
-            )
+        check_output(destination, overwrite, endings=ENDINGS, inputs={"file of fields": [path]})
     series, known = _from_session(path) if is_session(path) else _from_fields(path, pixel, box)
     if centre is not None:
-        series = Series(
-            series.x_m,
-            series.y_m,
-            (centre[0] * 1e-3, centre[1] * 1e-3),
-            series.count,
-            series.fields,
-        )
-    series = _chosen(series, frames)
+        series = replace(series, centre_m=(centre[0] * 1e-3, centre[1] * 1e-3))
+    series = with_centre(series.only(frames) if frames else series)
     block = _block(known | {name: value for name, value in material.items() if value is not None})
     failures: list[str] = []
-    found_centre, results = invert_series(series, block, method, failures)
-    writer = TableWriter(destination, series) if destination else None
-    kept: list[Inverted] = []
-    is_complete = False
-    try:
-        with Bar("inverting", quiet=as_json) as bar:
-            for n, one in enumerate(results, 1):
-                kept.append(one)
-                if writer:
-                    writer.write(one)
-                bar.show("inverting", n / series.count)
-        if not kept:
-            raise UserError(f"{path}: none of its fields could be inverted; {failures[0]}")
-        is_complete = True
-    finally:
-        if writer:
-            writer.close(is_complete=is_complete)
+    inverted: list[Inverted] = []
+    with Bar("inverting", quiet=as_json) as bar:
+        for one in invert_series(series, block, method, failures):
+            inverted.append(one)
+            bar.show("inverting", len(inverted) / len(series.frames))
+    if not inverted:
+        raise UserError(f"{path}: none of its fields could be inverted; {failures[0]}")
+    if destination is not None:
+        write_tractions(destination, series, inverted, overwrite)
     if as_json:
         print_json(
             plain(
                 {
-                    "centre_m": found_centre,
+                    "centre_m": series.centre_m,
                     "method": method,
-                    "fields": [_data(one) for one in kept],
+                    "fields": [_data(one) for one in inverted],
                     "failures": failures,
                 }
             )
         )
     else:
-        _tell(kept, found_centre, method, destination, failures)
+        _tell(inverted, series, method, destination, failures)
     return DONE
 
 
 def _from_fields(
     path: Path, pixel: float | None, box: float | None
-) -> tuple[Series, dict[str, float]]:
-    found = read_fields(path, None if pixel is None else pixel * 1e-6)
-    side = (2 * found.pitch_m[0] if box is None else box * 1e-6) if box != 0 else 0.0
-
-    def fields() -> Iterator[tuple[int, Any, Any]]:
-        return zip(found.frames, found.ux_m, found.sd_m, strict=True)
-
-    return Series(found.x_m, found.y_m, None, len(found.frames), fields), {
-        "box": side,
-        "noise_box": side,
-    }
+) -> tuple[FieldSeries, dict[str, float]]:
+    series = read_fields(path, None if pixel is None else pixel * 1e-6)
+    side = 2 * series.pitch_m if box is None else box * 1e-6
+    return series, {"box": side, "noise_box": side}
 
 
-def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
+def _from_session(path: Path) -> tuple[FieldSeries, dict[str, float]]:
     with SessionReader(path) as session:
         config = from_record(session.config_toml, f"{path}: settings")
         contact = session.contact()
-        numbers = [
-            i for i, s in enumerate(session.snapshots()) if s.phase is Phase.DRIVE and s.ux_px.size
+        drive = [
+            (i, s.frame, s.normal_force_n)
+            for i, s in enumerate(session.snapshots())
+            if s.phase is Phase.DRIVE and s.ux_px.size
         ]
-        if not numbers:
+        if not drive:
             raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
-        force = float(
-            np.median(
-                [session.snapshot(i).normal_force_n for i in numbers[:: max(1, len(numbers) // 20)]]
-            )
-        )
+        rows, frames, forces = zip(*drive, strict=True)
         grid = session.grid_x_px, session.grid_y_px
     pixel_m = config.camera.pixel * 1e-6
 
     def fields() -> Iterator[tuple[int, Any, Any]]:
         with SessionReader(path) as session:
-            for i in numbers:
+            for i in rows:
                 s = session.snapshot(i)
                 yield (
                     s.frame,
@@ -160,7 +127,8 @@ def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
         else (contact.centre_px[0] * pixel_m, contact.centre_px[1] * pixel_m)
     )
     x_m, y_m = (np.asarray(axis, np.float64) * pixel_m for axis in grid)
-    return Series(x_m, y_m, centre, len(numbers), fields), _known(
+    force = float(np.median(forces[:: max(1, len(forces) // 20)]))
+    return FieldSeries(path, x_m, y_m, frames, fields, centre), _known(
         config, force, config.dic, pixel_m
     )
 
@@ -212,22 +180,6 @@ def _block(asked: dict[str, Any]) -> Block:
     )
 
 
-def _chosen(series: Series, frames: list[int]) -> Series:
-    if not frames:
-        return series
-    held = {number for number, *_ in series.fields()}
-    missing = sorted(set(frames) - held)
-    if missing:
-        raise UserError(
-            f"--frame: {missing[0]} is not there; the file has fields {min(held)} to {max(held)}"
-        )
-
-    def fields() -> Iterator[tuple[int, Any, Any]]:
-        return (field for field in series.fields() if field[0] in frames)
-
-    return Series(series.x_m, series.y_m, series.centre_m, len(set(frames)), fields)
-
-
 def _data(one: Inverted) -> dict[str, Any]:
     found = one.result
     return {
@@ -240,7 +192,7 @@ def _data(one: Inverted) -> dict[str, Any]:
         "radius_m": one.profile[0],
         "sigma_pa": one.profile[1],
         "sigma_sd_pa": one.profile[2],
-        "residual_over_noise": noise_of(found),
+        "residual_over_noise": one.residual_over_noise,
         "stopped": str(found.stopped),
         "iterations": found.iterations,
         "is_covered": found.is_covered,
@@ -251,11 +203,12 @@ def _data(one: Inverted) -> dict[str, Any]:
 
 def _tell(
     results: list[Inverted],
-    centre: tuple[float, float],
+    series: FieldSeries,
     method: str,
     destination: Path | None,
     failures: list[str],
 ) -> None:
+    x, y = series.centre_m or (math.nan, math.nan)
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for name in ("frame", "Q (N)", "D (um)", "max (kPa)", "r (mm)", "residual", "stopped"):
         table.add_column(name, no_wrap=True)
@@ -268,14 +221,14 @@ def _tell(
             measured_text(found.D * 1e6, found.D_sd * 1e6),
             f"{np.nanmax(one.profile[1]) * 1e-3:.2f}",
             f"{one.peak_radius_m * 1e3:.2f}",
-            f"{noise_of(found):.2f}",
+            f"{one.residual_over_noise:.2f}",
             str(found.stopped)
             + ("" if found.is_converged else ", not converged")
             + ("" if found.is_covered else ", not covered"),
         )
     output().print(
-        f"{method}: {len(results)} fields, contact's centre at x = {centre[0] * 1e3:.3f} mm, y ="
-        f" {centre[1] * 1e3:.3f} mm"
+        f"{method}: {len(results)} fields, contact's centre at x = {x * 1e3:.3f} mm, y ="
+        f" {y * 1e3:.3f} mm"
     )
     Console(highlight=False, markup=False, width=max(Console().width, 110)).print(table)
     output().print(

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz, jkr
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.loading import AxisymmetricLoading, Contact, State
-from app.commands.names import check_writable
 from app.commands.terminal import DONE, output, print_json, print_rows
 from app.errors import UserError
+from app.outputs import check_output, new_file
 from app.report.summary import Row
 
 F64 = NDArray[np.float64]
 
-SUFFIXES = (".csv", ".png", ".pdf", ".svg")
+ENDINGS = (".csv", ".png", ".pdf", ".svg")
 POINTS = 301  # a is one of them
 # of the curves: contact radii, and shifts at which Cattaneo and Mindlin's contact slides
 WIDEST, FARTHEST = 3.0, 1.5
@@ -105,16 +105,7 @@ def model(
     """
     system = System(**asked)
     if path is not None:
-        if path.suffix.lower() not in SUFFIXES:
-            raise UserError(
-                f"{path}: a name that ends in {', '.join(SUFFIXES)} is needed; the ending tells"
-                " what is written"
-            )
-        check_writable(path)
-        if path.exists() and not overwrite:
-            raise UserError(
-                f"{path}: a file of that name exists; choose another name or give --overwrite"
-            )
+        check_output(path, overwrite, endings=ENDINGS)
     Q = _force(system, shear_force, share)
     try:
         sheared = Sheared(system, Q)
@@ -123,7 +114,8 @@ def model(
     except ValueError as error:
         raise UserError(f"this contact can not be solved: {error}") from None
     if path is not None:
-        _write(path, numbers, curves, sheared)
+        with new_file(path, overwrite) as unfinished:
+            _write(unfinished, numbers, curves, sheared)
     if as_json:
         print_json({q.key: q.value for q in numbers})
         return DONE

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.commands.names import check_writable
 from app.commands.terminal import DONE, Bar, output, print_json
 
 
@@ -13,7 +12,6 @@ def repair(session: Path, destination: Path, overwrite: bool, as_json: bool) -> 
     from app.report.summary import plain
     from app.session import repair as sessions
 
-    check_writable(destination)
     with Bar("reading what is left", quiet=as_json) as bar:
         repaired = sessions.repair(
             session,

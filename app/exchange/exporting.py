@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dic import Status
 from app.config import from_record, to_toml
 from app.errors import UserError
 from app.exchange.arrays import write_mat, write_npz, write_pvd
+from app.exchange.fields import FieldTable
+from app.outputs import check_output, check_output_folder, new_file, new_folder
 from app.results import Snapshot
 from app.session import layout
 from app.session.reader import SessionReader
@@ -35,7 +34,6 @@ KINDS = {  # ending -> what can be written so, the first unasked
 }
 FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason"
 FORCES = "sample,time_s,P_N,Q_N,normal_V,shear_V,stage_um"
-POINTS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_std_px,uy_std_px"
 BLOCK = 8192  # samples of a forces table made at a time
 # what an export writes into a folder
 _OWN = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
@@ -75,9 +73,10 @@ def export(
             " them; leave --frames out"
         )
     wanted = frame_range(frames)
-    check_free(output, overwrite)
-    if output.exists() and output.samefile(session):
-        raise UserError(f"{output}: this is the session itself; choose another name")
+    if kind == "images":
+        check_output_folder(output, overwrite)
+    else:
+        check_output(output, overwrite, inputs={"session": [session]})
     with SessionReader(session) as reader:
         chosen = _Chosen(reader, wanted, on_progress or (lambda _text, _share: None))
         return _WRITERS[kind](chosen, output, overwrite)
@@ -116,53 +115,6 @@ def frame_range(text: str) -> range:
         )
     first, end, step = parts.groups() if parts else ("", "", "")
     return range(int(first or 0), int(end or 10**15), int(step or 1))
-
-
-def check_free(output: Path, overwrite: bool) -> None:
-    """Refuse a place for new files that does not exist or is taken.
-
-    Raises
-    ------
-    UserError
-        So it is.
-    """
-    if not output.parent.is_dir():
-        raise UserError(
-            f"{output}: the folder {output.parent} does not exist; create it or choose another"
-        )
-    taken = any(output.iterdir()) if output.is_dir() else output.exists()
-    if taken and not overwrite:
-        what = "the folder is not empty" if output.is_dir() else "a file of that name exists"
-        raise UserError(f"{output}: {what}; choose another name or give --overwrite")
-
-
-@contextmanager
-def appearing(output: Path, overwrite: bool) -> Iterator[Path]:
-    """A name beside `output` for a new file or folder, which takes its place at the end or is
-    removed if anything fails.
-
-    Of a folder that is there already only what an export writes is replaced.
-    """
-    unfinished = output.with_name(f"{output.name}.{os.getpid()}.part")
-    try:
-        yield unfinished
-        check_free(output, overwrite)
-        if not unfinished.is_dir() or not output.exists():
-            unfinished.replace(output)
-            return
-        for old in [path for path in output.iterdir() if _OWN.fullmatch(path.name)]:
-            old.unlink()
-        for made in list(unfinished.iterdir()):
-            made.replace(output / made.name)
-    except OSError as error:
-        raise UserError(
-            f"{output}: can not be written ({error.strerror or error}); make room or choose another"
-            " place"
-        ) from None
-    finally:
-        if unfinished.is_dir():
-            shutil.rmtree(unfinished)
-        unfinished.unlink(missing_ok=True)
 
 
 class _Chosen:
@@ -206,8 +158,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             " room or choose --frames"
         )
     settings = to_toml(from_record(reader.config_toml, f"{reader.path}: settings"))
-    with appearing(output, overwrite) as folder:
-        folder.mkdir()
+    with new_folder(output, overwrite, _OWN) as folder:
         rows = _Conditions(reader)
         with _text(folder / "metadata.csv") as table:
             table.write(
@@ -285,7 +236,7 @@ def _text(path: Path) -> Any:
 
 
 def _write_forces(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    with appearing(output, overwrite) as path:
+    with new_file(output, overwrite) as path:
         return f"{output}: {_forces_table(chosen, path)} samples"
 
 
@@ -319,7 +270,7 @@ def _write_results(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             " there is"
         )
     names = list(layout.RESULTS.values())
-    with appearing(output, overwrite) as path, _text(path) as table:
+    with new_file(output, overwrite) as path, _text(path) as table:
         table.write(",".join(names) + "\n")
         for snapshot in chosen.snapshots():
             values = (getattr(snapshot, name) for name in names)
@@ -332,37 +283,23 @@ def _write_results(chosen: _Chosen, output: Path, overwrite: bool) -> str:
 def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     reader = chosen.reader
     chosen.has_fields()
-    labels = [status.label for status in Status]
-    places = [f"{x:.1f},{y:.1f}" for y in reader.grid_y_px for x in reader.grid_x_px]
     count = 0
-    with appearing(output, overwrite) as path, _text(path) as table:
-        table.write(
+    with new_file(output, overwrite) as path, _text(path) as file:
+        file.write(
             f"# a pixel is {reader.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the top-left"
-            " pixel, y points down;"
-            f" the motion of the lens is not taken off\n{POINTS}\n"
+            " pixel, y points down; the motion of the lens is not taken off\n"
         )
-        for found in chosen.snapshots():
-            count += bool(found.ux_px.size)
-            planes = (
-                found.ux_px,
-                found.uy_px,
-                found.status,
-                found.zncc,
-                found.ux_std_px,
-                found.uy_std_px,
-            )
-            for place, ux, uy, status, zncc, ux_std, uy_std in zip(
-                places, *(p.ravel().tolist() for p in planes), strict=False
-            ):
-                label = labels[status] if status < len(labels) else status
-                table.write(
-                    f"{found.frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}\n"
-                )
-    return f"{output}: {count} fields of {len(places)} points"
+        table = FieldTable(file, reader.grid_x_px, reader.grid_y_px)
+        for snapshot in chosen.snapshots():
+            if snapshot.ux_px.size:
+                table.append(snapshot.frame, snapshot)
+                count += 1
+    points = len(reader.grid_x_px) * len(reader.grid_y_px)
+    return f"{output}: {count} fields of {points} points"
 
 
 def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    with appearing(output, overwrite) as path:
+    with new_file(output, overwrite) as path:
         write = write_mat if output.suffix.lower() == ".mat" else write_npz
         return f"{output}: {write(path, chosen.reader, chosen.results, chosen.tell)}"
 
@@ -370,9 +307,8 @@ def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:
 def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     chosen.has_fields()
     folder = output.with_suffix("")
-    check_free(folder, overwrite)
-    with appearing(output, overwrite) as path, appearing(folder, overwrite) as images:
-        images.mkdir()
+    check_output_folder(folder, overwrite)
+    with new_file(output, overwrite) as path, new_folder(folder, overwrite, _OWN) as images:
         count = write_pvd(path, images, folder.name, chosen.reader, chosen.snapshots())
     return f"{output}: {count} fields, one file each in {folder}"
 

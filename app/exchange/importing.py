@@ -14,21 +14,20 @@ from app.config import exposure_samples, load, pixel_type, sensitivities
 from app.engine.pipeline import sensor_chain
 from app.errors import UserError
 from app.exchange.analysing import Measurements, analyse
-from app.exchange.exporting import appearing, check_free
 from app.exchange.frames import (
-    Frame,
     Sources,
+    Trigger,
+    files_of,
     first_image,
-    found_files,
+    image_or_reason,
     listed,
     numbered,
-    taken,
     with_lost,
 )
 from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples, read_table
 from app.results import Outcome, Phase
 from app.sections import Config
-from app.session.journal import journal_of
+from app.session.files import check_new_session, new_session
 
 # between forces in newtons and those that the readings in volts mean, of the largest
 DISAGREEMENT = 1e-3
@@ -50,7 +49,7 @@ def import_files(
     output: Path,
     *,
     overwrite: bool = False,
-    on_progress: Callable[[str, float], None] | None = None,
+    on_progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> Imported:
     """A session at `output` with all images, forces and results, complete or not there at all; what
     became of it.
@@ -60,17 +59,9 @@ def import_files(
     UserError, ConfigError
         Something can not be used, or is needed and not known.
     """
-    tell = on_progress or (lambda _text, _share: None)
-    if output.is_dir():
-        raise UserError(f"{output}: a file was asked, but this is a folder; add a file name")
-    check_free(output, overwrite)
-    if journal_of(output).exists() and not overwrite:
-        raise UserError(
-            f"{output}: its journal is there, so a session of that name is recorded or was cut"
-            " short; choose another name"
-        )
+    check_new_session(output, overwrite, has_picture=False)
     remarks: list[str] = []
-    sources, files = found_files(sources, remarks)
+    sources, files = files_of(sources, remarks)
     table = read_table(sources.metadata, FRAMES) if sources.metadata else None
     frames = numbered(files, remarks) if table is None else listed(table, files, remarks)
     first = first_image(frames)
@@ -84,19 +75,15 @@ def import_files(
     _place(frames, table, config)
     frames = with_lost(frames)
     measured = _measurements(config, frames, table, forces, sources, remarks)
-    with appearing(output, overwrite) as unfinished:
-        try:
-            outcome = analyse(
-                config,
-                measured,
-                taken(frames, first.shape, first.dtype),
-                unfinished,
-                lambda index: tell(f"frame {index}", index / (frames[-1].index + 1)),
-            )
-        except BaseException:
-            journal_of(unfinished).unlink(missing_ok=True)
-            raise
-    journal_of(output).unlink(missing_ok=True)  # of the session that was replaced
+    taken = ((f.index, f.sample, image_or_reason(f, first)) for f in frames)
+    with new_session(output, overwrite) as unfinished:
+        outcome = analyse(
+            config,
+            measured,
+            taken,
+            unfinished,
+            lambda index: on_progress(f"frame {index}", index / (frames[-1].index + 1)),
+        )
     return Imported(outcome, tuple(remarks))
 
 
@@ -106,7 +93,7 @@ def _settings(
     """The settings of the analysis: those given, with what the images and the options say."""
     if sources.settings is None:
         is_timed = sources.divisor is not None or (
-            table is not None and (table.has("sample") or table.has("time_s"))
+            table is not None and (table.has("sample") or table.has("time"))
         )
         for known, option, what in (
             (sources.pixel_um, "--pixel", "the size of a pixel, um"),
@@ -149,7 +136,7 @@ def _settings(
     return config
 
 
-def _place(frames: list[Frame], table: Table | None, config: Config) -> None:
+def _place(frames: list[Trigger], table: Table | None, config: Config) -> None:
     """Give each frame its sample."""
     at = None if table is None else _samples(table, config)
     for i, frame in enumerate(frames):
@@ -168,7 +155,7 @@ def _samples(table: Table, config: Config) -> NDArray[np.float64]:
 
 def _measurements(
     config: Config,
-    frames: list[Frame],
+    frames: list[Trigger],
     table: Table | None,
     forces: Table | None,
     sources: Sources,
@@ -189,14 +176,10 @@ def _measurements(
     ends = [*range(config.forces.block, end, config.forces.block), end]
     stage = np.full(len(ends), np.nan)
     for found in (forces, table):
-        if (
-            found is not None
-            and found.has("stage_m")
-            and np.isfinite(found.numbers["stage_m"]).any()
-        ):
-            at, known = _samples(found, config), np.isfinite(found.numbers["stage_m"])
+        if found is not None and found.has("stage") and np.isfinite(found.numbers["stage"]).any():
+            at, known = _samples(found, config), np.isfinite(found.numbers["stage"])
             middle = exposure / 2 if found is table else 0.0
-            stage = np.interp(np.array(ends), at[known] + middle, found.numbers["stage_m"][known])
+            stage = np.interp(np.array(ends), at[known] + middle, found.numbers["stage"][known])
             break
     missing = sum(frame.path is None for frame in frames)
     source = (
@@ -212,15 +195,15 @@ def _measurements(
 def _volts(config: Config, table: Table) -> NDArray[np.float64]:
     """Readings by sample; of forces in newtons those that the settings' sensors would have had."""
     chain, rate = sensor_chain(config), float(config.forces.sample_rate)
-    newtons = by_sample(table, ("P_N", "Q_N"), rate) if table.has("P_N", "Q_N") else None
-    if not table.has("normal_V", "shear_V"):
+    newtons = by_sample(table, ("p", "q"), rate) if table.has("p", "q") else None
+    if not table.has("normal", "shear"):
         if newtons is None:
             raise UserError(
                 f"{table.path}: the header has neither P_N and Q_N nor normal_V and shear_V; name"
                 " the columns so"
             )
         return chain.volts(newtons)
-    volts = by_sample(table, ("normal_V", "shear_V"), rate)
+    volts = by_sample(table, ("normal", "shear"), rate)
     if newtons is not None:
         off = np.abs(chain.forces(volts) - newtons)
         if off.size and np.nanmax(off, initial=0.0) > DISAGREEMENT * np.nanmax(
@@ -242,7 +225,7 @@ def _asked_phases(sources: Sources) -> bool:
     )
 
 
-def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
+def _listed_phases(frames: list[Trigger]) -> list[tuple[int, Phase]]:
     """The phases that the metadata names; none where it names none."""
     phases: list[tuple[int, Phase]] = []
     for frame in frames:
@@ -261,7 +244,7 @@ def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
 
 def _phases(
     config: Config,
-    frames: list[Frame],
+    frames: list[Trigger],
     volts: NDArray[np.float64],
     sources: Sources,
     remarks: list[str],

@@ -8,7 +8,7 @@ import math
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,6 +19,7 @@ import numpy as np
 from app.errors import UserError
 from app.results import Event, Outcome, Source
 from app.session.checked import CheckedFile
+from app.session.files import check_new_session, new_session
 from app.session.journal import has_journal, journal_of, records
 from app.session.layout import FORCES_CHUNK, UNFINISHED
 from app.session.reader import SessionReader
@@ -92,8 +93,7 @@ def repair(
     """
     if not session.is_file():
         raise UserError(f"{session}: there is no such session; check the name")
-    if output.absolute() == session.absolute() or (output.exists() and output.samefile(session)):
-        raise UserError(f"{output}: a repair never changes the session itself; give another name")
+    check_new_session(output, overwrite, read=[session], has_picture=False)
     journal = journal_of(session)
     source = "journal" if has_journal(session) else "file"
     with suppress(UserError), SessionReader(session) as reader:
@@ -106,7 +106,9 @@ def repair(
             if source == "journal"
             else _told_by_file(session, progress)
         )
-        return _write(session, output, source, told, overwrite)
+        with new_session(output, overwrite) as unfinished:
+            repaired = _write(session, unfinished, source, told)
+        return replace(repaired, output=output)
     except _NONSENSE as error:
         raise UserError(
             f"{session}: what its {source} holds makes no session: {error}; use a copy of it if"
@@ -114,9 +116,7 @@ def repair(
         ) from error
 
 
-def _write(
-    session: Path, output: Path, source: str, told: Iterator[tuple[Any, ...]], overwrite: bool
-) -> Repaired:
+def _write(session: Path, output: Path, source: str, told: Iterator[tuple[Any, ...]]) -> Repaired:
     """Tell a new writer everything that the old one was told."""
     _, header = next(told)
     header |= {
@@ -127,7 +127,7 @@ def _write(
     header |= {name: int(header[name]) for name in ("exposure_samples", "divisor", "first_trigger")}
     header |= {name: float(header[name]) for name in ("sample_rate_hz", "pixel_m")}
     header |= {"source": Source(**header["source"]) if header["source"] else None}
-    writer = SessionWriter.create(output, **header, overwrite=overwrite)
+    writer = SessionWriter.create(output, **header)
     frames: set[int] = set()
     torn = unread = count = cut = 0
     try:

@@ -387,7 +387,7 @@ def test_a_few_rows_over_hours_are_refused(
     (tmp_path / "table.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     with pytest.raises(
         UserError,
-        match=r"table\.csv: 7 rows over 2\.1e\+07 samples at 1000 Hz found; give a lower --rate",
+        match=r"table\.csv: 7 rows cover 2\.1e\+07 samples at 1000 Hz; give a lower --rate",
     ):
         imported(tmp_path / "new.h5", few, **{name: tmp_path / "table.csv"}, **KNOWN)
     assert not (tmp_path / "new.h5").exists()
