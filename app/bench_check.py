@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config import bits
 from app.doctor import Finding
 from app.engine.pipeline import sensor_chain
-from app.sections import Config
+from app.settings import Config
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Actuator, Frame, LostFrame, SampleBlock, TriggerTrain
@@ -84,7 +83,7 @@ def _home(actuator: Actuator) -> str:
 
 def _move(config: Config, actuator: Actuator, way_m: float) -> str:
     """There and back, at the velocity of the run, or slower than that only if the actuator is."""
-    velocity = config.run.velocity * 1e-6
+    velocity = config.run.velocity
     start = actuator.position_m()
     actuator.set_velocity(velocity)
     began = time.monotonic()
@@ -226,8 +225,8 @@ def _forces(config: Config, volts: NDArray[np.float64]) -> Iterator[Finding]:
 
 def _picture(config: Config, image: NDArray[np.generic]) -> Finding:
     grey = image.astype(np.float64)
-    full = 2 ** bits(config) - 1
-    bright, dark = float((image >= full).mean()), float((image == 0).mean())
+    full = config.camera.full_scale
+    bright, dark = float((grey >= full).mean()), float((grey == 0).mean())
     text = (
         f"grey levels {grey.mean():.0f} on average, contrast {grey.std():.1f}, {bright:.2%} at full"
         f" scale, {dark:.2%} at zero"

@@ -13,40 +13,28 @@ from numpy.typing import NDArray
 
 from analysis import dic
 from analysis.contact.rings import ring_means
-from app.config import exposure_samples, pixel_type, to_toml, tracking
-from app.devices import is_unreal, make_bench, sources_of
+from app.config import to_toml
+from app.devices import make_bench
 from app.engine.run import Run
 from app.errors import UserError
-from app.sections import Config
 from app.session.files import RESERVE_BYTES
 from app.session.versions import versions
 from app.session.writer import SessionWriter
-from drivers.bench import Bench
+from app.settings import Config
+from drivers.bench import DRIVERS, Bench, driver
+from drivers.settings import CameraSettings
+from drivers.sim.settings import SimSettings
 
 
 def expected_bytes(config: Config) -> int:
-    """Size of the session that a run of these settings writes, within some ten per cent."""
-    run = config.run
-    seconds = (
-        run.background_time
-        + 2.0
-        + run.settle_time
-        + run.reference_time
-        + run.travel / run.velocity * 1.06
-    )
-    frames = seconds * config.forces.sample_rate / config.camera.divisor
-    points = (config.camera.width // config.dic.step) * (config.camera.height // config.dic.step)
-    return (
-        int(
-            frames
-            * (
-                config.camera.width * config.camera.height * pixel_type(config).itemsize
-                + 21 * points
-            )
-            + seconds * config.forces.sample_rate * 32
-        )
-        + RESERVE_BYTES
-    )
+    """Size of the session that a run of these settings writes, to within about ten per cent."""
+    run, camera = config.run, config.camera
+    waiting = run.background_time + 2.0 + run.settle_time + run.reference_time
+    seconds = waiting + run.travel / run.velocity * 1.06
+    points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
+    frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
+    rate = config.frame_rate_hz * frame + config.forces.sample_rate * 32
+    return int(seconds * rate) + RESERVE_BYTES
 
 
 def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
@@ -75,25 +63,29 @@ def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
 
 
 def prepare(config: Config, say: Callable[[str], None]) -> None:
-    """Compile what these settings compile at first use, so that nothing does so during a run;
-    cached for the next start.
+    """Compile what a run of these settings uses, so that nothing compiles during the run; cached for
+    the next start.
 
-    `say` is told what is at hand.
+    `say` is called with what is being prepared.
     """
     say("compiling the image correlation")
-    dic.compile_kernels(tracking(config))
+    dic.compile_kernels(config.correlation)
     ring_means(np.ones(8), np.ones(8), 1.0, theta=np.ones(8))
-    if is_unreal(config.camera.source):
+    if driver("camera", config.camera.source).nature in ("simulated", "emulated"):
         from drivers.sim.images import Renderer
-        from drivers.sim.world import World, WorldSettings
+        from drivers.sim.scenario import Scenario
+        from drivers.sim.world import World
 
         say("compiling the simulated camera")
-        world = World(
-            WorldSettings(image_shape=(64, 64), press_sample=0, press_duration=1), pace=None
+        small = Scenario(
+            camera=CameraSettings(width=64, height=64),
+            sim=SimSettings(press_time=0.0),
+            press_samples=1,
         )
+        world = World(small, pace=None)
         world.start()
         world.advance(50)
-        Renderer(world.settings).image(world.state(40), 0)
+        Renderer(small).image(world.state(40), 0)
     say("opening the bench")
 
 
@@ -122,13 +114,14 @@ def make_run(
     """
     check_output(config, output, overwrite=overwrite)
     bench = bench or make_bench(config, pace)
-    sources = sources_of(config)
-    if pace != 1.0 and not all(is_unreal(source) or source == "replay" for source in sources):
+    kinds = zip(DRIVERS, config.sources, strict=True)
+    natures = {driver(kind, source).nature for kind, source in kinds}
+    if pace != 1.0 and "real" in natures:
         raise UserError(
             "--pace: a bench with a real device runs at pace 1, not"
             f" {'max' if pace is None else pace}"
         )
-    if pace is None and not set(sources) <= {"sim", "replay"}:
+    if pace is None and "emulated" in natures:
         raise UserError(
             "--pace: only simulated and recorded devices wait for the program, as pace max needs;"
             " give a number"
@@ -146,10 +139,10 @@ def make_run(
             sample_rate_hz=float(config.forces.sample_rate),
             frame_shape=shape,
             frame_dtype=dtype,
-            exposure_samples=exposure_samples(config),
+            exposure_samples=config.exposure_samples,
             divisor=config.camera.divisor,
             first_trigger=0,
-            pixel_m=config.camera.pixel * 1e-6,
+            pixel_m=config.camera.pixel,
             grid_x_px=grid_x_px,
             grid_y_px=grid_y_px,
             versions=versions(),
@@ -157,7 +150,7 @@ def make_run(
             overwrite=overwrite,
         )
 
-    title = "simulated bench" if set(sources) == {"sim"} else " + ".join(sources)
+    title = "simulated bench" if natures == {"simulated"} else " + ".join(config.sources)
     return Run(
         config,
         bench,

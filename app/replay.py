@@ -19,7 +19,7 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
-from app.config import from_record, revised, tracking
+from app.config import from_record, revised
 from app.engine.feed import Feed
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
@@ -27,8 +27,8 @@ from app.engine.series import Series
 from app.errors import UserError
 from app.playback import Browser, Playback
 from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot
-from app.sections import Config
 from app.session.reader import SessionReader
+from app.settings import Config
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +79,11 @@ class Replay:
             self._frames = self._frames_of(session)
         self.path = path
         self.title = f"replay of {path.name}"
-        self.pixel_m = self.config.camera.pixel * 1e-6
+        self.pixel_m = self.config.camera.pixel
         self.sample_rate_hz = float(self.config.forces.sample_rate)
         self.playback = Playback(pace)
         self.browser = Browser(path)
-        self._pipeline = Pipeline(
-            self.config, (self.config.camera.height, self.config.camera.width)
-        )
+        self._pipeline = Pipeline(self.config, self.config.camera.shape)
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._history: History | None = None
         self._snapshots = Series()
@@ -226,7 +224,7 @@ class Replay:
         outcome = None
         try:
             self._preparing = "compiling the image correlation"
-            compile_kernels(tracking(self.config))
+            compile_kernels(self.config.correlation)
             self._preparing = ""
             with closing(self._pipeline), SessionReader(self.path) as session:
                 self._history = History(self.sample_rate_hz, session.exposure_samples)

@@ -1,4 +1,4 @@
-"""TOML of the size of settings, also from somebody else."""
+"""TOML of the size of settings, from whoever wrote it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ LONGEST_TOML, MOST_DOTS = 1 << 16, 100  # characters; in a line
 def parse_toml(text: str) -> dict[str, Any]:
     """Nested plain dicts from a TOML text of the size of settings; ValueError if it is none.
 
-    The parser of the standard library takes minutes for a key of thousands of parts, and breaks off
-    in deep nesting.
+    The limits are there because the parser of the standard library takes minutes for a key of
+    thousands of parts.
     """
     if len(text) > LONGEST_TOML:
         raise ValueError(f"more than {LONGEST_TOML} characters, which no settings need")

@@ -32,7 +32,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from analysis.dic import Correlation, Grid, Tracker, compile_kernels  # noqa: E402
+from analysis.dic import Correlation, Grid, Tracker, compile_kernels, open_tracker  # noqa: E402
 from benchmarks.dic_peers import Step, follow, score_ring, score_translation  # noqa: E402
 from benchmarks.speckle import SIZE, Frame, Motion, camera, images, noise_floor, pattern  # noqa: E402
 
@@ -49,7 +49,7 @@ PAPER_BOXES = (10, 14, 20, 32, 48, 64, 100)
 
 def at_rest(correlation: Correlation, reference: np.ndarray) -> Tracker:
     """A tracker that starts from zero displacement."""
-    tracker = correlation.open(reference)
+    tracker = open_tracker(correlation, reference)
     tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
     return tracker
 

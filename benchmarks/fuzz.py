@@ -38,16 +38,16 @@ from spoiled_inputs import spoil_journal, spoil_table
 from spoiled_settings import VALUES, spoil_settings
 
 from app.commands.inspect import info
-from app.config import ConfigError, from_record, load, options
+from app.config import ConfigError, from_record, load, values_of
 from app.errors import UserError
 from app.exchange.frames import Sources
 from app.exchange.importing import import_files
-from app.sections import Config
 from app.session.fields import FieldsWriter, is_session, read_fields_file
 from app.session.journal import journal_of
 from app.session.repair import repair
+from app.settings import Config
 
-KEYS = [f"{table}.{key}" for table, (kind, _) in options(Config).items() for key in options(kind)]
+KEYS = [f"{table}.{key}" for table, values in values_of(Config()).items() for key in values]
 LIMIT_S, LIMIT_BYTES = 10.0, 1 << 30
 SHAPE = (64, 80)  # of the images that are imported
 

@@ -61,7 +61,7 @@ def tell(path: Path, made: Any, outcome: Any, faults: list[str]) -> None:
     with h5py.File(path) as f:
         group, data = f["/entry/triggers"], f["/entry/instrument/camera/data"]
         index, sample, row = (group[name][:] for name in ("index", "sample", "image"))
-        renderer, half = Renderer(world.settings), world.settings.exposure_samples // 2
+        renderer, half = Renderer(world.scenario), world.scenario.exposure_samples // 2
         wrong = [
             int(n)
             for n, s, r in zip(index, sample, row, strict=True)

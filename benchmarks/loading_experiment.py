@@ -57,7 +57,7 @@ def main() -> None:
 
 def compare(path: Path, world, config: settings.Config) -> None:
     """Print the session's results beside the truth of the world it came from."""
-    half = settings.exposure_samples(config) // 2
+    half = config.exposure_samples // 2
     pixel_um = config.camera.pixel
     with SessionReader(path) as session:
         snapshots = list(session.snapshots())
@@ -155,8 +155,7 @@ def compare(path: Path, world, config: settings.Config) -> None:
     drive = next(s for s in snapshots if s.phase is Phase.DRIVE)
     rate = config.forces.sample_rate
     onset = (
-        last.onset_sample
-        - (drive.sample + settings.exposure_samples(config) / 2 - drive.time_s * rate)
+        last.onset_sample - (drive.sample + config.exposure_samples / 2 - drive.time_s * rate)
     ) / rate
     row(
         "t_s (s)", f"{summary.onset_time_s:.3f} +- {summary.onset_time_sd_s:.3f}, truth {onset:.3f}"

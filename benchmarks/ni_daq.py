@@ -17,19 +17,19 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from drivers.clock import SampleClock
 from drivers.emulators.ni import EmulatedNiForces
 from drivers.errors import DeviceError
 from drivers.protocols import TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import ForceSettings
-from drivers.sim.settings import WorldSettings
+from drivers.sim.scenario import Scenario
+from drivers.sim.world import World
 
 
 def opened(counter: str) -> EmulatedNiForces:
     """A driver that samples, eight triggers a second."""
-    forces = EmulatedNiForces(
-        ForceSettings(exposure_counter=counter), Scene(WorldSettings(image_shape=(6, 8)), pace=1.0)
-    )
+    scenario = Scenario(forces=ForceSettings(exposure_counter=counter))
+    forces = EmulatedNiForces(scenario.forces, SampleClock(1000.0), World(scenario))
     forces.open()
     forces.start(TriggerTrain(0, 125))
     return forces

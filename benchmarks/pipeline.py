@@ -24,7 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from app import config as settings
-from app import live
+from app import devices, live
 from app.engine import pipeline, tractions
 from app.engine.history import Conditions
 from app.results import Phase
@@ -60,14 +60,14 @@ def main() -> None:
         None, [f"camera.divisor={DIVISOR}", "sim.law=elasto-plastic", *asked.set]
     )
     live.prepare(config, lambda what: None)
-    world = World(live.world_settings(config), pace=None)
+    world = World(devices.scenario(config), pace=None)
     world.start()
-    world.advance(world.settings.settled_sample + 100)
-    renderer, at_rest = Renderer(world.settings), world.now
+    world.advance(world.scenario.settled_sample + 100)
+    renderer, at_rest = Renderer(world.scenario), world.now
     reference = renderer.image(world.state(at_rest), 0)
     free = renderer.image(world.state(0), 1)
     world.move(300e-6, 5e-6)
-    line = pipeline.Pipeline(config, world.settings.image_shape)
+    line = pipeline.Pipeline(config, config.camera.shape)
     line.step(0, 0, free, conditions(world, 0, Phase.BACKGROUND, 0.0))
     began = time.perf_counter()
     line.step(1, at_rest, reference, conditions(world, at_rest, Phase.REFERENCE, 0.0))

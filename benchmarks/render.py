@@ -19,7 +19,10 @@ import numpy as np
 from scipy import ndimage
 
 from drivers.sim.images import Renderer
-from drivers.sim.world import State, World, WorldSettings
+from drivers.sim.scenario import Scenario
+from drivers.sim.settings import SimSettings
+from drivers.sim.truth import State
+from drivers.sim.world import World
 
 SLOPE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 """Derivative by central differences of the eighth order: speckle this fine is 20 % too flat for the
@@ -43,7 +46,7 @@ def apparent_shift_px(reference, picture, box=20):
 
 def states() -> dict[str, State]:
     """A drive: pressed, partial slip, full sliding."""
-    world = World(WorldSettings(press_sample=0, press_duration=1), pace=None)
+    world = World(Scenario(sim=SimSettings(press_time=0.0), press_samples=1), pace=None)
     world.start()
     world.advance(2)
     world.move(300e-6, 5e-6)
@@ -68,10 +71,7 @@ def cpu_ms(work: Callable[[], object], times: int) -> float:
 
 def main() -> None:
     """Print the table."""
-    fast, exact = (
-        Renderer(WorldSettings(renderer="fast")),
-        Renderer(WorldSettings(renderer="exact")),
-    )
+    fast, exact = (Renderer(Scenario(sim=SimSettings(renderer=name))) for name in ("fast", "exact"))
     print(
         f"{datetime.date.today()}  {platform.processor() or platform.machine()}, {os.cpu_count()}"
         f" CPUs, Python {platform.python_version()}"

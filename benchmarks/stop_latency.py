@@ -20,11 +20,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from drivers.actuator_newport import Smc100
+from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
 POLL_S = 0.05
@@ -33,7 +33,7 @@ POLL_S = 0.05
 def measure(wire: str, stops: int) -> dict[str, list[float]]:
     """Seconds of each kind, one per stop; "dead line" once."""
     line = SerialLine(Controller(FreeStage()), wire, byte_s=10 / 57600, think_s=0.01)
-    driver = Smc100(ActuatorSettings(port=line.start()), Scene())
+    driver = Smc100(ActuatorSettings(port=line.start()), SampleClock(1000.0))
     driver.open()
     is_over, times = (
         threading.Event(),

@@ -10,8 +10,8 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
 
@@ -20,10 +20,10 @@ class TextStage:
 
     name = "text stage"
 
-    def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
-        del scene  # a real device looks at nothing simulated
-        self.travel_limits_m = settings.travel_limits_m
-        self.velocity_limit_m_s = settings.velocity_limit_m_s
+    def __init__(self, settings: ActuatorSettings, clock: SampleClock) -> None:
+        del clock  # a stage needs no samples
+        self.travel_limits_m = settings.travel
+        self.velocity_limit_m_s = settings.max_velocity
         self._port, self._baud = settings.port, settings.baud or 115200
         self._line: Any = None
         self._lock = threading.RLock()  # `stop` comes from any thread

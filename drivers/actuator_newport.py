@@ -17,9 +17,9 @@ import threading
 import time
 from typing import ClassVar
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
 from drivers.newport_line import NewportLine, find
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
 __all__ = ["ConexCc", "Smc100", "find"]
@@ -116,10 +116,10 @@ class NewportStage:
     _signature: ClassVar[str]  # in what it says of itself
     _states: ClassVar[dict[str, str]]
 
-    def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
-        del scene
-        self.travel_limits_m = settings.travel_limits_m
-        self.velocity_limit_m_s = settings.velocity_limit_m_s
+    def __init__(self, settings: ActuatorSettings, clock: SampleClock) -> None:
+        del clock  # the controller keeps its own time
+        self.travel_limits_m = settings.travel
+        self.velocity_limit_m_s = settings.max_velocity
         self._settings = settings
         self._line: NewportLine | None = None
         self._commanding = threading.RLock()
@@ -188,15 +188,15 @@ class NewportStage:
         own.
         """
         s = self._settings
-        low, high = s.travel_limits_m
+        low, high = s.travel
         if self._look()[1].startswith("READY from"):
             # of these signs only; `move_to` keeps to the rest
             for command, limit in (("SL", min(low, 0.0)), ("SR", max(high, 0.0))):
                 letter = line.tell(command + _mm(limit)) if math.isfinite(limit) else "@"
                 # C, G, N: its own limit is narrower
                 self._check("@" if letter in "CGN" else letter, f"the soft limit {command}")
-            if float(line.ask("VA?", _NUMBER)) > s.velocity_limit_m_s * 1e3:
-                self._check(line.tell("VA" + _mm(s.velocity_limit_m_s)), "its velocity limit")
+            if float(line.ask("VA?", _NUMBER)) > s.max_velocity * 1e3:
+                self._check(line.tell("VA" + _mm(s.max_velocity)), "its velocity limit")
             self._is_prepared = True
         low, high = (
             max(low, float(line.ask("SL?", _NUMBER)) * 1e-3),

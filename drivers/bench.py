@@ -5,75 +5,107 @@ closes them in reverse.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound
 from drivers.mix import connected
 from drivers.protocols import Actuator, Camera, ForceSource
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 
 if TYPE_CHECKING:
-    from drivers.sim.world import World, WorldSettings
+    from drivers.sim.scenario import Scenario
+    from drivers.sim.world import World
     from drivers.stored import Recording
 
-DRIVERS: dict[str, dict[str, str]] = {
+NEEDS = {
+    "real": ("settings", "clock"),
+    "emulated": ("settings", "clock", "world"),
+    "simulated": ("world",),
+    "stored": ("settings", "clock", "recording"),
+}
+"""Nature of a driver -> what it is made from: the settings of its device, the sample clock that all
+devices of the bench share, and the simulated world or the recording that it shows.
+"""
+
+
+class Driver(NamedTuple):
+    """Where a driver is, as ``module:Class``, and what it drives: one of `NEEDS`."""
+
+    where: str
+    nature: str
+
+
+DRIVERS: dict[str, dict[str, Driver]] = {
     "forces": {
-        "sim": "drivers.sim.devices:sim_forces",
-        "nidaqmx": "drivers.ni_daq:NiForces",
-        "nidaqmx-emulated": "drivers.emulators.ni:EmulatedNiForces",
-        "replay": "drivers.stored:StoredForces",
+        "sim": Driver("drivers.sim.devices:SimForces", "simulated"),
+        "nidaqmx": Driver("drivers.ni_daq:NiForces", "real"),
+        "nidaqmx-emulated": Driver("drivers.emulators.ni:EmulatedNiForces", "emulated"),
+        "replay": Driver("drivers.stored:StoredForces", "stored"),
     },
     "camera": {
-        "sim": "drivers.sim.devices:sim_camera",
-        "pylon": "drivers.camera_pylon:PylonCamera",
-        "pylon-emulated": "drivers.emulators.camera:EmulatedPylonCamera",
-        "gentl": "drivers.camera_gentl:GenTLCamera",
-        "folder": "drivers.camera_folder:FolderCamera",
-        "replay": "drivers.stored:StoredCamera",
+        "sim": Driver("drivers.sim.devices:SimCamera", "simulated"),
+        "pylon": Driver("drivers.camera_pylon:PylonCamera", "real"),
+        "pylon-emulated": Driver("drivers.emulators.camera:EmulatedPylonCamera", "emulated"),
+        "gentl": Driver("drivers.camera_gentl:GenTLCamera", "real"),
+        "folder": Driver("drivers.camera_folder:FolderCamera", "real"),
+        "replay": Driver("drivers.stored:StoredCamera", "stored"),
     },
     "actuator": {
-        "sim": "drivers.sim.devices:sim_actuator",
-        "smc100": "drivers.actuator_newport:Smc100",
-        "conex-cc": "drivers.actuator_newport:ConexCc",
-        "smc100-emulated": "drivers.emulators.newport:EmulatedSmc100",
-        "conex-cc-emulated": "drivers.emulators.newport:EmulatedConexCc",
-        "replay": "drivers.stored:StoredActuator",
+        "sim": Driver("drivers.sim.devices:SimActuator", "simulated"),
+        "smc100": Driver("drivers.actuator_newport:Smc100", "real"),
+        "conex-cc": Driver("drivers.actuator_newport:ConexCc", "real"),
+        "smc100-emulated": Driver("drivers.emulators.newport:EmulatedSmc100", "emulated"),
+        "conex-cc-emulated": Driver("drivers.emulators.newport:EmulatedConexCc", "emulated"),
+        "replay": Driver("drivers.stored:StoredActuator", "stored"),
     },
 }
-"""Kind of device -> name in the settings -> what makes it, called with its settings and the scene.
-A new driver is one line; its module is imported when it is used, and loads no vendor library before
-`open`."""
+"""Kind of device -> `source` in its settings -> driver. A new driver is one line. Its module is
+imported when the driver is used, and loads no vendor library before `open`."""
 
 
 class UnknownDevice(DeviceNotFound):
-    """No driver of that name is known."""
+    """There is no driver of that name."""
+
+
+def driver(kind: str, source: str) -> Driver:
+    """The driver of a kind of device that the settings name.
+
+    Raises
+    ------
+    UnknownDevice
+        There is no such driver.
+    """
+    known = DRIVERS[kind]
+    if source not in known:
+        nearest = difflib.get_close_matches(source, known, n=1, cutoff=0.0)[0]
+        raise UnknownDevice(
+            f"{kind}: no driver is called '{source}'; known: {', '.join(sorted(known))} (the"
+            f" nearest is '{nearest}')"
+        )
+    return known[source]
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
     """Force source, camera and actuator, opened and closed together; a context manager.
 
-    `scene` holds what they share; its world, if some of them are not real, knows the truth, and the
-    analysis never sees it.
+    `world` is what the simulated and emulated devices look at, if there are any. It knows the
+    truth, and the analysis never sees it.
     """
 
     forces: ForceSource
     camera: Camera
     actuator: Actuator
-    scene: Scene
-
-    @property
-    def world(self) -> World:
-        """What the simulated and emulated devices look at."""
-        return self.scene.world
+    world: World | None = None
 
     def open(self) -> None:
-        """Open actuator, camera, forces; where one fails, those that were open are closed again.
+        """Open actuator, camera, forces; if one fails, those that were open are closed again.
 
         Raises
         ------
@@ -91,7 +123,7 @@ class Bench:
             raise
 
     def close(self) -> None:
-        """Close forces, camera, actuator, each of them even where another fails.
+        """Close forces, camera, actuator, each of them even if another fails.
 
         Raises
         ------
@@ -100,9 +132,8 @@ class Bench:
         """
         problems = _close((self.forces, self.camera, self.actuator))
         if problems:
-            raise DeviceError(
-                "bench: " + "; ".join(str(problem) for problem in problems)
-            ) from problems[0]
+            reasons = "; ".join(str(problem) for problem in problems)
+            raise DeviceError(f"bench: {reasons}") from problems[0]
 
     def __enter__(self) -> Self:
         """The bench, open."""
@@ -119,7 +150,7 @@ class Bench:
         self.close()
 
 
-def _close(devices: Any) -> list[Exception]:
+def _close(devices: Iterable[ForceSource | Camera | Actuator]) -> list[Exception]:
     problems: list[Exception] = []
     for device in devices:
         try:
@@ -129,27 +160,47 @@ def _close(devices: Any) -> list[Exception]:
     return problems
 
 
-def open_bench(
-    forces: str = "sim",
-    camera: str = "sim",
-    actuator: str = "sim",
+@dataclass(frozen=True)
+class _Shared:
+    """What drivers may need, made when the first of them does."""
+
+    clock: SampleClock
+    scenario: Scenario
+    given_recording: Recording | None
+    pace: float | None
+
+    @cached_property
+    def world(self) -> World:
+        from drivers.sim.world import World
+
+        return World(self.scenario, self.pace)
+
+    @property
+    def recording(self) -> Recording:
+        if self.given_recording is None:
+            raise DeviceNotFound(
+                "stored devices: no recorded experiment is named; set replay.session to its file"
+            )
+        return self.given_recording
+
+
+def make_bench(
+    forces: ForceSettings,
+    camera: CameraSettings,
+    actuator: ActuatorSettings,
     *,
-    force_settings: ForceSettings | None = None,
-    camera_settings: CameraSettings | None = None,
-    actuator_settings: ActuatorSettings | None = None,
-    world: WorldSettings | None = None,
+    scenario: Scenario | None = None,
     recording: Recording | None = None,
     pace: float | None = 1.0,
 ) -> Bench:
-    """A bench of three drivers given by name; its `open`, or a ``with`` block, claims the hardware.
+    """The bench of the three drivers that the settings name; its `open`, or a ``with`` block, claims
+    the hardware.
 
     Parameters
     ----------
-    forces, camera, actuator : str
-        Names of drivers; ``DRIVERS`` lists them.
-    force_settings, camera_settings, actuator_settings : optional
-        What the drivers are told about their devices.
-    world : WorldSettings, optional
+    forces, camera, actuator : ForceSettings, CameraSettings, ActuatorSettings
+        Settings of the devices, each with the name of its driver as `source`.
+    scenario : Scenario, optional
         What the simulated and emulated devices look at.
     recording : Recording, optional
         What the stored devices play.
@@ -160,27 +211,30 @@ def open_bench(
     ------
     UnknownDevice
         There is no driver of that name.
+    DeviceNotFound
+        A stored device has no recording.
+    ValueError
+        The scenario can not be simulated.
     """
-    scene = Scene(world, pace, recording)
-    names = forces, camera, actuator
-    told = (
-        force_settings or ForceSettings(),
-        camera_settings or CameraSettings(),
-        actuator_settings or ActuatorSettings(),
-    )
-    makers = [_driver(kind, name) for kind, name in zip(DRIVERS, names, strict=True)]
-    made = tuple(make(settings, scene) for make, settings in zip(makers, told, strict=True))
-    return Bench(*connected(made, names, scene), scene)
+    if scenario is None:
+        from drivers.sim.scenario import Scenario
 
-
-def _driver(kind: str, name: str) -> Callable[[Any, Scene], Any]:
-    known = DRIVERS[kind]
-    if name not in known:
-        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
-        raise UnknownDevice(
-            f"{kind}: no driver is called '{name}'; known: {', '.join(sorted(known))} (the nearest"
-            f" is '{nearest}')"
+        scenario = Scenario(forces=forces, camera=camera)
+    clock = SampleClock(float(forces.sample_rate))
+    shared = _Shared(clock, scenario, recording, pace)
+    sections: dict[str, Any] = {"forces": forces, "camera": camera, "actuator": actuator}
+    drivers = {kind: driver(kind, section.source) for kind, section in sections.items()}
+    made: dict[str, Any] = {}
+    for kind, (where, nature) in drivers.items():
+        module, _, name = where.partition(":")
+        maker: Callable[..., Any] = getattr(import_module(module), name)
+        made[kind] = maker(
+            *(
+                sections[kind] if need == "settings" else getattr(shared, need)
+                for need in NEEDS[nature]
+            )
         )
-    module, _, attribute = known[name].partition(":")
-    maker: Callable[[Any, Scene], Any] = getattr(import_module(module), attribute)
-    return maker
+    natures = {kind: nature for kind, (_, nature) in drivers.items()}
+    shows_world = not {"simulated", "emulated"}.isdisjoint(natures.values())
+    world = shared.world if shows_world else None
+    return Bench(*connected(**made, natures=natures, clock=clock, world=world), world)

@@ -6,14 +6,14 @@ import re
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import Found, Frame, Image, LostFrame, TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import CameraSettings
 
 SUFFIXES = (".png", ".tif", ".tiff")
@@ -56,14 +56,11 @@ class FolderCamera:
 
     name = "folder camera"
 
-    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
-        self.shape = settings.shape
-        self.dtype: np.dtype[Any] = np.dtype(
-            np.uint8 if settings.pixel_format == "Mono8" else np.uint16
-        )
-        self.exposure_samples = settings.exposure_samples
+    def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
+        self.shape, self.dtype = settings.shape, settings.dtype
+        self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
         self._folder = Path(settings.folder)
-        self._clock = scene.clock
+        self._clock = clock
         self._files: list[Path] = []
         self._train: TriggerTrain | None = None
         self._next = 0

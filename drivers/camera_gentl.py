@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceNotFound
 from drivers.frame_numbers import Delivered
 from drivers.genicam_camera import GenICamCamera, library
 from drivers.protocols import Found
-from drivers.scene import Scene
 from drivers.settings import CameraSettings
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ class GenTLCamera(GenICamCamera):
 
     kind = "GenTL camera"
 
-    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
-        super().__init__(settings, scene)
+    def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
+        super().__init__(settings, clock)
         self._harvester: Any = None
         self._acquirer: Any = None
         self._genapi: Any = None

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceNotFound
 from drivers.frame_numbers import Delivered
 from drivers.genicam_camera import GenICamCamera, library
 from drivers.protocols import Found
-from drivers.scene import Scene
 from drivers.settings import CameraSettings
 
 _FIRST_ID = {"BaslerGigE": 1, "BaslerUsb": 0, "BaslerCamEmu": 0}
@@ -39,8 +39,8 @@ class PylonCamera(GenICamCamera):
 
     kind = "pylon camera"
 
-    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
-        super().__init__(settings, scene)
+    def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
+        super().__init__(settings, clock)
         self.device: Any = None
         self._pylon: Any = None
         self._genicam: Any = None

@@ -17,6 +17,7 @@ class SampleClock:
 
     Attributes
     ----------
+    sample_rate_hz : float
     now : int
         Samples read or known to be lost, counted from 0.
     phase : str
@@ -26,7 +27,8 @@ class SampleClock:
         where each of them began.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sample_rate_hz: float) -> None:
+        self.sample_rate_hz = sample_rate_hz
         self.now = 0
         self.phase = "idle"
         self.counts_exposures = False

@@ -64,7 +64,6 @@ class FrameNumbers:
         The camera, in messages.
     train : TriggerTrain
     clock : SampleClock
-    sample_rate_hz : float
     exposure_samples : int
     first_id : int or None
         Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None where the transport does
@@ -76,12 +75,11 @@ class FrameNumbers:
         name: str,
         train: TriggerTrain,
         clock: SampleClock,
-        sample_rate_hz: float,
         exposure_samples: int,
         first_id: int | None,
     ) -> None:
         self._name, self._train, self._clock = name, train, clock
-        self._rate, self._open, self._first_id = sample_rate_hz, exposure_samples, first_id
+        self._rate, self._open, self._first_id = clock.sample_rate_hz, exposure_samples, first_id
         self._next = 0  # trigger to be answered
         self._exposure = 0  # of it, where the board counts them
         self._last_id: int | None = None

@@ -11,15 +11,13 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-import numpy as np
-
+from analysis.options import quantity
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.frame_numbers import Delivered, FrameNumbers
 from drivers.protocols import Found, Frame, LostFrame, TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import CameraSettings
 
-FORMATS = ("Mono8", "Mono10", "Mono10p", "Mono12", "Mono12p", "Mono12Packed", "Mono16")
 _BUFFERED_S = 2.0
 _LIMITS = (
     "BslResultingAcquisitionFrameRate",
@@ -39,15 +37,12 @@ class GenICamCamera(ABC):
 
     kind = "camera"
 
-    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
+    def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
         self.name = f"camera '{settings.device}'" if settings.device else self.kind
-        self.shape = settings.shape
-        self.dtype: np.dtype[Any] = np.dtype(
-            np.uint8 if settings.pixel_format == "Mono8" else np.uint16
-        )
-        self.exposure_samples = settings.exposure_samples
+        self.shape, self.dtype = settings.shape, settings.dtype
+        self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
         self._settings = settings
-        self._clock = scene.clock
+        self._clock = clock
         self._numbers: FrameNumbers | None = None
         self._waits = False
         self._found: Found | None = None  # once open
@@ -101,11 +96,6 @@ class GenICamCamera(ABC):
         OutOfLimits
             It can not be set so; the message holds what it offers.
         """
-        if self._settings.pixel_format not in FORMATS:
-            raise OutOfLimits(
-                f"{self.name}: pixel format {self._settings.pixel_format} was asked; use one of"
-                f" {', '.join(FORMATS)}"
-            )
         try:
             self._found = self._claim()
             self._configure()
@@ -125,7 +115,7 @@ class GenICamCamera(ABC):
         if self._found is None:
             return f"{self.name}, not open"
         trigger = (
-            f"{s.exposure_s * 1e3:g} ms, trigger {s.trigger_line}"
+            f"{quantity(s, 'exposure')}, trigger {s.trigger_line}"
             if s.trigger_line
             else "trigger and exposure as it is set"
         )
@@ -138,7 +128,7 @@ class GenICamCamera(ABC):
             raise DeviceFault(
                 f"{self.name}: to wait for triggers was asked, it is not open; open it first"
             )
-        rate = self._settings.sample_rate_hz
+        rate = self._clock.sample_rate_hz
         node = next(
             (node for name in _LIMITS if (node := self._node(name, to_read=True)) is not None), None
         )
@@ -149,7 +139,7 @@ class GenICamCamera(ABC):
             raise OutOfLimits(
                 f"{self.name}: {rate / train.divisor:.4g} Hz asked, {limit:.4g} Hz is its limit"
                 " with an exposure of"
-                f" {self._settings.exposure_s * 1e3:g} ms; use a divisor of"
+                f" {quantity(self._settings, 'exposure')}; use a divisor of"
                 f" {math.ceil(rate / limit / 1.001)} or more, or expose shorter"
             )
         try:
@@ -160,7 +150,7 @@ class GenICamCamera(ABC):
                 " it anew"
             ) from error
         self._numbers = FrameNumbers(
-            self.name, train, self._clock, rate, self.exposure_samples, self._first_id()
+            self.name, train, self._clock, self.exposure_samples, self._first_id()
         )
         self._waits = True
 
@@ -223,18 +213,18 @@ class GenICamCamera(ABC):
         self._prefer("OffsetY", 0)
         self._set("Width", s.shape[1])
         self._set("Height", s.shape[0])
-        if any(s.offset_px):
-            self._set("OffsetX", s.offset_px[0])
-            self._set("OffsetY", s.offset_px[1])
+        if any(s.offset):
+            self._set("OffsetX", s.offset[0])
+            self._set("OffsetY", s.offset[1])
         self._prefer("AcquisitionMode", "Continuous")
         self._prefer("AcquisitionFrameRateEnable", False)
-        if s.gain_db is not None:
+        if s.gain >= 0:
             self._prefer("GainAuto", "Off")
-            self._set("Gain", s.gain_db, "GainAbs")
+            self._set("Gain", s.gain, "GainAbs")
         if s.trigger_line:
             self._prefer("ExposureAuto", "Off")
             self._prefer("ExposureMode", "Timed")
-            self._set("ExposureTime", s.exposure_s * 1e6, "ExposureTimeAbs")
+            self._set("ExposureTime", s.exposure * 1e6, "ExposureTimeAbs")
             self._set_trigger(s.trigger_line)
         if s.exposure_line:
             self._set("LineSelector", s.exposure_line)

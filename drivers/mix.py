@@ -1,56 +1,70 @@
-"""What makes one bench of any mix of devices: the sample clock that cameras look at, and a
-simulated world that keeps up with what is real.
+"""What makes one bench of any mix of devices: the sample clock that all of them share, and a
+simulated world that keeps up with the devices that are real.
 
 Exactly one party lets the simulated world's time pass: the simulated forces, the emulated board,
-or, beside a real board, `ClockedForces`. Where the actuator is real and anything else is not, the
-world's stage goes where the real one goes (`FollowedActuator`).
+or, beside real or stored forces, `ClockedForces`. If the actuator is real or stored and anything
+else is not, the world's stage goes where that actuator goes (`FollowedActuator`).
 """
 
 from __future__ import annotations
 
-from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock, TriggerTrain
-from drivers.scene import Scene
+from typing import TYPE_CHECKING
 
-# force sources in which the world's time passes by itself
-OWN_THE_TIME = frozenset({"sim", "nidaqmx-emulated"})
-# actuators that move the world's stage themselves
-OWN_THE_STAGE = frozenset({"sim", "smc100-emulated", "conex-cc-emulated"})
+from drivers.clock import SampleClock
+from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock, TriggerTrain
+
+if TYPE_CHECKING:
+    from drivers.sim.world import World
+
+MOVES_THE_WORLD = frozenset({"simulated", "emulated"})  # natures of drivers
 
 
 def connected(
-    devices: tuple[ForceSource, Camera, Actuator], names: tuple[str, str, str], scene: Scene
+    forces: ForceSource,
+    camera: Camera,
+    actuator: Actuator,
+    natures: dict[str, str],
+    clock: SampleClock,
+    world: World | None,
 ) -> tuple[ForceSource, Camera, Actuator]:
-    """The three devices, wrapped where one of them must be told what another one does; `names` are
-    those of their drivers.
+    """The three devices, wrapped where the clock or the world must be told what one of them does.
+
+    Parameters
+    ----------
+    natures : dict
+        Kind of device -> nature of its driver, see `drivers.bench.NEEDS`.
     """
-    forces, camera, actuator = devices
-    has_world = any(name == "sim" or name.endswith("-emulated") for name in names)
-    leads = has_world and names[0] not in OWN_THE_TIME
-    follows = has_world and names[2] not in OWN_THE_STAGE
-    # where the stage is, it is at the last sample read
-    in_read_time = names[2] == "replay" or (leads and names[2] in OWN_THE_STAGE)
+    has_own_stage = natures["actuator"] in MOVES_THE_WORLD
+    led = None if natures["forces"] in MOVES_THE_WORLD else world
+    # where the stage is, is known for the last sample that was read, and for no later one
+    in_read_time = natures["actuator"] == "stored" or (led is not None and has_own_stage)
     return (
-        ClockedForces(forces, scene, leads=leads, stage_in_read_time=in_read_time),
+        ClockedForces(forces, clock, led, stage_in_read_time=in_read_time),
         camera,
-        FollowedActuator(actuator, scene) if follows else actuator,
+        actuator if world is None or has_own_stage else FollowedActuator(actuator, world),
     )
 
 
 class ClockedForces:
-    """A force source that tells the scene's clock of every block that is read; `leads`: the world's
-    time passes with it too.
+    """A force source that advances the sample clock with every block that is read, and the time of
+    a world as well if that has no other source.
     """
 
     def __init__(
-        self, forces: ForceSource, scene: Scene, *, leads: bool, stage_in_read_time: bool = False
+        self,
+        forces: ForceSource,
+        clock: SampleClock,
+        world: World | None = None,
+        *,
+        stage_in_read_time: bool = False,
     ) -> None:
         self.device = forces
         self.name = forces.name
         self.sample_rate_hz = forces.sample_rate_hz
         self.block_samples = forces.block_samples
         self.counts_exposures = forces.counts_exposures
-        self._scene = scene
-        self._leads = leads
+        self._clock = clock
+        self._world = world
         self._stage_in_read_time = stage_in_read_time
 
     def open(self) -> None:
@@ -58,32 +72,31 @@ class ClockedForces:
         self.device.open()
 
     def describe(self) -> str:
-        """What the device says of itself."""
+        """The description of the device."""
         return self.device.describe()
 
     def start(self, train: TriggerTrain) -> None:
         """Start the device, and with it the clock."""
-        self._scene.clock.start(counts_exposures=self.counts_exposures)
-        if self._leads:
-            self._scene.world.start(train)
+        self._clock.start(counts_exposures=self.counts_exposures)
+        if self._world is not None:
+            self._world.start(train)
         self.device.start(train)
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next block; the clock is told before it is handed over."""
+        """The next block; the clock advances before it is handed over."""
         block = self.device.read(timeout_s)
-        if self._leads:
-            self._scene.world.advance(block.end - self._scene.world.now)
+        if self._world is not None:
+            self._world.advance(block.end - self._world.now)
         if isinstance(block, SampleBlock):
-            self._scene.clock.advance(block.end, block.exposures)
-        elif (
-            not self.counts_exposures
-        ):  # else what was exposed in the gap is known with the next block
-            self._scene.clock.advance(block.end)
+            self._clock.advance(block.end, block.exposures)
+        elif not self.counts_exposures:
+            # with a counter, the next block says what was exposed in the gap
+            self._clock.advance(block.end)
         return block
 
     def backlog(self) -> int:
-        """Samples of the device that wait to be read; none where the stage knows no later time than
-        that of the last one read.
+        """Samples of the device that wait to be read; 0 if the position of the stage is not known
+        beyond the last sample that was read.
         """
         return 0 if self._stage_in_read_time else self.device.backlog()
 
@@ -100,20 +113,20 @@ class ClockedForces:
             self._end()
 
     def _end(self) -> None:
-        self._scene.clock.stop()
-        if self._leads and self._scene.world.phase == "running":
-            self._scene.world.stop()
+        self._clock.stop()
+        if self._world is not None and self._world.phase == "running":
+            self._world.stop()
 
 
 class FollowedActuator:
-    """A real actuator beside a simulated world, whose stage is put where each reading of the
+    """An actuator beside a simulated world, whose stage goes where each reading of the actuator's
     position says.
     """
 
-    def __init__(self, actuator: Actuator, scene: Scene) -> None:
+    def __init__(self, actuator: Actuator, world: World) -> None:
         self.device = actuator
         self.name = actuator.name
-        self._scene = scene
+        self._world = world
         self._start_m: float | None = None
 
     @property
@@ -131,7 +144,7 @@ class FollowedActuator:
         self.device.open()
 
     def describe(self) -> str:
-        """What the device says of itself."""
+        """The description of the device."""
         return self.device.describe()
 
     def home(self) -> None:
@@ -151,7 +164,7 @@ class FollowedActuator:
         here = self.device.position_m()
         if self._start_m is None:
             self._start_m = here
-        self._scene.world.follow(here - self._start_m)
+        self._world.follow(here - self._start_m)
         return here
 
     def is_moving(self) -> bool:

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.ni_errors import GONE, NOT_YET, OVERWRITTEN, need, sentence
 from drivers.protocols import Found, LostSamples, SampleBlock, TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import ForceSettings
 
 TIMEBASE_HZ = 20_000_000
@@ -68,11 +68,10 @@ class NiForces:
     first to count the exposure.
     """
 
-    def __init__(self, settings: ForceSettings, scene: Scene) -> None:
-        del scene  # the board is real
+    def __init__(self, settings: ForceSettings, clock: SampleClock) -> None:
         self.name = f"NI board '{settings.device}'"
-        self.sample_rate_hz = settings.sample_rate_hz
-        self.block_samples = settings.block_samples
+        self.sample_rate_hz = clock.sample_rate_hz
+        self.block_samples = settings.block
         self.counts_exposures = bool(settings.exposure_counter)
         self._settings = settings
         self._lock = threading.Lock()  # one thread at a time talks to the library
@@ -151,7 +150,7 @@ class NiForces:
             if self.counts_exposures
             else ""
         )
-        inputs = f"{s.channels[0]} and {s.channels[1]}, {s.wiring}, at {s.sample_rate_hz:g} Hz"
+        inputs = f"{s.channels[0]} and {s.channels[1]}, {s.wiring}, at {self.sample_rate_hz:g} Hz"
         self._description = (
             model
             + f" on {s.server}" * bool(s.server)
@@ -162,28 +161,24 @@ class NiForces:
         from nidaqmx.constants import TerminalConfiguration
 
         s = self._settings
-        if s.wiring not in WIRINGS:
-            raise OutOfLimits(
-                f"{self.name}: wiring '{s.wiring}' was asked; there are {', '.join(WIRINGS)}"
-            )
         wiring = TerminalConfiguration[WIRINGS[s.wiring]]
         with (
-            self._ni(f"{s.channels[0]} and {s.channels[1]} at {s.sample_rate_hz:g} Hz"),
+            self._ni(f"{s.channels[0]} and {s.channels[1]} at {self.sample_rate_hz:g} Hz"),
             self._task() as task,
         ):
-            for channel, limit in zip(s.channels, s.range_v, strict=True):
+            for channel, limit in zip(s.channels, s.range, strict=True):
                 task.ai_channels.add_ai_voltage_chan(
                     f"{s.device}/{channel}", terminal_config=wiring, min_val=-limit, max_val=limit
                 )
             self._sample(task, "")
             rate = task.timing.samp_clk_rate
             if not (
-                math.isclose(rate, s.sample_rate_hz, rel_tol=1e-9)
-                and (TIMEBASE_HZ / s.sample_rate_hz).is_integer()
+                math.isclose(rate, self.sample_rate_hz, rel_tol=1e-9)
+                and (TIMEBASE_HZ / self.sample_rate_hz).is_integer()
             ):
                 found = f"the nearest that the board has is {rate:.10g} Hz"
                 raise OutOfLimits(
-                    f"{self.name}: {s.sample_rate_hz:.10g} Hz was asked, {found}; use a sample rate"
+                    f"{self.name}: {self.sample_rate_hz:.10g} Hz was asked, {found}; use a sample rate"
                     " that divides 20 MHz"
                 )
         self._inputs.append(task)
@@ -205,7 +200,7 @@ class NiForces:
         """
         from nidaqmx.constants import AcquisitionType, OverwriteMode, ReadRelativeTo, TaskMode
 
-        size = max(2 * self.block_samples, math.ceil(self._settings.buffer_s * self.sample_rate_hz))
+        size = max(2 * self.block_samples, math.ceil(self._settings.buffer * self.sample_rate_hz))
         task.timing.cfg_samp_clk_timing(
             self.sample_rate_hz, clock, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=size
         )
@@ -235,7 +230,7 @@ class NiForces:
                 task.do_channels.add_do_chan(f"{s.device}/{s.trigger_line}")
                 clock = f"/{s.device}/ai/SampleClock"
                 task.timing.cfg_samp_clk_timing(
-                    s.sample_rate_hz,
+                    self.sample_rate_hz,
                     clock,
                     sample_mode=AcquisitionType.CONTINUOUS,
                     samps_per_chan=divisor,
@@ -245,7 +240,7 @@ class NiForces:
                     auto_start=False,
                 )
             else:
-                ticks = int(TIMEBASE_HZ / s.sample_rate_hz)
+                ticks = int(TIMEBASE_HZ / self.sample_rate_hz)
                 times = {
                     "initial_delay": ticks * first,
                     "high_ticks": ticks * high,

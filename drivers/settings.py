@@ -1,128 +1,236 @@
-"""What a driver is told about its device: one plain structure per kind, in SI units.
+"""The settings of the three devices: one section per kind of device, from which each driver takes
+what applies to it.
 
-A driver uses what applies to it.
+The names are those of the settings file; instances hold SI units.
 """
 
 from __future__ import annotations
 
-import math
+import re
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from analysis.options import Section, option, quantity
+
+if TYPE_CHECKING:
+    import numpy as np
+
+FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono12Packed", "Mono16")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForceSettings:
-    """The DAQ board.
+@dataclass(frozen=True, kw_only=True)
+class ForceSettings(Section):
+    """The DAQ board and the two capacitive sensors."""
 
-    Attributes
-    ----------
-    sample_rate_hz, block_samples : float, int
-    device : str
-        Name that the board has in its vendor's configuration program.
-    channels : (str, str)
-        Analog inputs of the normal and the shear sensor.
-    wiring : str
-        "differential", "rse" (against the board's ground) or "nrse" (against AI SENSE).
-    range_v : (float, float)
-        Each input is read from minus to plus this.
-    buffer_s : float
-        Data that the vendor's library holds while nobody reads.
-    server : str
-        host:port of the computer that the board is in; empty: this one.
-    certificate : str
-        File (PEM) of the authority that vouches for the server; empty: a plain connection.
-    trigger : str
-        "counter": pulses of a counter, in ticks of the board's 20 MHz, started with the samples;
-        "digital": a line clocked by the samples.
-    trigger_counter, trigger_terminal, trigger_line : str
-        Counter and the terminal its pulses come out of (empty: the counter's own), or the digital
-        line.
-    exposure_counter, exposure_terminal : str
-        Counter of the camera's exposures on the sample clock (empty: none), and the terminal that
-        the camera's exposure output is wired to.
-    """
+    source: str = option("sim", "Driver of the DAQ board; `slipscope doctor` lists them")
+    device: str = option("Dev1", "Name of the board in NI MAX")
+    server: str = option(
+        "", "host:port of the NI gRPC device server that has the board; empty: this computer"
+    )
+    certificate: str = option(
+        "", "File (PEM) that vouches for the server; empty: an unencrypted connection"
+    )
+    channels: tuple[str, str] = option(
+        ("ai0", "ai1"), "Analog inputs of the normal and the shear sensor"
+    )
+    wiring: str = option(
+        "differential",
+        "How the sensors are wired: rse against the board's ground, nrse against AI SENSE",
+        choices=("differential", "rse", "nrse"),
+    )
+    range: tuple[float, float] = option(
+        (10.0, 10.0),
+        "Each input is read from minus to plus this (normal, shear)",
+        "V",
+        gt=0,
+        le=100,
+    )
+    buffer: float = option(
+        10.0, "Data that the vendor's library holds while nobody reads it", "s", ge=1, le=600
+    )
+    on_overflow: str = option(
+        "end",
+        "What happens when samples were lost: the run ends, or it continues with a gap",
+        choices=("end", "continue"),
+    )
+    trigger: str = option(
+        "counter",
+        "Camera triggers are pulses of a counter, or a digital line that the samples clock",
+        choices=("counter", "digital"),
+    )
+    trigger_counter: str = option("ctr0", "Counter of the trigger pulses")
+    trigger_terminal: str = option(
+        "", "Terminal at which the pulses leave; empty: the counter's own (PFI12 for ctr0)"
+    )
+    trigger_line: str = option("port0/line0", "Line of the trigger, for trigger = 'digital'")
+    exposure_counter: str = option(
+        "",
+        "Counter of the camera's exposures, which proves the number of each frame, e.g. 'ctr1';"
+        " empty: none",
+    )
+    exposure_terminal: str = option(
+        "PFI3", "Terminal that the camera's exposure output is wired to"
+    )
+    sample_rate: int = option(
+        1000, "Sampling rate: the clock of everything", "Hz", ge=100, le=100000
+    )
+    block: int = option(50, "Samples read at a time", "samples", ge=1, le=10000)
+    sensitivity_normal: float = option(
+        300.0, "Displacement per volt of the normal sensor", "um/V", gt=0, le=10000
+    )
+    sensitivity_shear: float = option(
+        22.0, "Displacement per volt of the shear sensor", "um/V", gt=0, le=10000
+    )
+    stiffness_normal: float = option(
+        689.0, "Stiffness k_N of the normal cantilever", "N/m", gt=0, le=1e7
+    )
+    stiffness_shear: float = option(
+        9579.0, "Stiffness K_T of the tangential cantilever", "N/m", gt=0, le=1e7
+    )
+    stiffness_uncertainty: tuple[float, float] = option(
+        (5.0, 25.0), "Standard uncertainties of k_N and K_T", "N/m", ge=0
+    )
+    sign: tuple[int, int] = option(
+        (1, 1),
+        "1 or -1 (normal, shear): -1 where a sensor's voltage falls as its force grows",
+        choices=(1, -1),
+    )
+    zero: tuple[float, float] = option((0.0, 0.0), "Readings without force (normal, shear)", "V")
+    coupling: tuple[tuple[float, float], tuple[float, float]] = option(
+        ((1.0, 0.004), (0.008, 1.0)),
+        "Cross-coupling: reading = coupling x (P, Q); its inverse undoes it",
+    )
 
-    sample_rate_hz: float = 1000.0
-    block_samples: int = 50
-    device: str = "Dev1"
-    channels: tuple[str, str] = ("ai0", "ai1")
-    wiring: str = "differential"
-    range_v: tuple[float, float] = (10.0, 10.0)
-    buffer_s: float = 10.0
-    server: str = ""
-    certificate: str = ""
-    trigger: str = "counter"
-    trigger_counter: str = "ctr0"
-    trigger_terminal: str = ""
-    trigger_line: str = "port0/line0"
-    exposure_counter: str = ""
-    exposure_terminal: str = "PFI3"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraSettings:
-    """The triggered camera.
-
-    Attributes
-    ----------
-    shape : (rows, columns)
-    exposure_s : float
-    sample_rate_hz : float
-        Of the DAQ board, whose samples the exposure is counted in.
-    device : str
-        Serial number or name of the camera; empty: the only one there is.
-    pixel_format : str
-        "Mono8", or one with more bits ("Mono10", "Mono12", "Mono12p", "Mono12Packed", "Mono16"),
-        which gives 16-bit images on the format's own scale (0 to 4095 for 12 bit).
-    offset_px : (x, y)
-        Top-left pixel of the image on the sensor.
-    gain_db : float or None
-        None: as the camera is set.
-    trigger_line, exposure_line : str
-        Input of the trigger (empty: trigger and exposure stay as the camera is set); output that is
-        high while the camera exposes (empty: not set).
-    producer : str
-        GenTL producer (.cti) of the camera's vendor.
-    folder : str
-        Folder of images, for the camera that plays them.
-    """
-
-    shape: tuple[int, int] = (1200, 1600)
-    exposure_s: float = 0.01
-    sample_rate_hz: float = 1000.0
-    device: str = ""
-    pixel_format: str = "Mono8"
-    offset_px: tuple[int, int] = (0, 0)
-    gain_db: float | None = None
-    trigger_line: str = "Line1"
-    exposure_line: str = ""
-    producer: str = ""
-    folder: str = ""
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        (a, b), (c, d) = self.coupling
+        if abs(a * d - b * c) < 1e-6:
+            raise ValueError(
+                f"forces.coupling has no inverse; its determinant is {a * d - b * c:g}"
+            )
+        counters = self.trigger_counter, self.exposure_counter
+        if self.trigger == "counter" and self.exposure_counter and counters[0] == counters[1]:
+            raise ValueError(
+                "forces.exposure_counter and forces.trigger_counter are both"
+                f" {self.exposure_counter!r}; use two different counters"
+            )
 
     @property
-    def exposure_samples(self) -> int:
-        """Exposure in whole samples, one at least."""
-        return max(1, round(self.exposure_s * self.sample_rate_hz))
+    def sensitivity(self) -> tuple[float, float]:
+        """Displacement per volt of the normal and the shear sensor, m/V, with their signs."""
+        return self.sign[0] * self.sensitivity_normal, self.sign[1] * self.sensitivity_shear
+
+    @property
+    def stiffness(self) -> tuple[float, float]:
+        """Stiffness of the normal and the tangential cantilever, N/m."""
+        return self.stiffness_normal, self.stiffness_shear
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActuatorSettings:
-    """The drive of the block.
+@dataclass(frozen=True, kw_only=True)
+class CameraSettings(Section):
+    """The triggered camera."""
 
-    Attributes
-    ----------
-    port : str
-        "COM3", "/dev/ttyUSB0", or "socket://host:port" for a serial line over the network.
-    address : int
-        Number of the controller on its line.
-    baud : int
-        Speed of the line; 0: that of the model.
-    travel_limits_m : (float, float)
-        No target outside is ever sent; they are also given to the controller as its soft limits.
-    velocity_limit_m_s : float
-    """
+    source: str = option("sim", "Driver of the camera; `slipscope doctor` lists them")
+    device: str = option(
+        "",
+        "Serial number or name of the camera (`slipscope cameras`); empty: the only one connected",
+    )
+    producer: str = option("", "GenTL producer (.cti) of the camera's vendor, for source = 'gentl'")
+    folder: str = option("", "Folder of images, for source = 'folder'")
+    pixel_format: str = option(
+        "Mono8",
+        "More than 8 bit gives 16-bit images on the format's own scale",
+        choices=FORMATS,
+    )
+    offset: tuple[int, int] = option(
+        (0, 0), "Top-left pixel (x, y) of the image on the sensor", "px", ge=0
+    )
+    gain: float = option(-1.0, "Gain; -1: as the camera is set", "dB", ge=-1, le=60)
+    trigger_line: str = option(
+        "Line1",
+        "Input of the camera that receives the triggers; empty: trigger and exposure as the camera"
+        " is set",
+    )
+    exposure_line: str = option(
+        "",
+        "Output that is high while the camera exposes, for forces.exposure_counter; empty: not set",
+    )
+    divisor: int = option(
+        125,
+        "Samples per trigger: 125 is 8 frames/s at 1 kHz, 250 is 4",
+        "samples",
+        ge=1,
+        le=1000000,
+    )
+    max_rate: float = option(
+        24.0, "Fastest trigger rate that the camera follows", "frames/s", gt=0, le=10000
+    )
+    width: int = option(1600, "Image width", "px", ge=64, le=16384)
+    height: int = option(1200, "Image height", "px", ge=64, le=16384)
+    pixel: float = option(7.04, "Size of a pixel on the interface", "um", gt=0, le=1000)
+    exposure: float = option(10.0, "Exposure time", "ms", gt=0, le=1000)
 
-    port: str = ""
-    address: int = 1
-    baud: int = 0
-    travel_limits_m: tuple[float, float] = (-math.inf, math.inf)
-    velocity_limit_m_s: float = 1e-3
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.source == "folder" and not self.folder:
+            raise ValueError(
+                "camera.folder must be the folder of the images that camera.source = 'folder'"
+                ' plays; found ""'
+            )
+        if self.source == "gentl" and not self.producer:
+            raise ValueError(
+                "camera.producer must be the .cti file of the camera's vendor, for camera.source ="
+                " 'gentl'; found \"\""
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of an image."""
+        return self.height, self.width
+
+    @property
+    def full_scale(self) -> int:
+        """The largest grey level of the pixel format."""
+        bits = re.search(r"\d+", self.pixel_format)
+        assert bits is not None
+        return int(2 ** int(bits[0]) - 1)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Array type of the images."""
+        import numpy as np  # the command line reads these settings and must start fast
+
+        return np.dtype(np.uint8 if self.full_scale < 256 else np.uint16)
+
+    def exposure_samples(self, sample_rate_hz: float) -> int:
+        """Exposure time in whole samples, at least one."""
+        return max(1, round(self.exposure * sample_rate_hz))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorSettings(Section):
+    """The DC actuator that drives the block."""
+
+    source: str = option("sim", "Driver of the actuator; `slipscope doctor` lists them")
+    port: str = option("", "Serial port, 'COM3' or '/dev/ttyUSB0', or 'socket://host:port'")
+    address: int = option(1, "Number of the controller on its line", ge=1, le=31)
+    baud: int = option(0, "Speed of the line; 0: that of the model", "baud", ge=0, le=4000000)
+    travel: tuple[float, float] = option(
+        (0.0, 25.0), "The stage is never sent beyond these two positions", "mm"
+    )
+    max_velocity: float = option(
+        1000.0, "The stage is never driven faster than this", "um/s", gt=0, le=1e5
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, high = self.travel
+        if not low < high:
+            raise ValueError(
+                "actuator.travel must be a least and a greatest position; found"
+                f" {quantity(self, 'travel')}"
+            )
+        if self.source in ("smc100", "conex-cc") and not self.port:
+            raise ValueError(
+                'actuator.port must be the port that the actuator\'s controller is on; found ""'
+            )

@@ -9,16 +9,15 @@ stored stage is where it was, whatever it is told.
 from __future__ import annotations
 
 import math
-import threading
 import time
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, Image, LostFrame, LostSamples, SampleBlock, TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 
 
@@ -28,6 +27,8 @@ class Recording(Protocol):
     Attributes
     ----------
     name : str
+    pace : float or None
+        Seconds of the recording per second; None: as fast as it is read.
     volts : ndarray, shape (n, 2)
         Readings of the sensors; row is sample, NaN where samples were lost.
     sample_rate_hz : float
@@ -40,6 +41,7 @@ class Recording(Protocol):
     """
 
     name: str
+    pace: float | None
     volts: NDArray[np.float64]
     sample_rate_hz: float
     divisor: int
@@ -57,12 +59,11 @@ class StoredForces:
 
     counts_exposures = False
 
-    def __init__(self, settings: ForceSettings, scene: Scene) -> None:
-        self._recording, self._pace = scene.recording, scene.pace or math.inf
-        self.name = f"forces of {self._recording.name}"
-        self.sample_rate_hz = settings.sample_rate_hz
-        self.block_samples = settings.block_samples
-        self._lock = threading.Lock()
+    def __init__(self, settings: ForceSettings, clock: SampleClock, recording: Recording) -> None:
+        self._recording, self._pace = recording, recording.pace or math.inf
+        self.name = f"forces of {recording.name}"
+        self.sample_rate_hz = clock.sample_rate_hz
+        self.block_samples = settings.block
         self._state = "closed"
         self._began = 0.0
         self._next = 0
@@ -141,12 +142,11 @@ class StoredForces:
 class StoredCamera:
     """The camera of a recorded experiment."""
 
-    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
-        self._recording, self._clock = scene.recording, scene.clock
-        self.name = f"camera of {self._recording.name}"
-        self.shape = self._recording.shape
-        self.dtype = self._recording.dtype
-        self.exposure_samples = settings.exposure_samples
+    def __init__(self, settings: CameraSettings, clock: SampleClock, recording: Recording) -> None:
+        self._recording, self._clock = recording, clock
+        self.name = f"camera of {recording.name}"
+        self.shape, self.dtype = recording.shape, recording.dtype
+        self.exposure_samples = settings.exposure_samples(clock.sample_rate_hz)
         self._is_open = False
         self._train: TriggerTrain | None = None
         self._next = 0
@@ -214,11 +214,13 @@ class StoredActuator:
     it was told to move.
     """
 
-    def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
-        self._recording, self._clock = scene.recording, scene.clock
-        self.name = f"stage of {self._recording.name}"
-        self.travel_limits_m = settings.travel_limits_m
-        self.velocity_limit_m_s = settings.velocity_limit_m_s
+    def __init__(
+        self, settings: ActuatorSettings, clock: SampleClock, recording: Recording
+    ) -> None:
+        self._recording, self._clock = recording, clock
+        self.name = f"stage of {recording.name}"
+        self.travel_limits_m = settings.travel
+        self.velocity_limit_m_s = settings.max_velocity
         self._is_open = self._is_told = False
 
     def open(self) -> None:

@@ -4,31 +4,23 @@ sentence.
 
 from __future__ import annotations
 
+import random
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from analysis.dic import INTERPOLANTS, METHODS, Correlation
+from analysis.dic import Correlation
+from analysis.dic.interpolation import CLASSICAL
+from analysis.options import Option, as_written, options, quantity
+from analysis.settings import INTERPOLANTS
 from app import config
-from app.config import (
-    ConfigError,
-    correlation,
-    from_data,
-    from_record,
-    load,
-    parse_override,
-    to_toml,
-)
-from app.sections import Config, Dic
+from app.config import ConfigError, from_data, from_record, load, parse_override, to_toml
+from app.settings import Config, RunSettings
 
 
-def all_options() -> list[tuple[str, str]]:
-    return [
-        (table, key)
-        for table, (kind, _) in config.options(Config).items()
-        for key in config.options(kind)
-    ]
+def all_options() -> list[tuple[str, Option]]:
+    return [(table, o) for table, kind in config.tables().items() for o in options(kind).values()]
 
 
 def test_the_default_file_reads_back_as_the_defaults(tmp_path: Path) -> None:
@@ -39,13 +31,10 @@ def test_the_default_file_reads_back_as_the_defaults(tmp_path: Path) -> None:
 
 def test_the_default_file_explains_every_option() -> None:
     lines = config.default_toml().splitlines()
-    for table, key in all_options():
-        at = next(
-            i
-            for i, line in enumerate(lines)
-            if line.startswith(f"{key} = ") and f"[{table}]" in lines[: i + 1]
-        )
-        assert lines[at - 1].startswith("# "), f"{table}.{key}"
+    for table, option in all_options():
+        at = lines.index(f"[{table}]")
+        at = next(i for i in range(at, len(lines)) if lines[i].startswith(f"{option.name} = "))
+        assert lines[at - 1].startswith(f"# {option.meaning}"), f"{table}.{option.name}"
 
 
 def test_changed_settings_survive_the_way_through_a_file() -> None:
@@ -58,7 +47,7 @@ def test_changed_settings_survive_the_way_through_a_file() -> None:
             "sim.slow_actuator=false",
         ],
     )
-    assert changed.run.travel == 151.5
+    assert changed.run.travel == 151.5 * 1e-6
     assert changed.forces.zero == (0.25, -1e-3)
     assert from_data(tomllib.loads(to_toml(changed, comments=False)), "again") == changed
 
@@ -67,14 +56,14 @@ def test_an_override_wins_over_the_file(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     file.write_text("[run]\ntravel = 100\nvelocity = 4\n", encoding="utf-8")
     settings = load(file, ["run.travel=120"])
-    assert (settings.run.travel, settings.run.velocity) == (120.0, 4.0)
+    assert (settings.run.travel, settings.run.velocity) == (120 * 1e-6, 4 * 1e-6)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -> None:
     file = tmp_path / "bench.toml"
     file.write_text("[run] # Q für a\ntravel = 77\n", encoding=encoding)
-    assert load(file).run.travel == 77
+    assert load(file).run.travel == 77 * 1e-6
 
 
 @pytest.mark.parametrize(
@@ -131,6 +120,21 @@ def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -
             "run.normal_force = 1.9 N is not below limits.normal_force = 1.9 N",
         ),
         ("forces.coupling=[[1, 1], [1, 1]]", "forces.coupling has no inverse"),
+        ("forces.exposure_counter=ctr0", "are both 'ctr0'; use two different counters"),
+        (
+            "forces.wiring=loose",
+            "forces.wiring must be 'differential' or 'rse' or 'nrse'; found \"loose\"",
+        ),
+        (
+            "forces.range=[0, 10]",
+            "forces.range must be two numbers, [a, b], each more than 0 and at most 100 V;",
+        ),
+        ("forces.sign=[1, 2]", "two whole numbers, [a, b], each 1 or -1; found [1, 2]"),
+        ("camera.pixel_format=RGB8", "camera.pixel_format must be 'Mono8' or 'Mono10' or"),
+        ("actuator.travel=[3, 2]", "a least and a greatest position; found 3, 2 mm"),
+        ("camera.source=folder", "camera.folder must be the folder of the images"),
+        ("camera.source=replay", "replay.session must be the session"),
+        ("sim.faults=['no-trigger 3']", "sim.faults: no fault is called 'no-trigger'; known:"),
         ("travel=3", "'travel=3' is not table.key=value"),
         ("run.travel", "'run.travel' is not table.key=value"),
     ],
@@ -142,34 +146,46 @@ def test_what_can_not_be_used_is_refused_with_what_is_allowed(override: str, wor
     assert "\n" not in str(refused.value)
 
 
-def test_the_settings_of_the_correlation_are_its_own() -> None:
-    """Same names, same defaults, same choices; 0 stands for what the method or the images decide."""
-    assert correlation(Dic()) == Correlation()
-    changed = load(
-        None,
-        [
-            "dic.method=icgn",
-            "dic.precision=double",
-            "dic.tolerance=0.01",
-            "dic.full_scale=4095",
-            "dic.update=every",
-        ],
-    ).dic
-    assert correlation(changed) == Correlation(
-        method="icgn", precision="double", tolerance=0.01, full_scale=4095, update="every"
+def test_the_images_decide_where_the_grey_scale_ends_unless_the_settings_do() -> None:
+    assert Config().correlation == Correlation(full_scale=255)
+    assert load(None, ["camera.pixel_format=Mono12p"]).correlation.full_scale == 4095
+    assert load(None, ["dic.full_scale=1000"]).correlation.full_scale == 1000
+
+
+def test_every_interpolant_can_be_asked_for() -> None:
+    assert ("matched", *CLASSICAL) == INTERPOLANTS
+
+
+def test_settings_are_held_in_si_and_written_as_they_were() -> None:
+    """Whatever number somebody writes, the file that a session keeps of it says the same."""
+    rng = random.Random(1)
+    for _, option in all_options():
+        if option.type is not float:
+            continue
+        for digits in (1, 2, 3, 5, 9, 12, 15):
+            number = float(f"{rng.uniform(1, 10):.{digits}g}")
+            assert option.written(option.si(number)) == number
+        exact = rng.uniform(1, 10)
+        assert option.si(option.written(option.si(exact))) == option.si(exact)
+    assert as_written(load(None, ["run.travel=7.04"]).run)["travel"] == 7.04
+    assert quantity(RunSettings(travel=190e-6), "travel") == "190 um"
+
+
+def test_the_page_of_all_settings_is_up_to_date() -> None:
+    page = Path(__file__).parents[1] / "docs" / "settings.md"
+    assert page.read_text(encoding="utf-8") == config.markdown(), (
+        "docs/settings.md is behind the declarations: python -m app.config > docs/settings.md"
     )
-    for key, words in [("method", METHODS), ("interpolant", INTERPOLANTS)]:
-        assert config.options(Dic)[key][1].pattern == f"^({'|'.join(words)})$"
 
 
 def test_a_record_without_a_method_is_from_before_there_was_a_choice(tmp_path: Path) -> None:
     old = "[dic]\nbox = 20\nsearch = 16\n"
-    assert from_record(old, "session").dic == Dic(method="direct", search=16)
+    assert from_record(old, "session").dic == Correlation(method="direct", search=16)
     assert from_record("", "session").dic.method == "direct"
     assert from_record(to_toml(Config()), "session") == Config()
     file = tmp_path / "bench.toml"  # a user's file says what he changed, and means today's method
     file.write_text(old, encoding="utf-8")
-    assert load(file).dic == Dic(method="shared", search=16)
+    assert load(file).dic == Correlation(method="shared", search=16)
     with pytest.raises(ConfigError, match="session: 'dic' is a table of options, found 3"):
         from_record("dic = 3", "session")
 
@@ -225,5 +241,5 @@ def test_an_override_is_read_as_toml_and_else_as_a_word() -> None:
 
 
 def test_the_exposure_is_whole_samples_and_one_at_least() -> None:
-    assert config.exposure_samples(load(None, ["camera.exposure=10.4"])) == 10
-    assert config.exposure_samples(load(None, ["camera.exposure=0.01"])) == 1
+    assert load(None, ["camera.exposure=10.4"]).exposure_samples == 10
+    assert load(None, ["camera.exposure=0.01"]).exposure_samples == 1

@@ -3,17 +3,18 @@ the images of a run.
 
 ================================  ============================================================
 paper, section 2.3.2 and Fig. 4   `DirectTracker`: direct correlation, 2D Gaussian, warm start
-beyond the paper                  `Correlation`: that, IC-GN and shared passes behind one `Tracker`;
+beyond the paper                  `open_tracker`: that, IC-GN and shared passes behind one `Tracker`;
 `strain`
 ================================  ============================================================
 """
 
-from analysis.dic.correlation import INTERPOLANTS, METHODS, Correlation, compile_kernels
+from analysis.dic.correlation import compile_kernels, open_tracker
 from analysis.dic.field import Field, Tracker
 from analysis.dic.grid import Grid
 from analysis.dic.status import Status
 from analysis.dic.strain import Strain, strain
 from analysis.dic.tracker import DirectTracker
+from analysis.settings import INTERPOLANTS, METHODS, Correlation
 
 __all__ = [
     "INTERPOLANTS",
@@ -26,5 +27,6 @@ __all__ = [
     "Strain",
     "Tracker",
     "compile_kernels",
+    "open_tracker",
     "strain",
 ]

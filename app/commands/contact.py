@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from analysis.mechanics import cattaneo_mindlin, greenwood_tripp, hertz, jkr
 from analysis.mechanics.interface import elastic_length
 from analysis.mechanics.loading import AxisymmetricLoading, Contact, State
+from analysis.options import UNITS
 from app.errors import UserError
+from app.settings import ModelSettings
 
 F64 = NDArray[np.float64]
 
@@ -21,65 +23,7 @@ FARTHEST = 1.5  # times the shift at which Cattaneo and Mindlin's contact slides
 SHARP = 2e-3  # an elastic length below this part of that shift needs more modes
 FAINT = 0.01  # of the peak pressure: where a rough contact is taken to end
 
-PER_SI = {
-    "": 1.0,
-    "N": 1.0,
-    "mN": 1e3,
-    "mm": 1e3,
-    "um": 1e6,
-    "kPa": 1e-3,
-    "MPa": 1e-6,
-    "N/mm": 1e-3,
-    "kPa/um": 1e-9,
-}
-LIMITS = {  # option -> least, most, unit on the command line and its factor to SI
-    "normal_force": (1e-6, 100, "N", 1.0),
-    "modulus": (1e-6, 1e6, "MPa", 1e6),
-    "poisson": (0, 0.5, "", 1.0),
-    "radius": (1e-3, 1e5, "mm", 1e-3),
-    "friction": (1e-3, 5, "", 1.0),
-    "length": (0, 1000, "um", 1e-6),
-    "roughness": (0, 1000, "um", 1e-6),
-    "thickness": (0, 1e4, "mm", 1e-3),
-    "adhesion": (0, 1e4, "mJ/m2", 1e-3),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class System:
-    """What is pressed together, in SI units."""
-
-    normal_force: float
-    modulus: float
-    poisson: float
-    radius: float
-    friction: float
-    length: float
-    roughness: float
-    thickness: float
-    adhesion: float
-
-
-def system_of(given: dict[str, float]) -> System:
-    """The system that the options of the command line describe.
-
-    Raises
-    ------
-    UserError
-        An option is out of its limits.
-    """
-    for name, (least, most, unit, _) in LIMITS.items():
-        if not least <= given[name] <= most:
-            option = f"--{name.replace('_', '-')}"
-            raise UserError(
-                f"{option}: {given[name]:g} found; give {least:g} to {most:g} {unit}".rstrip()
-            )
-    if given["thickness"] > 0 and given["length"] == 0:
-        raise UserError(
-            "--thickness: a layer is solved for a rough interface only; give --length more than"
-            " 0 with it"
-        )
-    return System(**{name: given[name] * factor for name, (*_, factor) in LIMITS.items()})
+_UNITS = UNITS | {"kPa": 1e3, "N/mm": 1e3, "kPa/um": 1e9}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +41,7 @@ class Quantity:
     @property
     def text(self) -> str:
         """The value with its unit, for people."""
-        return f"{self.value * PER_SI[self.unit]:.4g} {self.unit}".rstrip()
+        return f"{self.value / _UNITS[self.unit]:.4g} {self.unit}".rstrip()
 
 
 class ShearedContact:
@@ -115,7 +59,7 @@ class ShearedContact:
         It can not be solved.
     """
 
-    def __init__(self, system: System, Q: float) -> None:
+    def __init__(self, system: ModelSettings, Q: float) -> None:
         self.system, self.Q = system, Q
         P, E, nu, R = system.normal_force, system.modulus, system.poisson, system.radius
         L, h = system.length, system.roughness

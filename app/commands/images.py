@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from analysis.settings import Correlation
 from app.commands.terminal import DONE, Bar, output
-from app.config import ConfigError, from_data
+from app.config import ConfigError, section_from
 from app.errors import UserError
-from app.sections import Dic
 
 if TYPE_CHECKING:
     from app.exchange.correlating import CorrelationSummary
@@ -30,7 +29,10 @@ def dic(
 
     `asked` are settings by their names in ``[dic]``.
     """
-    settings = _settings(asked)
+    try:
+        settings = section_from(Correlation, asked, lambda name: "--" + name.replace("_", "-"))
+    except ConfigError as error:
+        raise UserError(str(error)) from None
     from app.exchange.correlating import correlate_files
 
     with Bar("correlating", quiet=False) as bar:
@@ -46,16 +48,6 @@ def dic(
         )
     _tell(summary)
     return DONE
-
-
-def _settings(asked: dict[str, Any]) -> Dic:
-    """What the command line asks, within the limits of the settings file."""
-    try:
-        return from_data({"dic": asked}, "dic").dic
-    except ConfigError as error:
-        raise UserError(
-            re.sub(r"\bdic\.(\w+)", lambda key: "--" + key[1].replace("_", "-"), str(error))
-        ) from None
 
 
 def _tell(summary: CorrelationSummary) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.commands.terminal import DONE, FAILED, output, print_json, print_rows, say
-from app.config import from_record
-from app.sections import Config
+from app.config import from_record, values_of
+from app.settings import Config
 
 if TYPE_CHECKING:
     from app.session.receipt import Receipt
@@ -25,7 +25,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
     receipt, fault = _read_back(session) if verify else (None, "")
     with SessionReader(session) as reader:
         config = from_record(reader.config_toml, f"{session}: settings")
-        summary, counts = reader.summary(), reader.counts()
+        summary, counts, shape = reader.summary(), reader.counts(), reader.frame_shape
         phases = [
             {"phase": e.text, "sample": e.sample, "time_s": e.sample / reader.sample_rate_hz}
             for e in reader.events()
@@ -38,7 +38,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
             "reason": reader.reason,
             "started": reader.started,
             "ended": reader.ended,
-            "frame_shape": reader.frame_shape,
+            "frame_shape": shape,
             "counts": counts,
             "phases": phases,
             "changed_settings": changed_settings(config),
@@ -52,17 +52,14 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
     if as_json:
         print_json(plain(data | ({"receipt": receipt, "fault": fault} if verify else {})))
         return FAILED if fault else DONE
+    images = f"{shape[1]} x {shape[0]} px"
+    images += f", in {reader.source.session}" if reader.source else ""
     rows = [
         Row("format", "", f"SlipScope session, version {data['format']}"),
         Row("state", "", f"{data['state']}" + (f": {data['reason']}" if data["reason"] else "")),
         Row("started", "", str(data["started"])),
         Row("ended", "", str(data["ended"]) or "not closed in good order"),
-        Row(
-            "images",
-            "",
-            "{1} x {0} px".format(*data["frame_shape"])
-            + (f", in {reader.source.session}" if reader.source else ""),
-        ),  # type: ignore[misc]
+        Row("images", "", images),
         *([Row("further analyses", "", ", ".join(data["analyses"]))] if data["analyses"] else []),  # type: ignore[arg-type]
         *counts_rows(counts),
         Row(
@@ -109,10 +106,10 @@ def _read_back(session: Path) -> tuple[Receipt | None, str]:
 
 def changed_settings(config: Config) -> dict[str, Any]:
     """``table.key`` -> value of every setting that is not the default."""
-    default = Config()
+    default = values_of(Config())
     return {
-        f"{table}.{key}": getattr(getattr(config, table), key)
-        for table in config.__struct_fields__
-        for key in getattr(config, table).__struct_fields__
-        if getattr(getattr(config, table), key) != getattr(getattr(default, table), key)
+        f"{table}.{key}": value
+        for table, values in values_of(config).items()
+        for key, value in values.items()
+        if value != default[table][key]
     }

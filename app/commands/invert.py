@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -13,14 +12,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from analysis.options import options
 from app.commands.terminal import DONE, Bar, output, print_json
-from app.config import averaging_box_px, from_record
+from app.config import ConfigError, section_from
 from app.errors import UserError
 from app.exchange.fields import FieldSeries, read_fields
 from app.exchange.inverting import (
     ENDINGS,
     METHODS,
-    Block,
     Inverted,
     invert_series,
     with_centre,
@@ -28,10 +27,7 @@ from app.exchange.inverting import (
 )
 from app.outputs import check_output
 from app.report.summary import measured_text, plain
-from app.results import Phase
-from app.sections import Config, Dic
-from app.session.fields import is_session
-from app.session.reader import SessionReader
+from app.settings import ContactSettings
 
 SHOWN = 40  # lines of the table
 
@@ -47,25 +43,27 @@ def invert(
     centre: tuple[float, float] | None,
     overwrite: bool,
     as_json: bool,
-    **material: float | None,
+    **given: float | None,
 ) -> int:
     """Invert the fields of a file; the exit code.
 
-    `material` are the options that a session's settings can answer, None: not given.
+    `given` are `ContactSettings` in the units of the command line; None: as the session says.
     """
     if method not in METHODS:
         raise UserError(f"--method: {method} found; there are {', '.join(METHODS)}")
     if destination is not None:
         check_output(destination, overwrite, endings=ENDINGS, inputs={"file of fields": [path]})
-    series, known = _from_session(path) if is_session(path) else _from_fields(path, pixel, box)
+    series = read_fields(
+        path, None if pixel is None else pixel * 1e-6, None if box is None else box * 1e-6
+    )
     if centre is not None:
         series = replace(series, centre_m=(centre[0] * 1e-3, centre[1] * 1e-3))
     series = with_centre(series.only(frames) if frames else series)
-    block = _block(known | {name: value for name, value in material.items() if value is not None})
+    contact = _contact(series, {key: value for key, value in given.items() if value is not None})
     failures: list[str] = []
     inverted: list[Inverted] = []
     with Bar("inverting", quiet=as_json) as bar:
-        for one in invert_series(series, block, method, failures):
+        for one in invert_series(series, contact, method, failures):
             inverted.append(one)
             bar.show("inverting", len(inverted) / len(series.frames))
     if not inverted:
@@ -88,96 +86,25 @@ def invert(
     return DONE
 
 
-def _from_fields(
-    path: Path, pixel: float | None, box: float | None
-) -> tuple[FieldSeries, dict[str, float]]:
-    series = read_fields(path, None if pixel is None else pixel * 1e-6)
-    side = 2 * series.pitch_m if box is None else box * 1e-6
-    return series, {"box": side, "noise_box": side}
-
-
-def _from_session(path: Path) -> tuple[FieldSeries, dict[str, float]]:
-    with SessionReader(path) as session:
-        config = from_record(session.config_toml, f"{path}: settings")
-        contact = session.contact()
-        drive = [
-            (i, s.frame, s.normal_force_n)
-            for i, s in enumerate(session.snapshots())
-            if s.phase is Phase.DRIVE and s.ux_px.size
-        ]
-        if not drive:
-            raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
-        rows, frames, forces = zip(*drive, strict=True)
-        grid = session.grid_x_px, session.grid_y_px
-    pixel_m = config.camera.pixel * 1e-6
-
-    def fields() -> Iterator[tuple[int, Any, Any]]:
-        with SessionReader(path) as session:
-            for i in rows:
-                s = session.snapshot(i)
-                yield (
-                    s.frame,
-                    s.ux_px * np.float64(pixel_m) - s.lens_m,
-                    s.ux_std_px * np.float64(pixel_m),
-                )
-
-    centre = (
-        None
-        if contact is None
-        else (contact.centre_px[0] * pixel_m, contact.centre_px[1] * pixel_m)
-    )
-    x_m, y_m = (np.asarray(axis, np.float64) * pixel_m for axis in grid)
-    force = float(np.median(forces[:: max(1, len(forces) // 20)]))
-    return FieldSeries(path, x_m, y_m, frames, fields, centre), _known(
-        config, force, config.dic, pixel_m
-    )
-
-
-def _known(config: Config, force: float, dic: Dic, pixel_m: float) -> dict[str, float]:
-    sample = config.sample
-    return {
-        "normal_force": force,
-        "modulus": sample.young_modulus,
-        "poisson": sample.poisson,
-        "radius": sample.lens_radius,
-        "roughness": sample.roughness,
-        "thickness": sample.thickness,
-        "box": averaging_box_px(dic) * pixel_m,
-        "noise_box": dic.box * pixel_m,
-    }
-
-
-def _block(asked: dict[str, Any]) -> Block:
-    missing = [
-        f"--{name.replace('_', '-')}"
-        for name in ("normal_force", "modulus", "poisson", "radius")
-        if name not in asked
-    ]
+def _contact(series: FieldSeries, given: dict[str, float]) -> ContactSettings:
+    """The contact as the file and the options describe it; the options take precedence."""
+    declared = options(ContactSettings)
+    known = {"roughness": 0.0, "thickness": 0.0, **series.contact}
+    written = {name: declared[name].written(value) for name, value in known.items()} | given
+    missing = [_option(name) for name in declared if name not in written]
     if missing:
         raise UserError(
             f"invert: {', '.join(missing)} not given; a file of fields does not say what they were"
             " measured on"
         )
-    for name in ("normal_force", "modulus", "radius"):
-        if not 0 < asked[name] < math.inf:
-            raise UserError(
-                f"--{name.replace('_', '-')}: {asked[name]:g} found; give a positive number"
-            )
-    if not 0 <= asked["poisson"] <= 0.5:
-        raise UserError(f"--poisson: {asked['poisson']:g} found; give 0 to 0.5")
-    for name in ("roughness", "thickness"):
-        if not 0 <= asked.get(name, 0.0) < math.inf:
-            raise UserError(f"--{name}: {asked[name]:g} found; give 0 or more")
-    return Block(
-        P=asked["normal_force"],
-        E=asked["modulus"] * 1e6,
-        nu=asked["poisson"],
-        R=asked["radius"] * 1e-3,
-        roughness=asked.get("roughness", 0.0) * 1e-6,
-        thickness=asked.get("thickness", 0.0) * 1e-3 or math.inf,
-        box=asked["box"],
-        noise_box=asked["noise_box"],
-    )
+    try:
+        return section_from(ContactSettings, written, _option)
+    except ConfigError as error:
+        raise UserError(str(error)) from None
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
 
 
 def _data(one: Inverted) -> dict[str, Any]:

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.commands.contact import Quantity, ShearedContact, System, system_of
+from app.commands.contact import Quantity, ShearedContact
 from app.commands.terminal import DONE, output, print_json, print_rows
+from app.config import ConfigError, section_from
 from app.errors import UserError
 from app.outputs import check_output, new_file
 from app.report.summary import Row
+from app.settings import ModelSettings
 
 F64 = NDArray[np.float64]
 
@@ -32,9 +34,17 @@ def model(
 ) -> int:
     """Print the numbers of a contact and write its curves; the exit code.
 
-    `given` are the options that describe the system, `app.commands.contact.LIMITS`.
+    `given` are `ModelSettings` in the units of the command line.
     """
-    system = system_of(given)
+    try:
+        system = section_from(ModelSettings, given, lambda name: "--" + name.replace("_", "-"))
+    except ConfigError as error:
+        raise UserError(str(error)) from None
+    if system.thickness > 0 and system.length == 0:
+        raise UserError(
+            "--thickness: a layer is solved for a rough interface only; give --length more than"
+            " 0 with it"
+        )
     if path is not None:
         check_output(path, overwrite, endings=ENDINGS)
     Q = _shear_force(system, shear_force, share)
@@ -58,7 +68,7 @@ def model(
     return DONE
 
 
-def _shear_force(system: System, shear_force: float | None, share: float | None) -> float:
+def _shear_force(system: ModelSettings, shear_force: float | None, share: float | None) -> float:
     """The shear force Q in newtons, given as a force, as a share of the greatest, or not at all."""
     if shear_force is not None and share is not None:
         raise UserError("--shear-force and --share: both were given; give one of them")

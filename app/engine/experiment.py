@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.options import quantity
 from app.results import Phase
-from app.sections import Config
+from app.settings import Config
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made
 REFERENCE_PATIENCE_S = 30.0  # nothing moves meanwhile
@@ -64,12 +65,12 @@ class Experiment:
     @property
     def travel_m(self) -> float:
         """Travel of the drive."""
-        return self.config.run.travel * 1e-6
+        return self.config.run.travel
 
     @property
     def velocity_m_s(self) -> float:
         """Velocity asked of the actuator."""
-        return self.config.run.velocity * 1e-6
+        return self.config.run.velocity
 
     def advance(self, now: Measured) -> Phase:
         """The phase after a block.
@@ -113,17 +114,17 @@ class Experiment:
         if normal > limits.normal_force:
             raise ExperimentFailed(
                 f"limit: the normal force reached {normal:.3f} N, limits.normal_force is"
-                f" {limits.normal_force:g} N"
+                f" {quantity(limits, 'normal_force')}"
             )
         if shear > limits.shear_force:
             raise ExperimentFailed(
                 f"limit: the shear force reached {shear:.3f} N, limits.shear_force is"
-                f" {limits.shear_force:g} N"
+                f" {quantity(limits, 'shear_force')}"
             )
-        if now.travel_m > limits.travel * 1e-6:
+        if now.travel_m > limits.travel:
             raise ExperimentFailed(
                 f"limit: the stage went {now.travel_m * 1e6:.1f} um, limits.travel is"
-                f" {limits.travel:g} um"
+                f" {quantity(limits, 'travel')}"
             )
 
     def _background(self, now: Measured) -> Phase:
@@ -186,7 +187,7 @@ class Experiment:
             if now.travel_m < 0.98 * self.travel_m:
                 raise ExperimentFailed(
                     f"actuator: it stopped after {now.travel_m * 1e6:.1f} of"
-                    f" {self.config.run.travel:g} um;"
+                    f" {quantity(self.config.run, 'travel')};"
                     " check it for a stall or an end of run"
                 )
             return Phase.END
@@ -197,12 +198,12 @@ class Experiment:
             raise ExperimentFailed(
                 f"actuator: it stands at {now.travel_m * 1e6:.1f} um of travel while it should move"
                 " at"
-                f" {self.config.run.velocity:g} um/s; check it for a stall"
+                f" {quantity(self.config.run, 'velocity')}; check it for a stall"
             )
         expected = self.travel_m / self.velocity_m_s
         if self._seconds(now) > 1.2 * expected + STALL_PATIENCE_S:
             raise ExperimentFailed(
-                f"actuator: {now.travel_m * 1e6:.1f} of {self.config.run.travel:g} um after"
+                f"actuator: {now.travel_m * 1e6:.1f} of {quantity(self.config.run, 'travel')} after"
                 f" {self._seconds(now):.0f} s,"
                 f" {expected:.0f} s were expected; check it for a stall"
             )

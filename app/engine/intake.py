@@ -13,7 +13,7 @@ from app.engine.experiment import Measured
 from app.engine.history import History
 from app.engine.pipeline import sensor_chain
 from app.engine.recorder import Recorder
-from app.sections import Config
+from app.settings import Config
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock
 

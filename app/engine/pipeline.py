@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 from analysis.calibration.forces import SensorChain
 from analysis.contact.apparent import apparent_contact
 from analysis.contact.rings import central_value, ring_means
-from analysis.dic import Grid, Tracker
+from analysis.dic import Grid, Tracker, open_tracker
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.config import averaging_box_px, sensitivities, tracking
 from app.engine.history import Conditions
 from app.engine.tractions import Tractions, local_law
 from app.results import ContactResult, Phase, Snapshot, Summary
-from app.sections import Config
+from app.settings import Config
 
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
 _NO_FIELD = np.empty((0, 0), np.float32)
@@ -35,8 +34,8 @@ def sensor_chain(config: Config) -> SensorChain:
     """Volts to newtons with the constants of the settings."""
     f = config.forces
     return SensorChain(
-        sensitivity_m_per_v=sensitivities(config),
-        stiffness_n_per_m=(f.stiffness_normal, f.stiffness_shear),
+        sensitivity_m_per_v=f.sensitivity,
+        stiffness_n_per_m=f.stiffness,
         zero_v=f.zero,
         coupling=f.coupling,
         stiffness_std_n_per_m=f.stiffness_uncertainty,
@@ -48,16 +47,14 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
     s = config.sample
     if not normal_force_n > 0:
         return math.nan
-    return float(
-        hertz.contact_radius(normal_force_n, s.young_modulus * 1e6, s.poisson, s.lens_radius * 1e-3)
-    )
+    return float(hertz.contact_radius(normal_force_n, s.young_modulus, s.poisson, s.lens_radius))
 
 
 def full_slip_stress(config: Config, amplitude: float) -> float:
     """Traction mu p0 at the centre of a contact that slides as a whole, pascals, of a
     `StickFit.amplitude`.
     """
-    E, nu = config.sample.young_modulus * 1e6, config.sample.poisson
+    E, nu = config.sample.young_modulus, config.sample.poisson
     return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
 
 
@@ -86,7 +83,7 @@ class Pipeline:
 
     @property
     def _pixel_m(self) -> float:
-        return self.config.camera.pixel * 1e-6
+        return self.config.camera.pixel
 
     def close(self) -> None:
         """Let the tracker's threads go, and note what became of the reference and of the tractions."""
@@ -114,7 +111,7 @@ class Pipeline:
         return self._measure(index, sample, image, now)
 
     def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
-        self._tracker = tracking(self.config).open(image)
+        self._tracker = open_tracker(self.config.correlation, image)
         at_rest = np.zeros(self.grid.shape)
         self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
         self._reference_shear_n = now.shear_force_n
@@ -169,7 +166,7 @@ class Pipeline:
         assert self._tracker is not None
         assert self.contact is not None
         field = self._tracker.track(image)
-        compliance = self.config.sample.lens_compliance * 1e-6
+        compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
         lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
         ux_m = field.ux_px * np.float64(self._pixel_m)
@@ -195,7 +192,7 @@ class Pipeline:
         sheared: dict[str, Any] = {}
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
             box, width = (
-                averaging_box_px(self.config.dic) * self._pixel_m,
+                self.config.dic.averaging_box_px * self._pixel_m,
                 self.config.dic.step * self._pixel_m,
             )
             fit = fit_stick_radius(

@@ -27,7 +27,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from app.config import exposure_samples, pixel_type
+from analysis.options import quantity
 from app.engine.analyst import Analyst
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
@@ -38,7 +38,7 @@ from app.engine.pipeline import Pipeline, summarise
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
 from app.results import ContactResult, Counts, Event, Health, Outcome, Phase, Snapshot
-from app.sections import Config
+from app.settings import Config
 from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
 
@@ -103,7 +103,7 @@ class Run:
         self.config = config
         self.title = title
         self.output = output
-        self.pixel_m = config.camera.pixel * 1e-6
+        self.pixel_m = config.camera.pixel
         self.sample_rate_hz = float(config.forces.sample_rate)
         self._bench = bench
         self._create_sink = create_sink
@@ -111,8 +111,8 @@ class Run:
         self._prepare = prepare
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
-        self._exposure = exposure_samples(config)
-        self._pipeline = Pipeline(config, (config.camera.height, config.camera.width))
+        self._exposure = config.exposure_samples
+        self._pipeline = Pipeline(config, config.camera.shape)
         self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._queue_s = max(
             config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
@@ -254,7 +254,7 @@ class Run:
         self._preparing = what
 
     def _check_camera(self) -> None:
-        dtype, wanted = self._bench.camera.dtype, pixel_type(self.config)
+        dtype, wanted = self._bench.camera.dtype, self.config.camera.dtype
         if dtype != wanted:
             raise DeviceError(
                 f"{self._bench.camera.name}: {self.config.camera.pixel_format} was asked, it gives"
@@ -262,7 +262,7 @@ class Run:
                 f" set camera.pixel_format to {'Mono16' if dtype.itemsize == 2 else 'Mono8'}"
             )
         rows, columns = self._bench.camera.shape
-        if (rows, columns) != (self.config.camera.height, self.config.camera.width):
+        if (rows, columns) != self.config.camera.shape:
             raise DeviceError(
                 f"{self._bench.camera.name}: images of {self.config.camera.width} x"
                 f" {self.config.camera.height} were asked,"
@@ -377,7 +377,8 @@ class Run:
                     )
                 if phase is Phase.END:
                     self._ending.call(
-                        f"the drive of {self.config.run.travel:g} um is complete", failed=False
+                        f"the drive of {quantity(self.config.run, 'travel')} is complete",
+                        failed=False,
                     )
 
     def _drive(self, workers: _Workers) -> None:

@@ -19,9 +19,8 @@ from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem
-from app.config import averaging_box_px
 from app.results import Snapshot
-from app.sections import Config
+from app.settings import Config
 
 F64 = NDArray[np.float64]
 
@@ -50,25 +49,24 @@ class Tractions:
     """
 
     def __init__(self, config: Config, x_m: F64, y_m: F64, hertz_radius_m: float) -> None:
-        sample, pixel_m = config.sample, config.camera.pixel * 1e-6
+        sample, pixel_m = config.sample, config.camera.pixel
         self._pitch = config.dic.step * pixel_m
         if not hertz_radius_m > 0:
             raise ValueError(
                 "stress: there is no normal force, so that the contact has no radius; press it"
                 " before the reference is taken"
             )
-        rough = math.sqrt(sample.lens_radius * 1e-3 * sample.roughness * 1e-6)
         self._profile = AxisymmetricInversion(
             x_m,
             y_m,
             self._pitch,
-            hertz_radius_m + rough + MARGIN * self._pitch,
-            sample.young_modulus * 1e6,
+            hertz_radius_m + sample.rim + MARGIN * self._pitch,
+            sample.young_modulus,
             sample.poisson,
             edge=hertz_radius_m,
-            box=averaging_box_px(config.dic) * pixel_m,
+            box=config.dic.averaging_box_px * pixel_m,
             noise_box=config.dic.box * pixel_m,
-            thickness=sample.thickness * 1e-3 or math.inf,
+            thickness=sample.depth,
         )
 
         self._frames = self._uncovered = self._doubtful = 0
@@ -78,10 +76,10 @@ class Tractions:
         self._last: F64 | None = None
         if config.stress.field:
             mask = np.hypot(x_m, y_m) < self._profile.mask_radius
-            E, nu = sample.young_modulus * 1e6, sample.poisson
-            box = averaging_box_px(config.dic) * pixel_m
+            E, nu = sample.young_modulus, sample.poisson
+            box = config.dic.averaging_box_px * pixel_m
             self._problem = InversionProblem(
-                mask, self._pitch, E, nu, box=box, thickness=sample.thickness * 1e-3 or math.inf
+                mask, self._pitch, E, nu, box=box, thickness=sample.depth
             )
 
     def notes(self) -> list[str]:
@@ -193,7 +191,7 @@ def local_law(
     measured = [s for s in drive if math.isfinite(s.stress_force_n)]
     if not measured:
         return {}, ()
-    sample, pixel_m = config.sample, config.camera.pixel * 1e-6
+    sample, pixel_m = config.sample, config.camera.pixel
     P, Q, integral, integral_sd = (
         np.array([getattr(s, name) for s in measured])
         for name in ("normal_force_n", "shear_force_n", "stress_force_n", "stress_force_sd_n")
@@ -216,22 +214,21 @@ def local_law(
         )[is_ringed]
         for name in ("ring_radius_m", "ring_ux_m", "ring_sd_m")
     )
-    thickness = sample.thickness * 1e-3 or math.inf
     law = fit_local_law(
         np.nanmedian(radii, axis=0),
         ux,
         sd,
         P[is_ringed],
         Q[is_ringed],
-        E=sample.young_modulus * 1e6,
+        E=sample.young_modulus,
         nu=sample.poisson,
-        R=sample.lens_radius * 1e-3,
+        R=sample.lens_radius,
         Q_sd=noise,
-        thickness=thickness,
-        box=averaging_box_px(config.dic) * pixel_m,
+        thickness=sample.depth,
+        box=config.dic.averaging_box_px * pixel_m,
         width=config.dic.step * pixel_m,
     )
-    modulus = balance_modulus(integral, integral_sd, Q, sample.young_modulus * 1e6, Q_sd=noise)
+    modulus = balance_modulus(integral, integral_sd, Q, sample.young_modulus, Q_sd=noise)
     found = {
         "law_mu": law.mu,
         "law_mu_sd": law.mu_sd,

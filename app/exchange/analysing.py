@@ -17,15 +17,15 @@ import psutil
 from numpy.typing import NDArray
 
 from analysis.dic import compile_kernels
-from app.config import exposure_samples, pixel_type, to_toml, tracking
+from app.config import to_toml
 from app.engine.feed import Feed
 from app.engine.history import History
 from app.engine.pipeline import Pipeline, sensor_chain, summarise
 from app.engine.series import Series
 from app.results import Counts, Event, Outcome, Phase, Snapshot
-from app.sections import Config
 from app.session.versions import versions
 from app.session.writer import LONGEST_GAP_S, SessionWriter
+from app.settings import Config
 
 FLUSH_EVERY = 16  # frames
 
@@ -74,8 +74,8 @@ def analyse(
     """
     process = psutil.Process()
     cpu, began = process.cpu_times(), time.monotonic()
-    compile_kernels(tracking(config))
-    pipeline = Pipeline(config, (config.camera.height, config.camera.width))
+    compile_kernels(config.correlation)
+    pipeline = Pipeline(config, config.camera.shape)
     try:
         writer = _create(config, measured, pipeline, output)
     except BaseException:
@@ -107,12 +107,12 @@ def _create(
         output,
         config_toml=to_toml(config),
         sample_rate_hz=float(config.forces.sample_rate),
-        frame_shape=(config.camera.height, config.camera.width),
-        frame_dtype=pixel_type(config),
-        exposure_samples=exposure_samples(config),
+        frame_shape=config.camera.shape,
+        frame_dtype=config.camera.dtype,
+        exposure_samples=config.exposure_samples,
         divisor=config.camera.divisor,
         first_trigger=measured.first_trigger,
-        pixel_m=config.camera.pixel * 1e-6,
+        pixel_m=config.camera.pixel,
         grid_x_px=pipeline.grid.x_px,
         grid_y_px=pipeline.grid.y_px,
         versions=versions(),
@@ -150,7 +150,7 @@ def _write_frames(
     writer: SessionWriter,
     on_frame: Callable[[int], None],
 ) -> tuple[Counts, list[Snapshot]]:
-    history = History(float(config.forces.sample_rate), exposure_samples(config))
+    history = History(float(config.forces.sample_rate), config.exposure_samples)
     feed = Feed(history, sensor_chain(config), measured.volts, measured.positions, measured.phases)
     series = Series()
     lost = 0

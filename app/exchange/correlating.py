@@ -12,18 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dic import Field, Grid, Status, Tracker, compile_kernels
+from analysis.dic import Field, Grid, Status, Tracker, compile_kernels, open_tracker
 from analysis.dic.updating import UpdatingTracker
-from app.config import correlation, options
+from analysis.options import as_written, options
+from analysis.settings import Correlation
 from app.errors import UserError
 from app.exchange.fields import FieldTable
 from app.exchange.images import read_image, size_text
 from app.outputs import check_output, new_file
-from app.sections import Dic
 from app.session.fields import FieldsWriter
 
 ENDINGS = (".h5", ".csv", ".npz")
@@ -68,7 +67,7 @@ def correlate_files(
     reference: Path,
     images: Sequence[Path],
     output: Path,
-    settings: Dic = Dic(),  # noqa: B008 - frozen
+    correlation: Correlation = Correlation(),  # noqa: B008 - frozen
     *,
     mask: Path | None = None,
     roi: tuple[int, int, int, int] | None = None,
@@ -108,20 +107,19 @@ def correlate_files(
     _check_region(roi, first, reference)
     on_progress("preparing the correlation", 0.0)
     try:
-        how = correlation(settings)
-        tracker = how.open(first, usable=usable, roi=roi)
+        tracker = open_tracker(correlation, first, usable=usable, roi=roi)
     except ValueError as error:
         raise UserError(f"{reference}: {error}") from None
     record = {
         "reference": str(reference),
         "mask": str(mask or ""),
         "roi": " ".join(map(str, roi or ())),
-        **msgspec.structs.asdict(settings),
+        **as_written(correlation),
     }
     names = [str(path) for path in images]
     account = _Account()
     with closing(tracker), new_file(output, overwrite) as unfinished:
-        compile_kernels(how, first.dtype)
+        compile_kernels(correlation, first.dtype)
         with _writer(unfinished, names, tracker.grid, record) as append:
             for n, path in enumerate(images):
                 on_progress(path.name, n / len(images))
@@ -209,9 +207,7 @@ def _writer(
             numbers = iter(range(1, len(images) + 1))
             yield lambda field: table.append(next(numbers), field)
     elif ending == ".h5":
-        units = {
-            name: (meta.extra or {})["unit"] or "1" for name, (_, meta) in options(Dic).items()
-        }
+        units = {name: option.unit or "1" for name, option in options(Correlation).items()}
         writer = FieldsWriter(path, images, grid.x_px, grid.y_px, labels, settings, units)
         with closing(writer):
             yield writer.append

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, TextIO
 
@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.dic import Status
+from app.config import from_record
 from app.errors import UserError
 from app.exchange.tables import LENGTH, NUMBER, Table, read_table
-from app.session.fields import read_fields_file
+from app.results import Phase
+from app.session.fields import is_session, read_fields_file
+from app.session.reader import SessionReader
 
 F64 = NDArray[np.float64]
 
@@ -41,8 +44,12 @@ class FieldSeries:
     fields : callable
         Makes an iterator over number, u_x and its standard uncertainty, both of shape (ny, nx), of
         each field; NaN where not measured, and where no uncertainty is known.
+    box_m, noise_box_m : float
+        Side of the box whose average a displacement is, and of that over which noise is correlated.
     centre_m : (float, float) or None
         Centre of the contact, (x, y); None where it is not known.
+    contact : mapping
+        What is known of the contact, by names of `app.settings.ContactSettings`, in SI units.
 
     Raises
     ------
@@ -55,7 +62,10 @@ class FieldSeries:
     y_m: F64
     frames: tuple[int, ...]
     fields: Callable[[], Iterator[tuple[int, F64, F64]]]
+    box_m: float
+    noise_box_m: float
     centre_m: tuple[float, float] | None = None
+    contact: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if min(len(self.x_m), len(self.y_m)) < 2:
@@ -86,18 +96,21 @@ class FieldSeries:
         return replace(
             self,
             frames=tuple(number for number in self.frames if number in frames),
-            fields=lambda: (field for field in self.fields() if field[0] in frames),
+            fields=lambda: (found for found in self.fields() if found[0] in frames),
         )
 
 
-def read_fields(path: Path, pixel_m: float | None) -> FieldSeries:
-    """The fields in a file of ``slipscope dic`` (.h5, .csv), or in a table with columns x, y, ux
-    and their units.
+def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -> FieldSeries:
+    """The fields of the drive of a session, or those in a file of ``slipscope dic`` (.h5, .csv) or
+    in a table with columns x, y, ux and their units.
 
     Parameters
     ----------
     pixel_m : float or None
-        Size of a pixel, needed where the file counts in pixels.
+        Size of a pixel, needed where the file counts in pixels; a session knows its own.
+    box_m : float or None
+        Side of the box whose average a displacement is; None: that of a session's correlation, or
+        two pitches of the grid.
 
     Raises
     ------
@@ -105,16 +118,60 @@ def read_fields(path: Path, pixel_m: float | None) -> FieldSeries:
         The file can not be read, or is not what it should be.
     """
     if path.suffix.lower() == ".csv":
-        return _from_table(read_table(path, _QUANTITIES), pixel_m)
-    held = read_fields_file(path)
-    pixel = _known_pixel(path, pixel_m)
-    return _series(
+        found = _from_table(read_table(path, _QUANTITIES), pixel_m)
+    elif is_session(path):
+        found = _from_session(path, pixel_m)
+    else:
+        held = read_fields_file(path)
+        pixel = _known_pixel(path, pixel_m)
+        x, y, ux, sd = (part * pixel for part in (held.x_px, held.y_px, held.ux_px, held.sd_px))
+        found = _series(path, x, y, held.frames, ux, sd)
+    return found if box_m is None else replace(found, box_m=box_m, noise_box_m=box_m)
+
+
+def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
+    with SessionReader(path) as session:
+        config = from_record(session.config_toml, f"{path}: settings")
+        contact = session.contact()
+        drive = [
+            (row, s.frame, s.normal_force_n)
+            for row, s in enumerate(session.snapshots())
+            if s.phase is Phase.DRIVE and s.ux_px.size
+        ]
+        if not drive:
+            raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
+        x_px, y_px = session.grid_x_px, session.grid_y_px
+    rows, frames, forces = zip(*drive, strict=True)
+    sample, dic, pixel = config.sample, config.dic, pixel_m or config.camera.pixel
+
+    centre = None
+    if contact is not None:
+        centre = contact.centre_px[0] * pixel, contact.centre_px[1] * pixel
+
+    def fields() -> Iterator[tuple[int, F64, F64]]:
+        with SessionReader(path) as session:
+            for row in rows:
+                s = session.snapshot(row)
+                ux, sd = (np.float64(pixel) * plane for plane in (s.ux_px, s.ux_std_px))
+                yield s.frame, ux - s.lens_m, sd
+
+    return FieldSeries(
         path,
-        held.x_px * pixel,
-        held.y_px * pixel,
-        held.frames,
-        held.ux_px * pixel,
-        held.sd_px * pixel,
+        x_px * pixel,
+        y_px * pixel,
+        frames,
+        fields,
+        dic.averaging_box_px * pixel,
+        dic.box * pixel,
+        centre,
+        {
+            "normal_force": float(np.median(forces[:: max(1, len(forces) // 20)])),
+            "modulus": sample.young_modulus,
+            "poisson": sample.poisson,
+            "radius": sample.lens_radius,
+            "roughness": sample.roughness,
+            "thickness": sample.thickness,
+        },
     )
 
 
@@ -123,7 +180,10 @@ def _series(
 ) -> FieldSeries:
     if not np.isfinite(ux_m).any():
         raise UserError(f"{path}: no point of it was measured; correlate again with other settings")
-    return FieldSeries(path, x_m, y_m, frames, lambda: zip(frames, ux_m, sd_m, strict=True))
+    box = 2 * float(x_m[1] - x_m[0]) if len(x_m) > 1 else math.nan
+    return FieldSeries(
+        path, x_m, y_m, frames, lambda: zip(frames, ux_m, sd_m, strict=True), box, box
+    )
 
 
 def _known_pixel(path: Path, pixel_m: float | None) -> float:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config import exposure_samples, load, pixel_type, sensitivities
+from analysis.options import quantity
+from app.config import load
 from app.engine.pipeline import sensor_chain
 from app.errors import UserError
 from app.exchange.analysing import Measurements, analyse
@@ -26,8 +27,8 @@ from app.exchange.frames import (
 )
 from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples, read_table
 from app.results import Outcome, Phase
-from app.sections import Config
 from app.session.files import check_new_session, new_session
+from app.settings import Config
 
 # between forces in newtons and those that the readings in volts mean, of the largest
 DISAGREEMENT = 1e-3
@@ -128,7 +129,7 @@ def _settings(
                 f"camera.divisor={max(1, round(float(np.median(np.diff(at) / np.diff(numbers)))))}"
             )
     config = load(sources.settings, [*overrides, *sources.overrides])
-    if pixel_type(config) != first.dtype:
+    if config.camera.dtype != first.dtype:
         word = "Mono8" if first.dtype == np.uint8 else "Mono16"
         config = load(
             sources.settings, [*overrides, *sources.overrides, f"camera.pixel_format={word}"]
@@ -161,7 +162,7 @@ def _measurements(
     sources: Sources,
     remarks: list[str],
 ) -> Measurements:
-    exposure = exposure_samples(config)
+    exposure = config.exposure_samples
     volts = np.empty((0, 2)) if forces is None else _volts(config, forces)
     end = max(len(volts), frames[-1].sample + exposure)
     volts = np.concatenate([volts, np.full((end - len(volts), 2), np.nan)])
@@ -212,8 +213,8 @@ def _volts(config: Config, table: Table) -> NDArray[np.float64]:
             raise UserError(
                 f"{table.path}: the readings in volts mean forces that are up to"
                 f" {np.nanmax(off):.3g} N from those in newtons by the"
-                f" settings ({sensitivities(config)[1] * 1e6:g} um/V,"
-                f" {config.forces.stiffness_shear:g} N/m for Q); give the --settings"
+                f" settings ({quantity(config.forces, 'sensitivity_shear')},"
+                f" {quantity(config.forces, 'stiffness_shear')} for Q); give the --settings"
                 " of the bench, or leave the wrong columns out"
             )
     return volts
@@ -266,7 +267,7 @@ def _phases(
                 f"{option}: frame {index} was asked, there is no image of it; frames {min(there)}"
                 f" to {max(there)} are there"
             )
-    exposure, reference = exposure_samples(config), there[asked["--reference"] or 0]
+    exposure, reference = config.exposure_samples, there[asked["--reference"] or 0]
     rest = reference + exposure
     phases = [(0, Phase.CONTACT), (reference, Phase.REFERENCE)]
     if asked["--background"] is not None:

@@ -22,6 +22,7 @@ from analysis.mechanics import hertz
 from app.errors import UserError
 from app.exchange.fields import FieldSeries
 from app.outputs import new_file
+from app.settings import ContactSettings
 
 F64 = NDArray[np.float64]
 
@@ -31,23 +32,6 @@ ENDINGS = (".csv", ".npz")
 HALF = 0.5
 _PROFILE = "r_mm,sigma_kpa,sigma_sd_kpa"
 _WHOLE = "x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
-    """What the fields were measured on, in SI units: normal force, modulus and Poisson's ratio of
-    the block, radius of the sphere, roughness, thickness, side of the box whose average the
-    correlation gives, and of that over which its noise is correlated.
-    """
-
-    P: float
-    E: float
-    nu: float
-    R: float
-    roughness: float
-    thickness: float
-    box: float
-    noise_box: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +80,7 @@ def with_centre(series: FieldSeries) -> FieldSeries:
 
 
 def invert_series(
-    series: FieldSeries, block: Block, method: str, failures: list[str]
+    series: FieldSeries, contact: ContactSettings, method: str, failures: list[str]
 ) -> Iterator[Inverted]:
     """The traction under each field of a series whose centre is known, one at a time.
 
@@ -116,9 +100,10 @@ def invert_series(
             " square grid"
         )
     x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
+    P, E, nu, R = contact.normal_force, contact.modulus, contact.poisson, contact.radius
     try:
-        radius = mask_radius(block.P, block.E, block.nu, block.R, block.roughness, pitch)
-        solve = _solver(method, x, y, pitch, radius, block)
+        radius = mask_radius(P, E, nu, R, contact.roughness, pitch)
+        solve = _solver(series, contact, method, x, y, radius)
     except ValueError as error:
         raise UserError(str(error)) from None
     return _inverted(series, solve, x, y, radius, failures)
@@ -127,19 +112,19 @@ def invert_series(
 Solve = Callable[[F64, F64 | None], Inversion]
 
 
-def _solver(method: str, x: F64, y: F64, pitch: float, radius: float, block: Block) -> Solve:
-    E, nu, box, thickness = block.E, block.nu, block.box, block.thickness
+def _solver(
+    series: FieldSeries, contact: ContactSettings, method: str, x: F64, y: F64, radius: float
+) -> Solve:
+    """The function that inverts a field and its standard uncertainty."""
+    pitch, E, nu = series.pitch_m, contact.modulus, contact.poisson
     r, theta = np.hypot(x, y), np.arctan2(y, x)
+    more = {"box": series.box_m, "thickness": contact.thickness or math.inf}
     if method in ("cgls", "van-cittert"):
-        problem = InversionProblem(r < radius, pitch, E, nu, box=box, thickness=thickness)
+        problem = InversionProblem(r < radius, pitch, E, nu, **more)
         iterate = conjugate_gradient if method == "cgls" else van_cittert
         return lambda ux, sd: iterate(problem, ux, sd)
-    more = {
-        "edge": hertz.contact_radius(block.P, E, nu, block.R),
-        "box": box,
-        "noise_box": block.noise_box,
-        "thickness": thickness,
-    }
+    more["edge"] = hertz.contact_radius(contact.normal_force, E, nu, contact.radius)
+    more["noise_box"] = series.noise_box_m
     if method == "regularised":
         return RegularisedInversion(x, y, radius, E, nu, **more).solve
     profile = AxisymmetricInversion(x, y, pitch, radius, E, nu, **more)

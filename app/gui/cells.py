@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import math
 
+from analysis.options import Section, quantity
 from app.gui.numbers import NOT_KNOWN, Cell, Tone, disk_text, grouped, measured, number
 from app.results import Counts, Health, Outcome, Phase, Snapshot, Summary
-from app.sections import Config
+from app.settings import Config
 
 QUEUE_WARNS = 0.5  # share of the recorder's queue from which the operator is told
 
@@ -57,8 +58,8 @@ def operator_sentence(
         ),
         Phase.REFERENCE: "At rest under load: the reference image is taken.",
         Phase.DRIVE: (
-            f"The actuator pulls at {config.run.velocity:g} µm/s: {travel} of"
-            f" {config.run.travel:g} µm."
+            f"The actuator pulls at {_setting(config.run, 'velocity')}: {travel} of"
+            f" {_setting(config.run, 'travel')}."
         ),
     }.get(Phase(health.phase) if health.phase in set(Phase) else Phase.END, "")
 
@@ -120,12 +121,21 @@ def result_cells(summary: Summary | None) -> tuple[Cell, ...]:
 def setting_cells(config: Config) -> tuple[Cell, ...]:
     """The settings of the run, in the place where its result will be."""
     return (
-        Cell("normal force P", f"{config.run.normal_force:g}", "N"),
-        Cell("velocity", f"{config.run.velocity:g}", "µm/s"),
-        Cell("travel", f"{config.run.travel:g}", "µm"),
-        Cell("images", f"{config.forces.sample_rate / config.camera.divisor:.3g}", "per s"),
+        _setting_cell("normal force P", config.run, "normal_force"),
+        _setting_cell("velocity", config.run, "velocity"),
+        _setting_cell("travel", config.run, "travel"),
+        Cell("images", f"{config.frame_rate_hz:.3g}", "per s"),
         Cell("box / step", f"{config.dic.box} / {config.dic.step}", "px"),
     )
+
+
+def _setting_cell(label: str, section: Section, name: str) -> Cell:
+    value, unit = _setting(section, name).split()
+    return Cell(label, value, unit)
+
+
+def _setting(section: Section, name: str) -> str:
+    return quantity(section, name).replace("um", "µm")
 
 
 def state_tone(state: str) -> Tone:
@@ -159,12 +169,7 @@ def queue_cell(health: Health) -> Cell:
 
 def disk_cell(health: Health, config: Config) -> Cell:
     """The space left; amber below ten minutes of 8-bit images, red below one."""
-    per_second = (
-        config.camera.width
-        * config.camera.height
-        * config.forces.sample_rate
-        / config.camera.divisor
-    )
+    per_second = config.camera.width * config.camera.height * config.frame_rate_hz
     seconds = health.disk_free_bytes / per_second
     tone = Tone.BAD if seconds < 60 else Tone.WARN if seconds < 600 else Tone.NEUTRAL
     return Cell(

@@ -11,6 +11,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
+from analysis.options import as_written
 from app.gui import theme
 from app.gui.view_state import Curves, ForceView, Scene, StressView, ViewState
 from app.results import F64, Summary
@@ -77,7 +78,7 @@ class CurvesView(QWidget):
         for line in (self.static_line, self.onset_line, self.apparent_line):
             line.hide()
         self.sticking.enableAutoRange(y=True)
-        self.loading.setXRange(0, scene.config.run.travel, padding=0.03)
+        self.loading.setXRange(0, as_written(scene.config.run)["travel"], padding=0.03)
 
     def _empty_stress(self) -> None:
         self._stress = None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.results import F64, ContactResult, Health, Outcome, Snapshot
-from app.sections import Config
+from app.settings import Config
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

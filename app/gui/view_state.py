@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.config import exposure_samples
 from app.gui.cells import (
     disk_cell,
     health_cells,
@@ -29,7 +28,7 @@ from app.gui.cells import (
 from app.gui.numbers import Cell, Tone, measured, number
 from app.gui.source import Image, PlaybackSource, RunSource
 from app.results import F32, F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
-from app.sections import Config
+from app.settings import Config
 
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
 LARGEST_DISPLAY_PX = 1000  # wider images are shown one pixel in two, three ...
@@ -216,7 +215,7 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], scene: Scene) -> C
     start = curves.drive_start_s
     if math.isfinite(newest.time_s):
         start = (
-            newest.sample + exposure_samples(scene.config) / 2
+            newest.sample + scene.config.exposure_samples / 2
         ) / scene.sample_rate_hz - newest.time_s
     return Curves(
         curves.seen + len(snapshots),
@@ -299,9 +298,7 @@ def stress_view(snapshot: Snapshot, config: Config) -> StressView | None:
         config.sample,
     )
     if P > 0 and math.isfinite(c):
-        a = hertz.contact_radius(
-            P, sample.young_modulus * 1e6, sample.poisson, sample.lens_radius * 1e-3
-        )
+        a = hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
         mu = snapshot.full_slip_pa / hertz.peak_pressure(P, a)
         model = cattaneo_mindlin.traction(
             snapshot.stress_radius_m, mu * P * (1 - min(1.0, c / a) ** 3), mu, P, a

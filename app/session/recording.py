@@ -18,9 +18,9 @@ class SessionRecording:
     program ends or `close`.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, pace: float | None) -> None:
         self._session = session = SessionReader(path)
-        self.name = path.name
+        self.name, self.pace = path.name, pace
         _, self.volts, _ = session.forces()
         self.sample_rate_hz = session.sample_rate_hz
         self.divisor = session.divisor

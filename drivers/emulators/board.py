@@ -187,7 +187,7 @@ class Board:
         self.claim(task)
         with self._changed:
             if task.kind == "ai":
-                rate = self._world.settings.sample_rate_hz
+                rate = self._world.scenario.forces.sample_rate
                 if task.rate_hz != rate:
                     raise NiError(
                         -200077,
@@ -212,7 +212,7 @@ class Board:
         """What the outputs that are armed send once the samples start."""
         for task in self._tasks:
             if task.kind == "co" and task.start_trigger == f"/{self.device}/ai/StartTrigger":
-                per_sample = TIMEBASE_HZ / self._world.settings.sample_rate_hz
+                per_sample = TIMEBASE_HZ / self._world.scenario.forces.sample_rate
                 first, divisor = (ticks / per_sample for ticks in task.ticks)
                 if not (first.is_integer() and divisor.is_integer()):
                     raise NiError(
@@ -271,7 +271,9 @@ class Board:
     # ------------------------------------------------------------------ samples
 
     def _run(self) -> None:
-        tick = max(1, int(TICK_S * self._world.settings.sample_rate_hz * (self._world.pace or 1.0)))
+        tick = max(
+            1, int(TICK_S * self._world.scenario.forces.sample_rate * (self._world.pace or 1.0))
+        )
         while self._world.phase == "running":
             self._generate(tick, 1.0)
 

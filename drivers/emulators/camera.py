@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera_pylon import PylonCamera
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.genicam_camera import library
 from drivers.protocols import Frame, LostFrame, TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import CameraSettings
+from drivers.sim.world import World
 
 if TYPE_CHECKING:
     from drivers.sim.images import Renderer
@@ -57,8 +58,8 @@ class EmulatedPylonCamera:
     23.8 frames/s at 1600 x 1200 with 24 ms of CPU each, 45 frames/s at most.
     """
 
-    def __init__(self, settings: CameraSettings, scene: Scene) -> None:
-        self._camera = PylonCamera(replace(settings, device=SERIAL_NUMBER), scene)
+    def __init__(self, settings: CameraSettings, clock: SampleClock, world: World) -> None:
+        self._camera = PylonCamera(replace(settings, device=SERIAL_NUMBER), clock)
         self.name = self._camera.name = "emulated pylon camera"
         self.shape, self.dtype, self.exposure_samples = (
             self._camera.shape,
@@ -66,7 +67,7 @@ class EmulatedPylonCamera:
             self._camera.exposure_samples,
         )
         self._settings = settings
-        self._world = scene.world
+        self._world = world
         self._renderer: Renderer | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._thread: threading.Thread | None = None
@@ -83,8 +84,8 @@ class EmulatedPylonCamera:
             The settings ask for other images than those of the world.
         """
         wanted = self._settings
-        if wanted.pixel_format != "Mono8" or self.shape != self._world.settings.image_shape:
-            rows, columns = self._world.settings.image_shape
+        if wanted.pixel_format != "Mono8" or self.shape != self._world.scenario.camera.shape:
+            rows, columns = self._world.scenario.camera.shape
             raise OutOfLimits(
                 f"{self.name}: {self.shape[1]} x {self.shape[0]} {wanted.pixel_format} was asked,"
                 " the world it sees is"
@@ -95,7 +96,7 @@ class EmulatedPylonCamera:
         if self._renderer is None:
             from drivers.sim.images import Renderer
 
-            self._renderer = Renderer(self._world.settings)
+            self._renderer = Renderer(self._world.scenario)
         self._folder = tempfile.TemporaryDirectory(
             prefix="slipscope-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None
         )
@@ -191,7 +192,7 @@ class EmulatedPylonCamera:
         image = self._renderer.image(self._world.state(begin + self.exposure_samples // 2), pulse)
         if faults.hits("corrupt-frame", pulse):
             lower = image[self.shape[0] // 2 :]
-            lower[:] = np.random.default_rng([self._world.settings.seed, 105, pulse]).integers(
+            lower[:] = np.random.default_rng([self._world.scenario.sim.seed, 105, pulse]).integers(
                 0, 256, lower.shape, np.uint8
             )
         self._put(image, self._shots % _FILES)

@@ -18,10 +18,10 @@ import sys
 import threading
 
 from drivers.actuator_newport import ConexCc, NewportStage, Smc100
+from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
 from drivers.emulators.stages import ENCODER_MM, FOLLOWING_ERROR, FreeStage, Stage, WorldStage
 from drivers.errors import OutOfLimits
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
 
@@ -201,9 +201,9 @@ class _Emulated(NewportStage):
 
     _model: str
 
-    def __init__(self, settings: ActuatorSettings, scene: Scene) -> None:
-        super().__init__(settings, scene)
-        self._scene = scene
+    def __init__(self, settings: ActuatorSettings, clock: SampleClock, world: World) -> None:
+        super().__init__(settings, clock)
+        self._world = world
         self._device: _Faulty | None = None
         self._far_end: SerialLine | None = None
 
@@ -212,9 +212,9 @@ class _Emulated(NewportStage):
         if self._far_end is not None:
             return
         if self._device is None:
-            world = self._scene.world
+            stage = WorldStage(self._world)
             self._device = _Faulty(
-                Controller(WorldStage(world), self._model, self._settings.address), world
+                Controller(stage, self._model, self._settings.address), self._world
             )
         self._far_end = SerialLine(self._device)
         self._settings = dataclasses.replace(self._settings, port=self._far_end.start())
@@ -235,14 +235,14 @@ class _Emulated(NewportStage):
 
 
 class EmulatedSmc100(_Emulated, Smc100):
-    """The driver of the SMC100CC on an emulated one, which drives the stage of the scene's world."""
+    """The driver of the SMC100CC on an emulated one, which drives the simulated stage."""
 
     name = "emulated SMC100"
     _model = "smc100"
 
 
 class EmulatedConexCc(_Emulated, ConexCc):
-    """The driver of the CONEX-CC on an emulated one, which drives the stage of the scene's world."""
+    """The driver of the CONEX-CC on an emulated one, which drives the simulated stage."""
 
     name = "emulated CONEX-CC"
     _model = "conex-cc"

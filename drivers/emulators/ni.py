@@ -7,10 +7,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from drivers.clock import SampleClock
 from drivers.ni_daq import NiForces
 from drivers.ni_errors import need
-from drivers.scene import Scene
 from drivers.settings import ForceSettings
+from drivers.sim.world import World
 
 if TYPE_CHECKING:
     from drivers.emulators.ni_server import NiServer
@@ -21,9 +22,9 @@ class EmulatedNiForces(NiForces):
 
     server: NiServer | None = None
 
-    def __init__(self, settings: ForceSettings, scene: Scene) -> None:
-        super().__init__(settings, scene)
-        self._scene = scene
+    def __init__(self, settings: ForceSettings, clock: SampleClock, world: World) -> None:
+        super().__init__(settings, clock)
+        self._world = world
 
     def _connect(self) -> None:
         need(self.name, "grpc")
@@ -31,7 +32,7 @@ class EmulatedNiForces(NiForces):
 
         s = self._settings
         self.server = NiServer(
-            self._scene.world,
+            self._world,
             device=s.device,
             sensors=s.channels,
             exposure_terminal=s.exposure_terminal,

@@ -12,6 +12,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 
@@ -110,11 +111,8 @@ class SerialLine:
                 *commands, pending = (pending + wire.receive(ready)).split(b"\n")
                 for command in commands:
                     self._after(
-                        0,
-                        len(command) + 1,
-                        0.0,
-                        lambda command=command: self._arrive(wire, command.strip()),
-                    )  # type: ignore[misc]
+                        0, len(command) + 1, 0.0, partial(self._arrive, wire, command.strip())
+                    )
                 while self._due and self._due[0][0] <= time.monotonic():
                     heapq.heappop(self._due)[2]()
         except ConnectionError:

@@ -159,4 +159,4 @@ class WorldStage:
 
     def time(self) -> float:
         """Seconds of the samples."""
-        return self._world.now / self._world.settings.sample_rate_hz
+        return self._world.now / self._world.scenario.forces.sample_rate

@@ -8,7 +8,7 @@ driven alone.
 from __future__ import annotations
 
 import bisect
-import math
+import warnings
 from typing import Protocol
 
 import numpy as np
@@ -20,7 +20,7 @@ from analysis.mechanics.interface import TabulatedLaw
 from analysis.mechanics.loading import AxisymmetricLoading
 from analysis.mechanics.loading import Contact as Sphere
 from analysis.mechanics.loading import State as LoadingState
-from drivers.sim.settings import WorldSettings
+from drivers.sim.scenario import Scenario
 
 F64 = NDArray[np.float64]
 
@@ -76,14 +76,14 @@ class Contact(Protocol):
 class CattaneoMindlin:
     """Sticks inside c, slips outside under mu p: closed forms."""
 
-    def __init__(self, settings: WorldSettings) -> None:
-        s = self._settings = settings
-        self.limit = s.mu * s.normal_force_n
+    def __init__(self, scenario: Scenario) -> None:
+        s, block = scenario, scenario.sample
+        self.limit = s.mu * s.normal_force
         self.radius = hertz.contact_radius(
-            s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m
+            s.normal_force, block.young_modulus, block.poisson, block.lens_radius
         )
-        self._compliance = series_compliance(s)
-        self._model = s.mu, s.normal_force_n, self.radius, s.young_modulus_pa, s.poisson
+        self._compliance = s.series_compliance
+        self._model = s.mu, s.normal_force, self.radius, block.young_modulus, block.poisson
         self.onset = cattaneo_mindlin.full_shift(*self._model) + self._compliance * self.limit
 
     def shear_force(self, driven: F64) -> F64:
@@ -110,17 +110,18 @@ class _Sheared:
 class ElastoPlastic:
     """Yields at each point by a law of the local slip: solved once for a run, then interpolated."""
 
-    def __init__(self, settings: WorldSettings) -> None:
-        s = settings
-        self.limit = s.mu * s.normal_force_n
-        law = TabulatedLaw(s.mu, *np.array(s.table).reshape(-1, 2).T) if s.law == "table" else None
-        L = law.L if law else s.slip_length_m
+    def __init__(self, scenario: Scenario) -> None:
+        s, block = scenario, scenario.sample
+        self.limit = s.mu * s.normal_force
+        is_table = s.sim.law == "table"
+        law = TabulatedLaw(s.mu, *read_law(s.sim.law_table)) if is_table else None
+        L = law.L if law else s.sim.slip_length
         sphere = Sphere(
-            s.normal_force_n, s.young_modulus_pa, s.poisson, s.lens_radius_m, s.mu, L, s.thickness_m
+            s.normal_force, block.young_modulus, block.poisson, block.lens_radius, s.mu, L, s.depth
         )
         self._loading = AxisymmetricLoading(sphere, law=law)
         self._has_memory = law is None
-        self._compliance = series_compliance(s)
+        self._compliance = s.series_compliance
         last = self._loading.at_force(self.limit * (1 - 1e-9))
         self._states = self._loading.table(STATES, last.D)
         D, Q, stiffness = (
@@ -162,30 +163,47 @@ class _Yielding:
         return self._state.traction(r)
 
 
-def series_compliance(settings: WorldSettings) -> float:
-    """Of the tangential cantilever and the lens holder together, metres per newton."""
-    return settings.lens_compliance_m_per_n + 1 / settings.stiffness_n_per_m[1]
-
-
-def sheared_contact(settings: WorldSettings) -> Contact:
-    """The contact of the law that the settings name.
+def read_law(path: str) -> tuple[F64, F64]:
+    """Slip in metres and shear traction as a share of mu p, from a CSV file of slip (um) and share.
 
     Raises
     ------
     ValueError
-        There is no such law, or it can not be had with the other settings.
+        There is no such file, or it holds something else.
     """
-    s = settings
-    if s.law == "cattaneo-mindlin":
-        if math.isfinite(s.thickness_m):
-            raise ValueError(
-                "simulated world: a block of finite thickness was asked with law"
-                " 'cattaneo-mindlin'; use 'elasto-plastic'"
-            )
-        return CattaneoMindlin(s)
-    if s.law in ("elasto-plastic", "table"):
-        return ElastoPlastic(s)
-    raise ValueError(
-        f"simulated world: law '{s.law}' was asked; there are 'cattaneo-mindlin', 'elasto-plastic'"
-        " and 'table'"
-    )
+    if not path:
+        raise ValueError(
+            "sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is named"
+        )
+    try:
+        with warnings.catch_warnings(action="error"):  # of a file without numbers
+            rows = np.loadtxt(path, delimiter=",", comments="#", ndmin=2)
+    except (OSError, ValueError, UserWarning) as error:
+        raise ValueError(
+            f"sim.law_table: {path} can not be read: {error}; write two columns of numbers, slip"
+            " (um) and share of mu p"
+        ) from None
+    if rows.shape[1] != 2:
+        raise ValueError(
+            f"sim.law_table: {path} has {rows.shape[1]} columns; write two, slip (um) and share of"
+            " mu p"
+        )
+    return rows[:, 0] * 1e-6, rows[:, 1]
+
+
+def sheared_contact(scenario: Scenario) -> Contact:
+    """The contact under the law of the settings.
+
+    Raises
+    ------
+    ValueError
+        The law can not be had with the other settings, or its table can not be used.
+    """
+    if scenario.sim.law != "cattaneo-mindlin":
+        return ElastoPlastic(scenario)
+    if scenario.sim.thickness:
+        raise ValueError(
+            "simulated world: a block of finite thickness was asked with law 'cattaneo-mindlin';"
+            " use 'elasto-plastic'"
+        )
+    return CattaneoMindlin(scenario)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame, LostSamples, SampleBlock, TriggerTrain
-from drivers.scene import Scene
-from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
+from drivers.sim.scenario import ADC_BITS
 from drivers.sim.truth import State
 from drivers.sim.world import World
 
@@ -32,9 +31,10 @@ class SimForces:
     def __init__(self, world: World) -> None:
         self._world = world
         self._is_open = False
-        self.sample_rate_hz = world.settings.sample_rate_hz
-        self.block_samples = world.settings.block_samples
-        self.counts_exposures = world.settings.count_exposures
+        settings = world.scenario.forces
+        self.sample_rate_hz = float(settings.sample_rate)
+        self.block_samples = settings.block
+        self.counts_exposures = bool(settings.exposure_counter)
 
     def open(self) -> None:
         """Claim the board."""
@@ -42,7 +42,7 @@ class SimForces:
 
     def describe(self) -> str:
         """What is simulated."""
-        return f"two sensors at {self.sample_rate_hz:g} Hz, {self._world.settings.adc_bits} bit"
+        return f"two sensors at {self.sample_rate_hz:g} Hz, {ADC_BITS} bit"
 
     def start(self, train: TriggerTrain) -> None:
         """Start sampling at sample 0 and the trigger train with it."""
@@ -140,16 +140,16 @@ class SimCamera:
         self._is_open = False
         self._train: TriggerTrain | None = None
         self._next = 0
-        self.shape = world.settings.image_shape
+        self.shape = world.scenario.camera.shape
         self.dtype: np.dtype[Any] = np.dtype(np.uint8)
-        self.exposure_samples = world.settings.exposure_samples
+        self.exposure_samples = world.scenario.exposure_samples
 
     def open(self) -> None:
         """Make the interface that will be seen."""
         if self._renderer is None:
             from drivers.sim.images import Renderer
 
-            self._renderer = Renderer(self._world.settings)
+            self._renderer = Renderer(self._world.scenario)
         self._is_open = True
 
     def describe(self) -> str:
@@ -157,7 +157,7 @@ class SimCamera:
         rows, columns = self.shape
         return (
             f"{columns} x {rows}, 8 bit, pictures of the simulated interface"
-            f" ({self._world.settings.renderer} renderer)"
+            f" ({self._world.scenario.sim.renderer} renderer)"
         )
 
     def start(self, train: TriggerTrain) -> None:
@@ -216,7 +216,7 @@ class SimCamera:
         if world.faults.hits("corrupt-frame", index):
             corrupt(image)
         image.setflags(write=False)
-        return Frame(index, exposed if world.settings.count_exposures else sample, image)
+        return Frame(index, exposed if world.scenario.forces.exposure_counter else sample, image)
 
     def stop(self) -> None:
         """Wait for triggers no longer; a `read` that waits ends with DeviceTimeout."""
@@ -333,21 +333,3 @@ class SimActuator:
 def _check(is_ready: bool, name: str, asked: str, remedy: str = "open it first") -> None:
     if not is_ready:
         raise DeviceFault(f"{name}: it was asked {asked} before it was ready; {remedy}")
-
-
-def sim_forces(settings: ForceSettings, scene: Scene) -> SimForces:
-    """The simulated board of the scene's world, which knows the settings."""
-    del settings
-    return SimForces(scene.world)
-
-
-def sim_camera(settings: CameraSettings, scene: Scene) -> SimCamera:
-    """The simulated camera of the scene's world, which knows the settings."""
-    del settings
-    return SimCamera(scene.world)
-
-
-def sim_actuator(settings: ActuatorSettings, scene: Scene) -> SimActuator:
-    """The simulated stage of the scene's world."""
-    del settings
-    return SimActuator(scene.world)

@@ -34,6 +34,11 @@ class Fault:
     at: float
     amount: float = 1.0
 
+    @property
+    def place_m(self) -> float:
+        """Where the stage meets it, for the kinds whose AT is a travel."""
+        return self.at * 1e-6
+
 
 def parse(text: str) -> Fault:
     """The fault that a text describes; ValueError with a sentence where it describes none."""

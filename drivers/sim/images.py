@@ -15,7 +15,8 @@ from drivers.errors import DeviceFault
 from drivers.sim import speckle, warp
 
 if TYPE_CHECKING:
-    from drivers.sim.world import State, WorldSettings
+    from drivers.sim.scenario import Scenario
+    from drivers.sim.truth import State
 
 LIGHT = 0.12
 """The light varies by this fraction of its mean either way over the picture, fixed in the lab."""
@@ -35,36 +36,29 @@ class Renderer:
 
     Parameters
     ----------
-    settings : WorldSettings
-        Uses `seed`, `image_shape`, `pixel_m`, `read_noise`, `full_well` and `renderer` ("fast" or
-        "exact").
+    scenario : Scenario
+        Uses the camera's shape and pixel, and the seed, noise and renderer of the simulation.
     """
 
-    def __init__(self, settings: WorldSettings) -> None:
-        if settings.renderer not in {"fast", "exact"}:
-            raise ValueError(
-                f"simulated camera: renderer '{settings.renderer}' asked; there are 'fast' and"
-                " 'exact'"
-            )
-        self.settings = settings
-        shape = settings.image_shape
-        self._grains, self._background = speckle.speckle(shape, settings.seed)
-        self._spots = speckle.micro_contacts(shape, settings.seed)
+    def __init__(self, scenario: Scenario) -> None:
+        self._sim, self._pixel_m = scenario.sim, scenario.camera.pixel
+        self._shape = shape = scenario.camera.shape
+        self._is_exact = scenario.sim.renderer == "exact"
+        self._grains, self._background = speckle.speckle(shape, self._sim.seed)
+        self._spots = speckle.micro_contacts(shape, self._sim.seed)
         self._light_x, self._light_y = _light(shape)
-        self._normals = np.random.default_rng([settings.seed, 103]).standard_normal(
+        self._normals = np.random.default_rng([self._sim.seed, 103]).standard_normal(
             _NORMALS, dtype=np.float32
         )
         self._coefficients: NDArray[np.float32] | None = None
         self._scene = np.empty(shape, np.float32)
-        self._expose(self._draw(warp.AT_REST, settings.renderer == "exact"), 0)
+        self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
 
     def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
         """Picture `frame_index` of the interface in `state`, shape `image_shape`, 8-bit grey
         levels; the caller owns it.
         """
-        return self._expose(
-            self._draw(self._motion(state), self.settings.renderer == "exact"), frame_index
-        )
+        return self._expose(self._draw(self._motion(state), self._is_exact), frame_index)
 
     def grey(self, state: State, exact: bool) -> NDArray[Any]:
         """Grey levels before noise and rounding, float64 if exact, else float32; shape
@@ -75,7 +69,7 @@ class Renderer:
         return np.asarray(scene * light)
 
     def _motion(self, state: State) -> warp.Motion:
-        move = warp.motion(state, self.settings.pixel_m, self.settings.image_shape, speckle.HALO_PX)
+        move = warp.motion(state, self._pixel_m, self._shape, speckle.HALO_PX)
         if move.largest_elastic > speckle.HALO_PX / 2:
             raise DeviceFault(
                 f"simulated camera: an elastic displacement of {move.largest_elastic:.0f} px was"
@@ -86,7 +80,7 @@ class Renderer:
 
     def _draw(self, move: warp.Motion, exact: bool) -> NDArray[Any]:
         """The block under even light; the fast renderer's array is used again at the next call."""
-        shape = self.settings.image_shape
+        shape = self._shape
         if exact:
             scene: NDArray[Any] = np.full(shape, self._background)
             base = warp.as_if_rigid(
@@ -105,7 +99,7 @@ class Renderer:
     def _add_micro_contacts(self, scene: NDArray[Any], move: warp.Motion) -> None:
         spots = self._spots.blobs
         base = warp.as_if_rigid(
-            spots.x, spots.y, move, speckle.period(self.settings.image_shape), speckle.HALO_PX
+            spots.x, spots.y, move, speckle.period(self._shape), speckle.HALO_PX
         )
         near = np.hypot(base[0], base[1]) < move.radius + move.largest_elastic
         places = warp.place(base[:, near], spots.sigma[near], move)
@@ -115,20 +109,19 @@ class Renderer:
         _add(scene, spots.peak[near] * lit, places, move)
 
     def _expose(self, scene: NDArray[Any], frame_index: int) -> NDArray[np.uint8]:
-        settings = self.settings
-        rows, columns = settings.image_shape
-        starts = np.random.default_rng([settings.seed, 104, frame_index]).integers(
+        sim, (rows, columns) = self._sim, self._shape
+        starts = np.random.default_rng([sim.seed, 104, frame_index]).integers(
             0, _NORMALS - columns, rows
         )
-        shot = 255.0 / settings.full_well if settings.full_well > 0 else 0.0
-        out = np.empty(settings.image_shape, np.uint8)
+        shot = 255.0 / sim.full_well if sim.full_well > 0 else 0.0
+        out = np.empty(self._shape, np.uint8)
         _sensor(
             scene,
             self._light_x,
             self._light_y,
             self._normals,
             starts,
-            np.float32(settings.read_noise**2),
+            np.float32(sim.read_noise**2),
             np.float32(shot),
             out,
         )

@@ -1,100 +1,80 @@
-"""What the simulated world is made of."""
+"""The settings of the simulated bench, beside those of the sample and of the devices."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from drivers.sim.faults import Fault
-
-Pair = tuple[float, float]
+from analysis.options import Section, option
+from drivers.sim.faults import parse
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorldSettings:
-    """What the simulated world is made of. SI units; pairs are (normal, shear) or (x, y),
-    `image_shape` is (rows, columns).
+@dataclass(frozen=True, kw_only=True)
+class SimSettings(Section):
+    """The simulated bench: one world, seen by all simulated devices."""
 
-    `press_duration` is in samples, None for one second. `press_shift_px` is how far the block moves
-    as a whole while it is pressed on, `contact_offset_px` where it touches, from the middle of the
-    image. `full_well` is in electrons, 0 for no shot noise, and `read_noise` in grey levels.
-    `count_exposures`: the board counts the camera's exposures beside the samples. `faults`: what
-    goes wrong.
-    """
+    seed: int = option(1, "Seed of everything random: the same seed gives the same bits", ge=0)
+    law: str = option(
+        "cattaneo-mindlin",
+        "Friction at each point: rigid until it slides, mu p (1 - exp(-s/(mu L))), or a table",
+        choices=("cattaneo-mindlin", "elasto-plastic", "table"),
+    )
+    friction: float = option(0.93, "Friction coefficient mu of the interface, at 1 N", gt=0, le=5)
+    friction_decay: float = option(
+        0.0, "mu falls with the normal force like its power of minus this", ge=0, le=1
+    )
+    slip_length: float = option(0.8, "Length L of the elasto-plastic law", "um", gt=0, le=100)
+    law_table: str = option(
+        "",
+        "For law = 'table': CSV file of two columns, slip (um) and shear traction as a share of mu p",
+    )
+    thickness: float = option(
+        0.0,
+        "Thickness of the block on its rigid plate (elasto-plastic, table); 0: a half-space",
+        "mm",
+        ge=0,
+    )
+    renderer: str = option(
+        "fast",
+        "'fast' keeps up with the camera; 'exact' sums analytic blobs",
+        choices=("fast", "exact"),
+    )
+    force_noise: float = option(
+        1.0, "Standard deviation of the force noise of each sensor", "mN", ge=0, le=1000
+    )
+    read_noise: float = option(
+        1.0, "Standard deviation of the camera's read noise", "grey levels", ge=0, le=50
+    )
+    full_well: float = option(
+        20000.0,
+        "Electrons at full scale, which set the shot noise; 0: no shot noise",
+        "electrons",
+        ge=0,
+    )
+    press_time: float = option(
+        1.25, "When the simulated operator begins to press the contact", "s", ge=0, le=3600
+    )
+    slow_actuator: bool = option(
+        True, "The stage moves 2 to 5 % more slowly than it is told, as in the paper"
+    )
+    stage_drift: float = option(
+        0.0, "The stage creeps at this rate, which it does not report", "um/s", ge=-1, le=1
+    )
+    drive_angle: float = option(
+        0.0, "Angle between the drive and the rows of the image", "degrees", ge=-10, le=10
+    )
+    faults: tuple[str, ...] = option(
+        (),
+        "What goes wrong, and when: 'lost-trigger 40', 'daq-overflow 5000 300'; docs/bench.md lists"
+        " them",
+    )
+    image_drift: tuple[float, float] = option(
+        (0.0, 0.0), "Drift of the camera over the interface (x, y), as when it warms up", "px/s"
+    )
 
-    seed: int = 1
-    normal_force_n: float = 0.5
-    law: str = "cattaneo-mindlin"
-    friction: float = 0.93
-    friction_decay: float = 0.0
-    slip_length_m: float = 0.8e-6
-    table: tuple[Pair, ...] = ()
-    young_modulus_pa: float = 3.43e6
-    poisson: float = 0.5
-    thickness_m: float = math.inf
-    lens_radius_m: float = 128.8e-3
-    roughness_m: float = 0.595e-6
-    lens_compliance_m_per_n: float = 0.68e-6
-    stiffness_n_per_m: Pair = (689.0, 9579.0)
-    sensitivity_m_per_v: Pair = (300e-6, 22e-6)
-    zero_v: Pair = (0.0, 0.0)
-    coupling: tuple[Pair, Pair] = ((1.0, 0.004), (0.008, 1.0))
-    force_noise_n: float = 1e-3
-    adc_bits: int = 16
-    adc_range_v: float = 10.0
-    sample_rate_hz: float = 1000.0
-    block_samples: int = 50
-    exposure_samples: int = 10
-    pixel_m: float = 7.04e-6
-    image_shape: tuple[int, int] = (1200, 1600)
-    press_sample: int = 1250
-    press_duration: int | None = None
-    press_shift_px: Pair = (3.3, -1.7)
-    contact_offset_px: Pair = (6.4, -4.7)
-    slow_actuator: bool = True
-    drive_angle: float = 0.0
-    stage_drift_m_s: float = 0.0
-    image_drift_px_s: Pair = (0.0, 0.0)
-    read_noise: float = 1.0
-    full_well: float = 20000.0
-    renderer: str = "fast"
-    count_exposures: bool = False
-    faults: tuple[Fault, ...] = ()
-
-    @property
-    def mu(self) -> float:
-        """Friction coefficient under the normal force."""
-        return float(self.friction * self.normal_force_n**-self.friction_decay)
-
-    @property
-    def drive(self) -> Pair:
-        """Unit vector of the drive in the image, (x, y)."""
-        return math.cos(self.drive_angle), math.sin(self.drive_angle)
-
-    @property
-    def contact_centre_px(self) -> Pair:
-        """Where the block touches the lens, (x, y) in the image, as long as there is no shear."""
-        rows, columns = self.image_shape
-        return (columns - 1) / 2 + self.contact_offset_px[0], (
-            rows - 1
-        ) / 2 + self.contact_offset_px[1]
-
-    @property
-    def settled_sample(self) -> int:
-        """Sample from which on the normal force is constant."""
-        return self.press_sample + (
-            round(self.sample_rate_hz) if self.press_duration is None else self.press_duration
-        )
-
-    @property
-    def speed_factor(self) -> float:
-        """True over asked velocity of the stage: 0.98 at 0.1 N down to 0.952 at 1.4 N, as in the
-        paper's section 3.
-        """
-        return (
-            float(np.interp(self.normal_force_n, [0.1, 1.4], [4.9, 4.76])) / 5
-            if self.slow_actuator
-            else 1.0
-        )
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        try:
+            for text in self.faults:
+                parse(text)
+        except ValueError as error:
+            raise ValueError(f"sim.faults: {error}") from None

@@ -24,10 +24,8 @@ from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.contact import sheared_contact
 from drivers.sim.faults import Fault, Faults
-from drivers.sim.settings import WorldSettings
+from drivers.sim.scenario import ADC_BITS, PRESS_SHIFT_PX, Scenario
 from drivers.sim.truth import State, Truth
-
-__all__ = ["State", "Truth", "World", "WorldSettings"]
 
 F64 = NDArray[np.float64]
 
@@ -57,23 +55,23 @@ class World:
 
     Parameters
     ----------
-    settings : WorldSettings
+    scenario : Scenario
     pace : float or None
         Simulated seconds per second of the wall clock; None: as fast as the readings, and the
         frames of a started camera, are read.
     """
 
-    def __init__(self, settings: WorldSettings, pace: float | None = 1.0) -> None:
+    def __init__(self, scenario: Scenario, pace: float | None = 1.0) -> None:
         if pace is not None and not (pace > 0 and math.isfinite(pace)):
             raise ValueError(
                 f"simulated world: a pace of {pace} was asked; give a number above 0, or None for"
                 " as fast as possible"
             )
-        self.settings = settings
+        self.scenario = scenario
         self.pace = pace
         self.now = 0
         self.phase = "idle"  # then "running", then "stopped"
-        self.faults = Faults(settings.faults)
+        self.faults = Faults(scenario.faults)
         self.pulses: TriggerTrain | None = None  # what the board sends to the camera
         # samples on which exposures began, of the pulses counted so far
         self._begun: list[int] = []
@@ -82,14 +80,14 @@ class World:
         self._moves = [_Move(0, 0.0, 0.0, 0.0)]
         self._asked_m = 0.0
         self._wall = min(
-            (f for f in settings.faults if f.kind in ("stall", "end-of-run")),
+            (f for f in scenario.faults if f.kind in ("stall", "end-of-run")),
             key=lambda f: f.at,
             default=None,
         )
         self._began = 0.0
         self._train: TriggerTrain | None = None
         self._frames_read = 0
-        self._contact = sheared_contact(settings)
+        self._contact = sheared_contact(scenario)
 
     # ------------------------------------------------------------------ time
 
@@ -133,7 +131,11 @@ class World:
     def _wait_s(self, n: int) -> float:
         end = self.now + n
         if self.pace is not None:
-            return self._began + end / (self.settings.sample_rate_hz * self.pace) - time.monotonic()
+            return (
+                self._began
+                + end / (self.scenario.forces.sample_rate * self.pace)
+                - time.monotonic()
+            )
         some_unread = self._exposed(self.now) > self._frames_read
         return (
             math.inf
@@ -143,7 +145,7 @@ class World:
 
     def _exposed(self, sample: int) -> int:
         return (
-            self._train.count_before(sample - self.settings.exposure_samples + 1)
+            self._train.count_before(sample - self.scenario.exposure_samples + 1)
             if self._train
             else 0
         )
@@ -163,7 +165,8 @@ class World:
     def advance(self, n: int) -> SampleBlock:
         """Let `n` samples pass, and what the two sensors read on them."""
         with self._changed:
-            counts = self.exposure_counts(self.now, n) if self.settings.count_exposures else None
+            is_counted = self.scenario.forces.exposure_counter
+            counts = self.exposure_counts(self.now, n) if is_counted else None
             block = SampleBlock(self.now, self._volts(np.arange(self.now, self.now + n)), counts)
             self.now += n
             self._changed.notify_all()
@@ -224,9 +227,7 @@ class World:
         with self._changed:
             here, wall = self._stage(self.now), self._wall
             return (
-                wall
-                if wall is not None and here < self._asked_m and here >= wall.at * 1e-6
-                else None
+                wall if wall is not None and here < self._asked_m and here >= wall.place_m else None
             )
 
     def move(self, target_m: float, velocity_m_s: float) -> None:
@@ -239,10 +240,10 @@ class World:
             The move would shear the contact backwards, or while it is being pressed on: neither is
             modelled. Nothing was done.
         """
-        s = self.settings
+        s = self.scenario
         with self._changed:
             here = self._stage(self.now)
-            per_sample = velocity_m_s * s.speed_factor / s.sample_rate_hz
+            per_sample = velocity_m_s * s.speed_factor / s.forces.sample_rate
             way = target_m - here
             if self.now >= s.settled_sample:
                 if way < 0:
@@ -258,9 +259,7 @@ class World:
                     " earlier, faster, or once the contact is settled"
                 )
             self._asked_m = target_m
-            goal = (
-                target_m if self._wall is None else min(target_m, max(here, self._wall.at * 1e-6))
-            )
+            goal = target_m if self._wall is None else min(target_m, max(here, self._wall.place_m))
             self._moves.append(_Move(self.now, here, goal, math.copysign(per_sample, way)))
 
     def follow(self, stage_m: float) -> None:
@@ -269,7 +268,7 @@ class World:
         """
         with self._changed:
             here = self._stage(self.now)
-            stage_m = max(stage_m, here) if self.now >= self.settings.settled_sample else stage_m
+            stage_m = max(stage_m, here) if self.now >= self.scenario.settled_sample else stage_m
             self._moves.append(_Move(self.now, stage_m, stage_m, 0.0))
 
     def halt(self) -> None:
@@ -286,8 +285,8 @@ class World:
         """How far the contact has been driven, the drift that the stage does not report included; 0
         before it is settled.
         """
-        s = self.settings
-        drift = s.stage_drift_m_s / s.sample_rate_hz * (samples - s.settled_sample)
+        s = self.scenario
+        drift = s.sim.stage_drift / s.forces.sample_rate * (samples - s.settled_sample)
         return np.where(
             samples >= s.settled_sample, stage + drift - self._stage(s.settled_sample), 0.0
         )
@@ -296,7 +295,7 @@ class World:
 
     def _pressed(self, samples: NDArray[np.int64]) -> F64:
         """Share of the normal force that is on, 0 to 1."""
-        s = self.settings
+        s = self.scenario
         t = np.clip(
             (samples - s.press_sample + 1) / (s.settled_sample - s.press_sample + 1), 0.0, 1.0
         )
@@ -304,23 +303,22 @@ class World:
 
     def _volts(self, samples: NDArray[np.int64]) -> F64:
         """What the board reads; `samples` all lie at or after the last command."""
-        s = self.settings
-        P = s.normal_force_n * self._pressed(samples)
+        s = self.scenario
+        P = s.normal_force * self._pressed(samples)
         Q = self._contact.shear_force(self._driven(samples, self._moves[-1].at(samples)))
-        noise = s.force_noise_n * self._noise(samples)
-        step = 2 * s.adc_range_v / 2**s.adc_bits
+        noise = s.sim.force_noise * self._noise(samples)
+        step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
         codes = np.empty((len(samples), 2))
-        for i, (from_normal, from_shear) in enumerate(s.coupling):
+        for i, (from_normal, from_shear) in enumerate(s.forces.coupling):
             reading = from_normal * P + from_shear * Q + noise[:, i]
             codes[:, i] = np.rint(
-                (reading / (s.stiffness_n_per_m[i] * s.sensitivity_m_per_v[i]) + s.zero_v[i]) / step
+                (reading / (s.forces.stiffness[i] * s.forces.sensitivity[i]) + s.forces.zero[i])
+                / step
             )
-        for fault in s.faults:
+        for fault in self.faults.all:
             if fault.kind == "saturated":
-                codes[samples >= fault.at, 1] = 2.0**s.adc_bits
-        return np.asarray(
-            np.clip(codes, -(2 ** (s.adc_bits - 1)), 2 ** (s.adc_bits - 1) - 1) * step
-        )
+                codes[samples >= fault.at, 1] = top
+        return np.asarray(np.clip(codes, -top, top - 1) * step)
 
     def _noise(self, samples: NDArray[np.int64]) -> F64:
         """White noise of unit variance, (n, 2): always drawn in the same chunks, so that it belongs
@@ -328,7 +326,9 @@ class World:
         """
         chunks = range(samples[0] // _NOISE_CHUNK, samples[-1] // _NOISE_CHUNK + 1)
         drawn = [
-            np.random.default_rng([self.settings.seed, 1, chunk]).standard_normal((_NOISE_CHUNK, 2))
+            np.random.default_rng([self.scenario.sim.seed, 1, chunk]).standard_normal(
+                (_NOISE_CHUNK, 2)
+            )
             for chunk in chunks
         ]
         return np.asarray(np.concatenate(drawn)[samples - chunks[0] * _NOISE_CHUNK])
@@ -341,7 +341,7 @@ class World:
         ValueError
             The sample has not come yet.
         """
-        s = self.settings
+        s = self.scenario
         with self._changed:
             if not 0 <= sample <= self.now:
                 raise ValueError(
@@ -351,18 +351,17 @@ class World:
             at, stage = np.asarray(sample), self._stage(sample)
             contact, driven = self._stage(s.settled_sample), self._driven_at(sample)
         pressed = float(self._pressed(at))
-        P, Q = s.normal_force_n * pressed, float(self._contact.shear_force(np.asarray(driven)))
+        P, Q = s.normal_force * pressed, float(self._contact.shear_force(np.asarray(driven)))
         is_settled = sample >= s.settled_sample
-        block = driven - Q / s.stiffness_n_per_m[1] if is_settled else 0.0
-        lens = s.lens_compliance_m_per_n * Q
+        block = driven - Q / s.forces.stiffness_shear if is_settled else 0.0
+        lens, pixel_m = s.sample.lens_compliance * Q, s.camera.pixel
         carried = contact + block if is_settled else stage
-        drift = [rate * s.pixel_m * sample / s.sample_rate_hz for rate in s.image_drift_px_s]
+        drift = [rate * pixel_m * sample / s.forces.sample_rate for rate in s.sim.image_drift]
         rigid = [
-            s.press_shift_px[i] * s.pixel_m * pressed + s.drive[i] * carried + drift[i]
-            for i in (0, 1)
+            PRESS_SHIFT_PX[i] * pixel_m * pressed + s.drive[i] * carried + drift[i] for i in (0, 1)
         ]
-        centre = [s.contact_centre_px[i] * s.pixel_m + s.drive[i] * lens + drift[i] for i in (0, 1)]
-        a = hertz.contact_radius(P, s.young_modulus_pa, s.poisson, s.lens_radius_m)
+        centre = [s.contact_centre_px[i] * pixel_m + s.drive[i] * lens + drift[i] for i in (0, 1)]
+        a = hertz.contact_radius(P, s.sample.young_modulus, s.sample.poisson, s.sample.lens_radius)
         return State(
             sample=sample,
             normal_force_n=P,
@@ -373,7 +372,9 @@ class World:
             rigid_m=(rigid[0], rigid[1]),
             lens_centre_m=(centre[0], centre[1]),
             hertz_radius_m=a,
-            apparent_radius_m=a + math.sqrt(s.lens_radius_m * s.roughness_m) if P > 0 else 0.0,
+            apparent_radius_m=a + math.sqrt(s.sample.lens_radius * s.sample.roughness)
+            if P > 0
+            else 0.0,
             friction=s.mu,
             drive=s.drive,
             contact=self._contact.sheared(driven) if Q > 0 else None,
@@ -382,7 +383,7 @@ class World:
     def onset_sample(self) -> int | None:
         """First sample at which the whole contact slides; None where it has not yet."""
         with self._changed:
-            settled = self.settings.settled_sample
+            settled = self.scenario.settled_sample
             samples = range(settled, self.now + 1)
             first = bisect.bisect_left(samples, self._contact.onset, key=self._driven_at)
             return samples[first] if first < len(samples) else None
@@ -399,6 +400,6 @@ class World:
         ValueError
             The sample has not come yet.
         """
-        s, slides = self.settings, np.asarray(self._contact.onset)
-        mu_s = float(self._contact.shear_force(slides)) / s.normal_force_n
-        return Truth(self.state(sample), s.pixel_m, mu_s, self.onset_sample(), self.state)
+        s, slides = self.scenario, np.asarray(self._contact.onset)
+        mu_s = float(self._contact.shear_force(slides)) / s.normal_force
+        return Truth(self.state(sample), s.camera.pixel, mu_s, self.onset_sample(), self.state)

@@ -18,11 +18,12 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from typer.testing import Result
 
+from analysis.dic import Correlation
+from analysis.options import as_written
 from app import cli_files
 from app.commands import experiment
 from app.config import default_toml
 from app.results import Counts, Health, Outcome
-from app.sections import Dic
 
 Command = Callable[..., Result]
 
@@ -271,9 +272,9 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
     record.
     """
     parameters = inspect.signature(cli_files.dic).parameters
-    assert {name: parameters[name].default for name in Dic.__struct_fields__} == {
-        n: getattr(Dic(), n) for n in Dic.__struct_fields__
-    }
+    assert {name: parameters[name].default for name in as_written(Correlation())} == as_written(
+        Correlation()
+    )
     save_texture(tmp_path, ".tif", np.uint16, 2000)
     Image.fromarray(np.pad(np.full((60, 80), 255, np.uint8), 10)).save(tmp_path / "m.png")
     asked = {

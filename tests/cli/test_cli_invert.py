@@ -152,7 +152,11 @@ def test_a_field_without_surroundings_is_refused_with_its_reason(
         ((*MATERIAL, "--pixel", 7.04, "--frame", 9), ("--frame", "9")),
         ((*MATERIAL, "--pixel", 7.04, "-o", "a.xls"), (".csv", ".npz")),
         ((*MATERIAL, "--pixel", 7.04, "--centre", 900, 900), ("mask",)),
-        ((*MATERIAL[:6], "--normal-force", 5e6, "--pixel", 7.04), ("outside",)),
+        (
+            (*MATERIAL[:6], "--normal-force", 5e6, "--pixel", 7.04),
+            ("--normal-force", "at most 100 N"),
+        ),
+        ((*MATERIAL[:6], "--normal-force", 100, "--pixel", 7.04), ("outside",)),
     ],
 )
 def test_what_can_not_be_done_is_said_in_a_sentence(

@@ -146,11 +146,14 @@ def test_the_figure_can_be_a_page(slipscope: Command, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--poisson", 0.51), "--poisson: 0.51 found; give 0 to 0.5"),
-        (("--modulus", -1), "--modulus: -1 found"),
-        (("--normal-force", "nan"), "--normal-force: nan found"),
-        (("--friction", 0), "--friction: 0 found"),
-        (("--roughness", "inf"), "--roughness: inf found"),
+        (("--poisson", 0.51), "--poisson must be a number at least 0 and at most 0.5; found 0.51"),
+        (
+            ("--modulus", -1),
+            "--modulus must be a number more than 0 and at most 1e+06 MPa; found -1",
+        ),
+        (("--normal-force", "nan"), "--normal-force: a finite number is needed; found nan"),
+        (("--friction", 0), "--friction must be"),
+        (("--roughness", "inf"), "--roughness: a finite number is needed; found inf"),
         (("--share", 1.2), "give 0 to mu P = 0.465 N"),
         (("--shear-force", -0.1), "Q = -0.1 N asked"),
         (("--shear-force", 0.1, "--share", 0.1), "give one of them"),

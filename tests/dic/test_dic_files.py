@@ -12,10 +12,10 @@ import pytest
 from blobs import Speckle
 from scipy.interpolate import RegularGridInterpolator
 
+from analysis.dic import Correlation
 from app.errors import UserError
 from app.exchange.correlating import PLANES, correlate_files
 from app.exchange.images import read_image
-from app.sections import Dic
 
 DATA = Path(__file__).parents[1] / "data" / "dic_challenge"
 
@@ -64,7 +64,7 @@ def test_a_real_tensile_test_agrees_with_a_peer(tmp_path, method):
         DATA / "sample12_00.tif",
         images,
         tmp_path / "fields.csv",
-        Dic(method=method, box=27, step=5),
+        Correlation(method=method, box=27, step=5),
     )
     frames, x, y = read_table(tmp_path / "fields.csv")
     for frame, name in [(1, "03"), (2, "11")]:
@@ -81,7 +81,7 @@ def test_real_speckle_under_changed_light_moves_by_a_tenth_of_a_pixel(tmp_path, 
     """DIC Challenge sample 5: (0, 0) and (0.10, 0.10) px with contrast and brightness changed."""
     images = [DATA / f"sample5_{n}.tif" for n in ("000", "001")]
     correlate_files(
-        DATA / "sample5_reference.tif", images, tmp_path / "fields.csv", Dic(method=method)
+        DATA / "sample5_reference.tif", images, tmp_path / "fields.csv", Correlation(method=method)
     )
     frames, _, _ = read_table(tmp_path / "fields.csv")
     for frame, truth in [(1, 0.0), (2, 0.1)]:
@@ -176,7 +176,10 @@ def test_the_account_is_that_of_the_fields(pictures, tmp_path):
 
 def test_the_reference_is_updated_when_asked_and_the_drift_told(pictures, tmp_path):
     summary = correlate_files(
-        pictures[0], pictures[1:] * 2, tmp_path / "a.npz", Dic(update="every", update_every=2)
+        pictures[0],
+        pictures[1:] * 2,
+        tmp_path / "a.npz",
+        Correlation(update="every", update_every=2),
     )
     assert summary.updates == 2
     assert 0.002 < summary.drift_px < 0.05
@@ -195,7 +198,7 @@ def test_a_mask_and_a_region_leave_the_rest_out(pictures, tmp_path, method):
     usable = np.zeros((120, 160), np.uint8)
     usable[:, 80:] = 1
     mask = save(tmp_path / "mask.png", usable)
-    settings = Dic(method=method)
+    settings = Correlation(method=method)
     whole, masked, part = (tmp_path / f"{name}.npz" for name in ("whole", "masked", "part"))
     correlate_files(pictures[0], pictures[1:], whole, settings)
     correlate_files(pictures[0], pictures[1:], masked, settings, mask=mask)
@@ -228,7 +231,9 @@ def test_images_of_twelve_and_sixteen_bits(tmp_path, scale, full_scale):
     ]
     deep[1][40:80, 60:100] = full_scale or 65535
     files = [save(tmp_path / f"{n}.tif", image) for n, image in enumerate(deep)]
-    told = correlate_files(files[0], files[1:], tmp_path / "told.npz", Dic(full_scale=full_scale))
+    told = correlate_files(
+        files[0], files[1:], tmp_path / "told.npz", Correlation(full_scale=full_scale)
+    )
     assert told.statuses["saturated"] >= 4
     with np.load(tmp_path / "told.npz") as file:
         assert np.nanmedian(file["ux_px"]) == pytest.approx(1.2, abs=0.02)
@@ -305,14 +310,6 @@ def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
         (pictures, "a.txt", {}, {}, "ending '.txt'"),
         (pictures, "none/a.csv", {}, {}, "does not exist"),
         (pictures, "a.csv", {"box": 119}, {}, "do not fit"),
-        (pictures, "a.csv", {"threads": 0}, {}, "threads"),
-        (
-            pictures,
-            "a.csv",
-            {"precision": "double"},
-            {},
-            "double precision asked of method 'shared'",
-        ),
         (pictures, "a.csv", {}, {"mask": mask}, "mask.png: 160 x 119 uint8 found"),
         (pictures, "a.csv", {}, {"mask": tmp_path / "no.png"}, "no such file"),
         (pictures, "a.csv", {}, {"mask": black}, "no box"),
@@ -334,7 +331,9 @@ def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
         (pictures, "a.csv", {"update": "every"}, {"mask": black}, "together with updates"),
     ]:
         with pytest.raises(UserError, match=words):
-            correlate_files(pictures[0], images, tmp_path / output, Dic(**settings), **options)
+            correlate_files(
+                pictures[0], images, tmp_path / output, Correlation(**settings), **options
+            )
     assert set(tmp_path.iterdir()) == {mask, black}
 
 

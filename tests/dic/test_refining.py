@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blobs import Speckle
 
-from analysis.dic import Correlation, Status
+from analysis.dic import Correlation, Status, open_tracker
 from analysis.dic.field import filled
 
 SPECKLE = Speckle((240, 320))
@@ -18,7 +18,9 @@ rng = np.random.default_rng(7)
 
 
 def tracker_at_rest(reference=REFERENCE, usable=None, roi=None, **options):
-    tracker = Correlation(**{"threads": 1, **options}).open(reference, usable=usable, roi=roi)
+    tracker = open_tracker(
+        Correlation(**{"threads": 1, **options}), reference, usable=usable, roi=roi
+    )
     tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
     return tracker
 
@@ -37,7 +39,7 @@ def misses(field, ux):
 def test_a_cold_start_and_a_jump_of_40_px_find_the_whole_field(method: str) -> None:
     pattern = Speckle((400, 520), seed=3)
     reference, image = pattern.image(noise=2, seed=1), pattern.image(40.3, -21.6, noise=2, seed=2)
-    tracker = Correlation(method=method, threads=1).open(reference)
+    tracker = open_tracker(Correlation(method=method, threads=1), reference)
     for begin in ("cold", "jump"):
         field = tracker.track(image)
         x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
@@ -247,10 +249,11 @@ def test_holes_are_filled_smoothly() -> None:
         {"tolerance": float("nan")},
         {"update": "sometimes"},
         {"update_every": 0},
+        {"threads": 0},
     ],
 )
 def test_settings_that_can_not_be_used_are_refused_in_one_sentence(options) -> None:
-    with pytest.raises(ValueError, match=r"^correlation: .+; use .+$"):
+    with pytest.raises(ValueError, match=r"^(\w+ must be .+; found .+|correlation: .+; use .+)$"):
         Correlation(**options)
 
 
@@ -277,7 +280,9 @@ def test_images_that_can_not_be_used_are_refused() -> None:
 def test_tiny_and_narrow_images_are_correlated(method: str, shape: tuple[int, int]) -> None:
     pattern = Speckle(shape, seed=4)
     box = min(20, min(shape) - 2)
-    tracker = Correlation(method=method, box=box, step=5, threads=1).open(pattern.image(noise=1))
+    tracker = open_tracker(
+        Correlation(method=method, box=box, step=5, threads=1), pattern.image(noise=1)
+    )
     field = tracker.track(pattern.image(0.2, noise=1, seed=1))
     ok = field.status == Status.OK
     assert np.isfinite(field.ux_px[ok]).all()
@@ -288,7 +293,7 @@ def test_tiny_and_narrow_images_are_correlated(method: str, shape: tuple[int, in
 
 @pytest.mark.parametrize("method", [*METHODS, "direct"])
 def test_absurd_starts_do_no_harm(method: str) -> None:
-    tracker = Correlation(method=method, threads=1).open(REFERENCE)
+    tracker = open_tracker(Correlation(method=method, threads=1), REFERENCE)
     for start in (1e30, -np.inf, 5000.0):
         tracker.start_from(*np.full((2, *tracker.grid.shape), start))
         tracker.track(SPECKLE.image(0.3, noise=2, seed=2))

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from blobs import Speckle
 
-from analysis.dic import Correlation, Grid, compile_kernels, shared
+from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, shared
 from analysis.dic.passes import SharedPasses
 from analysis.dic.spectrum import gradient, interpolation, texture
 from benchmarks.speckle import Motion, Pattern, camera
@@ -33,7 +33,7 @@ def inner(field, margin=3):
 
 
 def track(reference, image, start=(0.0, 0.0), **options):
-    tracker = Correlation(threads=1, **options).open(reference)
+    tracker = open_tracker(Correlation(threads=1, **options), reference)
     tracker.start_from(*(np.full(tracker.grid.shape, s) for s in start))
     field = tracker.track(image)
     tracker.close()
@@ -131,10 +131,10 @@ def test_one_pass_is_what_least_squares_gives_box_by_box(
 def test_kernels_give_the_same_without_the_compiler() -> None:
     code = """
 import json, numpy as np
-from analysis.dic import Correlation
+from analysis.dic import Correlation, open_tracker
 from blobs import Speckle
 speckle = Speckle((52, 60))
-tracker = Correlation(box=16, step=8, threads=1).open(speckle.image(noise=1, seed=1))
+tracker = open_tracker(Correlation(box=16, step=8, threads=1), speckle.image(noise=1, seed=1))
 tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
 field = tracker.track(speckle.image(0.4, 0.2, noise=1, seed=2))
 print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tolist()]))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from blobs import Speckle
 
-from analysis.dic import Correlation, Status
+from analysis.dic import Correlation, Status, open_tracker
 
 SPECKLE = Speckle((240, 320))
 
 
 def follow(images, **options):
-    tracker = Correlation(threads=1, **options).open(images[0])
+    tracker = open_tracker(Correlation(threads=1, **options), images[0])
     tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
     fields = [tracker.track(image) for image in images[1:]]
     return tracker, fields
@@ -64,4 +64,4 @@ def test_without_updates_there_is_no_drift() -> None:
     tracker, _ = follow([SPECKLE.image(), SPECKLE.image(0.2)], update="quality", update_below=0.5)
     assert tracker.drift_px == tracker.updates == 0
     with pytest.raises(ValueError, match="mask of the first reference"):
-        Correlation(update="every").open(SPECKLE.image(), usable=np.ones((240, 320), bool))
+        open_tracker(Correlation(update="every"), SPECKLE.image(), usable=np.ones((240, 320), bool))

@@ -68,7 +68,7 @@ class HilRun:
         """Indices of recorded images that are not, to the bit, the world at the sample that the
         file gives them.
         """
-        renderer, half = Renderer(self.world.settings), self.world.settings.exposure_samples // 2
+        renderer, half = Renderer(self.world.scenario), self.world.scenario.exposure_samples // 2
         looked_at = among or self.frames
         return [
             index

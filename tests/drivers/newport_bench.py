@@ -7,11 +7,11 @@ import threading
 import time
 
 from drivers.actuator_newport import ConexCc, Smc100
+from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
 PATIENT_S = 30.0
@@ -57,7 +57,7 @@ class NewportBench:
         self.device = Told(self.controller)
         self.line = SerialLine(self.device, over, **(line or {}))
         self.settings = ActuatorSettings(port=self.line.start(), **settings)
-        self.driver = driver(self.settings, Scene())
+        self.driver = driver(self.settings, SampleClock(1000.0))
 
     def opened(self):
         """The same, its driver open."""

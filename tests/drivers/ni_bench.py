@@ -4,49 +4,43 @@ import contextlib
 import threading
 
 import numpy as np
+from worlds import TINY, scenario
 
+from drivers.clock import SampleClock
 from drivers.emulators.ni import EmulatedNiForces
 from drivers.emulators.ni_server import NiServer
 from drivers.ni_daq import NiForces
 from drivers.protocols import SampleBlock
-from drivers.scene import Scene
 from drivers.settings import ForceSettings
-from drivers.sim.faults import parse
-from drivers.sim.world import World, WorldSettings
+from drivers.sim.world import World
 
-
-def world_settings(*faults, **settings):
-    return WorldSettings(
-        press_sample=100,
-        press_duration=100,
-        image_shape=(6, 8),
-        faults=tuple(map(parse, faults)),
-        **settings,
-    )
+QUICK = scenario(**TINY, press_time=0.1, press_samples=100)
 
 
 class NiBench(contextlib.ExitStack):
     """Makes drivers that are not yet open, and servers; closes them at its end."""
 
-    def emulated(self, *faults, pace=None, world=None, **settings):
-        """A driver with the board that it emulates; `scene` is what they share."""
-        scene = Scene(world_settings(*faults, **(world or {})), pace)
-        forces = EmulatedNiForces(ForceSettings(**settings), scene)
-        forces.scene = scene
+    def emulated(self, *faults, pace=None, **settings):
+        """A driver with the board that it emulates; `world` is what that looks at."""
+        rate = settings.get("sample_rate", 1000)
+        here = scenario(QUICK, faults=faults, press_time=100 / rate, **settings)
+        world = World(here, pace)
+        forces = EmulatedNiForces(here.forces, SampleClock(float(rate)), world)
+        forces.world = world
         self.callback(forces.close)
         return forces
 
     def serve(self, pace=None, **options):
         """A server with an emulated board; `world` is what it looks at."""
-        world = World(world_settings(), pace)
-        server = NiServer(world, renew=lambda: World(world_settings(), pace), **options)
+        world = World(QUICK, pace)
+        server = NiServer(world, renew=lambda: World(QUICK, pace), **options)
         server.world = world
         self.callback(server.close)
         return server
 
-    def connect(self, address, **settings):
+    def connect(self, address, rate=1000.0, **settings):
         """A driver for a server."""
-        forces = NiForces(ForceSettings(server=address, **settings), Scene())
+        forces = NiForces(ForceSettings(server=address, **settings), SampleClock(rate))
         self.callback(forces.close)
         return forces
 
@@ -84,9 +78,9 @@ def pieces(forces, samples, now=0):
     return read
 
 
-def reference(n):
+def reference(n, **settings):
     """What a second, identical world gives."""
-    return World(world_settings(), None).advance(n).volts
+    return World(scenario(QUICK, **settings), None).advance(n).volts
 
 
 def check_samples(read):

@@ -8,13 +8,14 @@ import sys
 import pytest
 from contracts import ActuatorContract
 from newport_bench import benches
+from worlds import scenario
 
 from drivers.actuator_newport import ConexCc, Smc100, find
+from drivers.clock import SampleClock
 from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
 from drivers.errors import DeviceFault, OutOfLimits
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
-from drivers.sim.world import WorldSettings
+from drivers.sim.world import World
 
 
 @pytest.fixture
@@ -70,18 +71,18 @@ class InAWorld(ActuatorContract):
     kind = EmulatedSmc100
 
     @pytest.fixture
-    def scene(self):
-        return Scene(WorldSettings(press_sample=10**9), pace=None)
+    def world(self):
+        return World(scenario(press_time=3600.0), pace=None)
 
     @pytest.fixture
-    def actuator(self, scene):
-        stage = self.kind(ActuatorSettings(), scene)
+    def actuator(self, world):
+        stage = self.kind(ActuatorSettings(), SampleClock(1000.0), world)
         yield stage
         stage.close()
 
     @pytest.fixture
-    def pass_time(self, scene):
-        return lambda seconds: scene.world.advance(round(seconds * 1000))
+    def pass_time(self, world):
+        return lambda seconds: world.advance(round(seconds * 1000))
 
 
 class TestEmulatedSmc100(InAWorld):
@@ -244,7 +245,7 @@ def test_the_module_loads_no_vendor_library():
 
 
 def test_the_narrower_limits_hold_and_the_controller_is_told(newport_open):
-    stage = newport_open(travel_limits_m=(-1e-3, 20e-3))
+    stage = newport_open(travel=(-1e-3, 20e-3))
     assert stage.driver.travel_limits_m == pytest.approx((-1e-3, 20e-3))
     assert (stage.controller.parameters["SL"], stage.controller.parameters["SR"]) == (-1.0, 20.0)
     with pytest.raises(
@@ -255,7 +256,7 @@ def test_the_narrower_limits_hold_and_the_controller_is_told(newport_open):
 
 
 def test_what_the_controller_can_not_be_told_the_driver_keeps(newport_open):
-    stage = newport_open(travel_limits_m=(5e-3, 20e-3))  # SL may not be above 0
+    stage = newport_open(travel=(5e-3, 20e-3))  # SL may not be above 0
     assert stage.controller.parameters["SL"] == 0.0
     assert stage.driver.travel_limits_m == pytest.approx((5e-3, 20e-3))
     with pytest.raises(OutOfLimits):
@@ -263,21 +264,21 @@ def test_what_the_controller_can_not_be_told_the_driver_keeps(newport_open):
 
 
 def test_limits_that_leave_nothing_are_refused(newport):
-    stage = newport(travel_limits_m=(-2e-3, -1e-3))
+    stage = newport(travel=(-2e-3, -1e-3))
     stage.device.answers["SL?"] = "1SL0"
     with pytest.raises(OutOfLimits, match="leave nothing"):
         stage.driver.open()
 
 
 def test_a_velocity_left_by_another_program_is_limited(newport_open):
-    stage = newport_open(velocity_limit_m_s=50e-6)
+    stage = newport_open(max_velocity=50e-6)
     assert stage.controller.parameters["VA"] == pytest.approx(0.05)
     with pytest.raises(OutOfLimits, match=r"60 um/s was asked; use one above 0 and up to 50 um/s"):
         stage.driver.set_velocity(60e-6)
 
 
 def test_a_velocity_above_that_of_the_controller_is_out_of_limits(newport_open):
-    stage = newport_open(velocity_limit_m_s=2e-3)
+    stage = newport_open(max_velocity=2e-3)
     with pytest.raises(OutOfLimits, match="1500 um/s was asked, the controller refused"):
         stage.driver.set_velocity(1.5e-3)
     assert stage.controller.parameters["VA"] == 1.0

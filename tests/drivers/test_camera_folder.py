@@ -9,12 +9,12 @@ from contracts import TRAIN, CameraContract
 from PIL import Image
 
 from drivers.camera_folder import FolderCamera, find, images_of
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame
-from drivers.scene import Scene
 from drivers.settings import CameraSettings
 
-SHAPE = (6, 8)
+SHAPE = (64, 80)
 
 
 def save(folder, names, dtype=np.uint8, shape=SHAPE):
@@ -25,36 +25,37 @@ def save(folder, names, dtype=np.uint8, shape=SHAPE):
 
 
 @pytest.fixture
-def scene():
-    return Scene()
+def clock():
+    return SampleClock(1000.0)
 
 
-def make(folder, scene, **changes):
-    return FolderCamera(CameraSettings(folder=str(folder), **({"shape": SHAPE} | changes)), scene)
+def make(folder, clock, **changes):
+    size = {"height": SHAPE[0], "width": SHAPE[1]}
+    return FolderCamera(CameraSettings(folder=str(folder), **(size | changes)), clock)
 
 
-def pass_time(scene, sample):
-    if scene.clock.phase == "idle":
-        scene.clock.start()
-    scene.clock.advance(sample)
+def pass_time(clock, sample):
+    if clock.phase == "idle":
+        clock.start()
+    clock.advance(sample)
 
 
 class TestFolderCamera(CameraContract):
     @pytest.fixture
-    def camera(self, tmp_path, scene):
+    def camera(self, tmp_path, clock):
         save(tmp_path, [f"{n}.png" for n in range(6)])
-        return make(tmp_path, scene)
+        return make(tmp_path, clock)
 
     @pytest.fixture
-    def run_until(self, scene):
-        return lambda sample: pass_time(scene, sample)
+    def run_until(self, clock):
+        return lambda sample: pass_time(clock, sample)
 
     @pytest.fixture
-    def end_clock(self, scene):
-        return scene.clock.stop
+    def end_clock(self, clock):
+        return clock.stop
 
 
-def test_images_come_in_the_order_of_their_numbers(tmp_path, scene):
+def test_images_come_in_the_order_of_their_numbers(tmp_path, clock):
     names = ["shot1.png", "shot2.tif", "shot10.TIFF"]
     images = save(tmp_path, names)
     (tmp_path / "notes.txt").write_text("not an image")
@@ -63,38 +64,38 @@ def test_images_come_in_the_order_of_their_numbers(tmp_path, scene):
         (str(tmp_path), "3 images, shot1.png to shot10.TIFF")
     ]
     assert find() == []
-    camera = make(tmp_path, scene)
+    camera = make(tmp_path, clock)
     camera.open()
-    assert camera.describe() == f"3 images of '{tmp_path}': 8 x 6, uint8; one for each trigger"
+    assert camera.describe() == f"3 images of '{tmp_path}': 80 x 64, uint8; one for each trigger"
     camera.start(TRAIN)
-    pass_time(scene, 1000)
+    pass_time(clock, 1000)
     for image in images:
         np.testing.assert_array_equal(camera.read(1.0).image, image)
 
 
-def test_16_bit_images(tmp_path, scene):
-    image = np.arange(48, dtype=np.uint16).reshape(SHAPE) * 1000
+def test_16_bit_images(tmp_path, clock):
+    image = np.arange(64 * 80, dtype=np.uint16).reshape(SHAPE) * 10
     for name in ("a.png", "b.tif"):
         cv2.imwrite(str(tmp_path / name), image)
-    camera = make(tmp_path, scene, pixel_format="Mono16")
+    camera = make(tmp_path, clock, pixel_format="Mono16")
     camera.open()
     camera.start(TRAIN)
-    pass_time(scene, 1000)
+    pass_time(clock, 1000)
     for _ in range(2):
         read = camera.read(1.0).image
         assert read.dtype == camera.dtype == np.uint16
         np.testing.assert_array_equal(read, image)
 
 
-def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, scene):
+def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, clock):
     save(tmp_path, ["1.png", "2.png", "4.png"])
-    save(tmp_path, ["3.png"], shape=(4, 8))
+    save(tmp_path, ["3.png"], shape=(4, 80))
     (tmp_path / "2.png").write_bytes(b"\x89PNG and then nothing")
-    Image.new("RGB", (8, 6)).save(tmp_path / "5.png")
-    camera = make(tmp_path, scene)
+    Image.new("RGB", (80, 64)).save(tmp_path / "5.png")
+    camera = make(tmp_path, clock)
     camera.open()
     camera.start(TRAIN)
-    pass_time(scene, 10_000)
+    pass_time(clock, 10_000)
     answers = [camera.read(1.0) for _ in range(7)]
     assert [(a.index, a.sample) for a in answers] == [(n, TRAIN.sample(n)) for n in range(7)]
     assert [type(answer) for answer in answers] == [
@@ -106,8 +107,8 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, scene):
     ]
     assert [answers[n].reason for n in (1, 2, 4, 5, 6)] == [
         "'2.png' can not be read as an image",
-        "'3.png' is 8 x 4 uint8, 8 x 6 uint8 was asked",
-        "'5.png' is 8 x 6 x 3 uint8, 8 x 6 uint8 was asked",
+        "'3.png' is 80 x 4 uint8, 80 x 64 uint8 was asked",
+        "'5.png' is 80 x 64 x 3 uint8, 80 x 64 uint8 was asked",
         *2 * ["the folder has 5 images only"],
     ]
 
@@ -116,34 +117,34 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, scene):
     ("changes", "sentence"),
     [
         (
-            {"shape": (6, 9)},
-            "folder camera: '0.png' is 8 x 6 uint8, 9 x 6 uint8 was asked; set camera.width",
+            {"width": 90},
+            "folder camera: '0.png' is 80 x 64 uint8, 90 x 64 uint8 was asked; set camera.width",
         ),
-        ({"pixel_format": "Mono12"}, "'0.png' is 8 x 6 uint8, 8 x 6 uint16 was asked"),
+        ({"pixel_format": "Mono12"}, "'0.png' is 80 x 64 uint8, 80 x 64 uint16 was asked"),
     ],
 )
-def test_images_of_another_size_or_depth_are_refused(tmp_path, scene, changes, sentence):
+def test_images_of_another_size_or_depth_are_refused(tmp_path, clock, changes, sentence):
     save(tmp_path, ["0.png"])
     with pytest.raises(OutOfLimits, match=sentence):
-        make(tmp_path, scene, **changes).open()
+        make(tmp_path, clock, **changes).open()
 
 
 @pytest.mark.parametrize("name", ["", "missing"])
-def test_a_folder_that_is_empty_or_missing_is_refused(tmp_path, scene, name):
+def test_a_folder_that_is_empty_or_missing_is_refused(tmp_path, clock, name):
     with pytest.raises(
         DeviceNotFound, match=r"has no image \(\.png, \.tif, \.tiff\); set camera\.folder"
     ):
-        make(tmp_path / name, scene).open()
+        make(tmp_path / name, clock).open()
 
 
-def test_stop_ends_a_waiting_read(tmp_path, scene):
+def test_stop_ends_a_waiting_read(tmp_path, clock):
     save(tmp_path, ["0.png"])
-    camera = make(tmp_path, scene)
+    camera = make(tmp_path, clock)
     camera.open()
     camera.start(TRAIN)
     ended, waits = [], threading.Event()
-    wait_for = scene.clock.wait_for
-    scene.clock.wait_for = lambda *args: (waits.set(), wait_for(*args))[1]
+    wait_for = clock.wait_for
+    clock.wait_for = lambda *args: (waits.set(), wait_for(*args))[1]
 
     def wait():
         try:

@@ -15,9 +15,9 @@ from contracts import TRAIN, CameraContract
 
 from drivers import camera_gentl, frame_numbers
 from drivers.camera_gentl import GenTLCamera
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import CameraSettings
 
 genicam = pytest.importorskip("genicam")
@@ -27,22 +27,23 @@ PRODUCER = str(Path(genicam.__file__).with_name("viky.cti"))
 
 
 @pytest.fixture
-def scene():
-    return Scene()
+def clock():
+    return SampleClock(1000.0)
 
 
 @pytest.fixture
-def make(scene):
+def make(clock):
     made = []
 
     def make(**changes):
         settings = {
-            "shape": (100, 120),
+            "height": 100,
+            "width": 120,
             "producer": PRODUCER,
             "device": "1",
             "trigger_line": "",
         } | changes
-        made.append(GenTLCamera(CameraSettings(**settings), scene))
+        made.append(GenTLCamera(CameraSettings(**settings), clock))
         return made[-1]
 
     yield make
@@ -56,11 +57,11 @@ class TestGenTLCamera(CameraContract):
         return make()
 
     @pytest.fixture
-    def run_until(self, scene):
+    def run_until(self, clock):
         def run(sample):
-            if scene.clock.phase == "idle":
-                scene.clock.start()
-            scene.clock.advance(sample)
+            if clock.phase == "idle":
+                clock.start()
+            clock.advance(sample)
 
         return run
 
@@ -69,7 +70,7 @@ class TestGenTLCamera(CameraContract):
     test_what_was_exposed_when_the_clock_ended_can_still_be_read = None
 
 
-def test_images_are_those_of_the_producer_in_order(make, scene, monkeypatch):
+def test_images_are_those_of_the_producer_in_order(make, clock, monkeypatch):
     # a busy machine may let the producer wait for seconds
     monkeypatch.setitem(frame_numbers.PATIENCE_S, "inferred", 60.0)
     camera = make()
@@ -79,8 +80,8 @@ def test_images_are_those_of_the_producer_in_order(make, scene, monkeypatch):
         == "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and exposure as it is set"
     )
     camera.start(TRAIN)
-    scene.clock.start()
-    scene.clock.advance(10_000)
+    clock.start()
+    clock.advance(10_000)
     frames = [camera.read(60.0) for _ in range(20)]
     assert [frame.index for frame in frames] == list(range(20))
     assert len({frame.image.tobytes() for frame in frames}) > 10  # a ball moves
@@ -90,21 +91,21 @@ def test_images_are_those_of_the_producer_in_order(make, scene, monkeypatch):
     assert camera.describe().endswith("; frame numbers inferred from their order")
 
 
-def test_images_without_triggers_are_a_fault(make, scene):
+def test_images_without_triggers_are_a_fault(make, clock):
     camera = make()
     camera.open()
     camera.start(TriggerTrain(0, 1000))
-    scene.clock.start()
+    clock.start()
     assert [camera.read(5.0).index for _ in range(2)] == [0, 1]
     with pytest.raises(DeviceFault, match="an image came long before trigger 2"):
         camera.read(5.0)
 
 
-def test_it_can_be_stopped_and_started_again(make, scene):
+def test_it_can_be_stopped_and_started_again(make, clock):
     camera = make()
     camera.open()
-    scene.clock.start()
-    scene.clock.advance(10_000)
+    clock.start()
+    clock.advance(10_000)
     for _ in range(3):
         camera.start(TRAIN)
         assert [camera.read(5.0).index for _ in range(2)] == [0, 1]
@@ -147,7 +148,7 @@ def test_the_interrupt_key_stays_ours(make):
     ("changes", "sentence"),
     [
         (
-            {"shape": (100, 2000)},
+            {"width": 2000},
             "camera '1': Width = 2000 was asked, it offers 100 to 800 in steps of 1",
         ),
         ({"pixel_format": "Mono12"}, "PixelFormat = Mono12 was asked, it offers RGBa8, Mono8"),
@@ -156,8 +157,8 @@ def test_the_interrupt_key_stays_ours(make):
             "ExposureTime = 10000.0 was asked, it has no such feature that can be set; see its"
             " manual",
         ),
-        ({"offset_px": (10, 0)}, "OffsetX = 10 was asked, it has no such feature"),
-        ({"gain_db": 3.0}, "Gain = 3.0 was asked, it has no such feature"),
+        ({"offset": (10, 0)}, "OffsetX = 10 was asked, it has no such feature"),
+        ({"gain": 3.0}, "Gain = 3.0 was asked, it has no such feature"),
         ({"exposure_line": "Line2"}, "LineSelector = Line2 was asked, it has no such feature"),
     ],
 )

@@ -4,49 +4,58 @@ fault at its true index.
 
 import os
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from contracts import TRAIN, CameraContract
+from worlds import scenario
 
+from drivers.clock import SampleClock
 from drivers.emulators.camera import EmulatedPylonCamera
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame, TriggerTrain
-from drivers.scene import Scene
-from drivers.settings import CameraSettings
-from drivers.sim.faults import parse
 from drivers.sim.images import Renderer
-from drivers.sim.settings import WorldSettings
+from drivers.sim.world import World
 
 pytest.importorskip("pypylon")
 
 SHAPE = (96, 128)
-PRESSED = {"press_sample": 100, "press_duration": 100, "image_shape": SHAPE, "pixel_m": 100e-6}
+FREE = scenario(width=128, height=96, press_time=3600.0)
+PRESSED = scenario(FREE, press_time=0.1, press_samples=100, pixel=100e-6)
 
 
-def board(scene, counts, until):
+class Here:
+    """A world, its clock, and an emulated camera of the world's settings."""
+
+    def __init__(self, scenario, pace=None, camera=None):
+        self.world, self.clock = World(scenario, pace), SampleClock(1000.0)
+        self.camera = EmulatedPylonCamera(camera or scenario.camera, self.clock, self.world)
+
+
+def board(here, counts, until):
     """Lets the world's time pass up to a sample and feeds the clock, as forces do that are read."""
-    world, clock = scene.world, scene.clock
+    world, clock = here.world, here.clock
     while world.now < until:
         assert world.wait_for_turn(50, 60.0)
         first = world.advance(50).first
         clock.advance(world.now, world.exposure_counts(first, 50) if counts else None)
 
 
-def run(scene, train, samples, counts=True):
+def run(here, train, samples, counts=True):
     """All answers of a run with two threads, and the error that ended it."""
-    camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), scene)
+    camera = here.camera
     camera.open()
     camera.start(train)
-    scene.clock.start(counts_exposures=counts)
-    scene.world.start(train)
+    here.clock.start(counts_exposures=counts)
+    here.world.start(train)
     answers, error = [], None
 
     def forces():
-        board(scene, counts, samples)
-        scene.world.stop()
-        scene.clock.stop()
+        board(here, counts, samples)
+        here.world.stop()
+        here.clock.stop()
 
     sampling = threading.Thread(target=forces)
     sampling.start()
@@ -56,7 +65,7 @@ def run(scene, train, samples, counts=True):
     except (DeviceFault, DeviceTimeout) as caught:
         error = caught
     camera.stop()
-    scene.world.watch(None)
+    here.world.watch(None)
     sampling.join()
     camera.close()
     return answers, error
@@ -64,46 +73,44 @@ def run(scene, train, samples, counts=True):
 
 class TestEmulatedPylonCamera(CameraContract):
     @pytest.fixture
-    def scene(self):
-        return Scene(WorldSettings(press_sample=10**9, image_shape=SHAPE), None)
+    def here(self):
+        return Here(FREE)
 
     @pytest.fixture
-    def camera(self, scene):
-        camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), scene)
-        yield camera
-        camera.close()
+    def camera(self, here):
+        yield here.camera
+        here.camera.close()
 
     @pytest.fixture
-    def run_until(self, scene):
+    def run_until(self, here):
         def run(sample):
-            if scene.world.phase == "idle":
-                scene.clock.start()
-                scene.world.start(TRAIN)
-            scene.world.advance(sample - scene.world.now)
-            scene.clock.advance(sample)
+            if here.world.phase == "idle":
+                here.clock.start()
+                here.world.start(TRAIN)
+            here.world.advance(sample - here.world.now)
+            here.clock.advance(sample)
 
         return run
 
     @pytest.fixture
-    def end_clock(self, scene):
+    def end_clock(self, here):
         def end():
-            scene.world.stop()
-            scene.clock.stop()
+            here.world.stop()
+            here.clock.stop()
 
         return end
 
 
 @pytest.mark.parametrize("pace", [None, 4.0])
 def test_each_picture_is_that_of_its_pulse_to_the_bit(pace):
-    settings = WorldSettings(**PRESSED)
-    scene, train = Scene(settings, pace), TriggerTrain(3, 42)
-    answers, error = run(scene, train, 1000)
+    here, train = Here(PRESSED, pace), TriggerTrain(3, 42)
+    answers, error = run(here, train, 1000)
     assert error is None
-    renderer = Renderer(settings)
+    renderer = Renderer(here.world.scenario)
     assert [(a.index, a.sample) for a in answers] == [(n, train.sample(n)) for n in range(24)]
     for frame in answers:
         expected = renderer.image(
-            scene.world.state(frame.sample + settings.exposure_samples // 2), frame.index
+            here.world.state(frame.sample + PRESSED.exposure_samples // 2), frame.index
         )
         np.testing.assert_array_equal(frame.image, expected)
     assert len({frame.image.tobytes() for frame in answers}) == 24
@@ -117,9 +124,8 @@ def test_every_fault_is_found_at_its_true_index():
         "corrupt-frame 16",
         "lost-frame 23",
     )
-    settings = WorldSettings(**PRESSED, faults=tuple(map(parse, faults)))
-    scene, train = Scene(settings, None), TriggerTrain(0, 42)
-    answers, error = run(scene, train, 1000)
+    here, train = Here(scenario(PRESSED, faults=faults)), TriggerTrain(0, 42)
+    answers, error = run(here, train, 1000)
     assert error is None
     assert [a.index for a in answers] == list(range(24))
     lost = {a.index: a.reason for a in answers if isinstance(a, LostFrame)}
@@ -132,26 +138,24 @@ def test_every_fault_is_found_at_its_true_index():
         for n, frame in frames.items()
         if frame.sample != train.sample(n)
     } == {8: 9}
-    renderer = Renderer(settings)
+    renderer = Renderer(here.world.scenario)
     upper = SHAPE[0] // 2
     for n, frame in frames.items():
-        expected = renderer.image(
-            scene.world.state(frame.sample + settings.exposure_samples // 2), n
-        )
+        expected = renderer.image(here.world.state(frame.sample + PRESSED.exposure_samples // 2), n)
         np.testing.assert_array_equal(frame.image[:upper], expected[:upper])
         assert np.array_equal(frame.image[upper:], expected[upper:]) == (n != 16)
 
 
 def test_a_missed_trigger_that_no_counter_proves_is_a_fault():
-    scene = Scene(WorldSettings(**PRESSED, faults=(parse("lost-trigger 4"),)), None)
-    _, error = run(scene, TriggerTrain(0, 42), 1000, counts=False)
+    here = Here(scenario(PRESSED, faults=("lost-trigger 4",)))
+    _, error = run(here, TriggerTrain(0, 42), 1000, counts=False)
     assert isinstance(error, DeviceFault)
     assert "counter" in str(error)
 
 
 def test_a_camera_that_goes_is_a_fault_after_its_last_image():
-    scene = Scene(WorldSettings(**PRESSED, faults=(parse("camera-gone 5"),)), 4.0)
-    answers, error = run(scene, TriggerTrain(0, 42), 1000)
+    here = Here(scenario(PRESSED, faults=("camera-gone 5",)), 4.0)
+    answers, error = run(here, TriggerTrain(0, 42), 1000)
     assert [type(answer) for answer in answers[:5]] == 5 * [Frame]
     assert not [answer for answer in answers[5:] if isinstance(answer, Frame)]
     assert isinstance(error, DeviceFault)
@@ -162,32 +166,30 @@ def test_what_stops_the_emulation_is_told(monkeypatch):
     def no_room(*_):
         raise OSError("no space left on the device")
 
-    scene = Scene(WorldSettings(**PRESSED), None)
-    camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), scene)
+    here = Here(PRESSED)
+    camera = here.camera
     camera.open()
     monkeypatch.setattr(camera, "_put", no_room)
     camera.start(TRAIN)
-    scene.clock.start()
-    scene.world.start(TRAIN)
-    board(scene, False, 50)
+    here.clock.start()
+    here.world.start(TRAIN)
+    board(here, False, 50)
     camera._thread.join(20.0)
     with pytest.raises(DeviceFault, match="the emulation failed, no space left on the device"):
         camera.read(1.0)
     camera.close()
 
 
-@pytest.mark.parametrize("changes", [{"shape": (96, 64)}, {"pixel_format": "Mono12"}])
+@pytest.mark.parametrize("changes", [{"width": 64}, {"pixel_format": "Mono12"}])
 def test_other_images_than_those_of_the_world_are_refused(changes):
-    camera = EmulatedPylonCamera(
-        CameraSettings(**({"shape": SHAPE} | changes)), Scene(WorldSettings(**PRESSED), None)
-    )
+    camera = Here(PRESSED, camera=replace(PRESSED.camera, **changes)).camera
     with pytest.raises(OutOfLimits, match="the world it sees is 128 x 96 Mono8; set both alike"):
         camera.open()
 
 
 def test_it_runs_the_real_driver_and_leaves_nothing_behind(monkeypatch):
     monkeypatch.delenv("PYLON_CAMEMU", raising=False)
-    camera = EmulatedPylonCamera(CameraSettings(shape=SHAPE), Scene(WorldSettings(**PRESSED), None))
+    camera = Here(PRESSED).camera
     camera.open()
     assert "PYLON_CAMEMU" not in os.environ
     folder = camera._folder.name

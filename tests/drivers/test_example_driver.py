@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from contracts import ActuatorContract
 
+from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "example_driver.py"
@@ -60,7 +60,7 @@ def line(time):
 
 @pytest.fixture
 def actuator(text_stage, line):
-    return text_stage(ActuatorSettings(port=line.url, travel_limits_m=(0.0, 25e-3)), Scene())
+    return text_stage(ActuatorSettings(port=line.url, travel=(0.0, 25e-3)), SampleClock(1000.0))
 
 
 class TestTextStage(ActuatorContract):
@@ -84,7 +84,7 @@ def test_it_is_as_short_as_the_documentation_says():
 
 def test_what_is_not_there_is_told(text_stage, actuator, line):
     with pytest.raises(DeviceNotFound, match=r"check actuator\.port"):
-        text_stage(ActuatorSettings(port="/dev/nothing"), Scene()).open()
+        text_stage(ActuatorSettings(port="/dev/nothing"), SampleClock(1000.0)).open()
     actuator.open()
     line.is_mute = True
     with pytest.raises(DeviceTimeout, match="no answer"):

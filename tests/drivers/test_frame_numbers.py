@@ -37,12 +37,11 @@ class Run:
 
     def play(self):
         self.train = TriggerTrain(20, self.divisor)
-        self.clock = SampleClock()
+        self.clock = SampleClock(RATE)
         self.numbers = FrameNumbers(
             "camera",
             self.train,
             self.clock,
-            RATE,
             OPEN,
             min(self.first_id, 1) if self.knows_first_id else None,
         )
@@ -248,8 +247,8 @@ def test_the_end_cuts_an_exposure_short():
 
 
 def test_two_exposures_of_one_trigger_are_a_fault():
-    clock = SampleClock()
-    numbers = FrameNumbers("camera", TriggerTrain(0, 100), clock, RATE, OPEN, 0)
+    clock = SampleClock(RATE)
+    numbers = FrameNumbers("camera", TriggerTrain(0, 100), clock, OPEN, 0)
     clock.start(counts_exposures=True)
     clock.advance(60, np.searchsorted([0, 40], np.arange(60), side="right"))
     numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))
@@ -266,8 +265,8 @@ def test_exposures_in_lost_samples(missed, expected):
     """Samples 90 to 350 are lost, with triggers 1 to 3: told where all of them were exposed, else
     three losses and no shift.
     """
-    clock, train = SampleClock(), TriggerTrain(0, 100)
-    numbers = FrameNumbers("camera", train, clock, RATE, OPEN, 0)
+    clock, train = SampleClock(RATE), TriggerTrain(0, 100)
+    numbers = FrameNumbers("camera", train, clock, OPEN, 0)
     clock.start(counts_exposures=True)
     exposed = [n for n in range(6) if n not in missed]
     began = [100 * n for n in exposed]
@@ -288,7 +287,7 @@ def test_exposures_in_lost_samples(missed, expected):
 
 def test_a_frame_id_that_goes_back_and_an_image_without_one_are_faults():
     image = np.zeros((1, 1), np.uint8)
-    numbers = FrameNumbers("camera", TriggerTrain(0, 100), SampleClock(), RATE, OPEN, 0)
+    numbers = FrameNumbers("camera", TriggerTrain(0, 100), SampleClock(RATE), OPEN, 0)
     numbers.arrived(Delivered(7, None, image))
     with pytest.raises(DeviceFault, match="went from 7 to 6"):
         numbers.arrived(Delivered(6, None, image))
@@ -305,8 +304,8 @@ def test_a_first_image_lost_is_known_only_where_the_transport_numbers_from_a_fix
 
 
 def test_answer_waits_for_the_image_and_for_the_clock():
-    clock, train = SampleClock(), TriggerTrain(0, 100)
-    numbers = FrameNumbers("camera", train, clock, RATE, OPEN, 0)
+    clock, train = SampleClock(RATE), TriggerTrain(0, 100)
+    numbers = FrameNumbers("camera", train, clock, OPEN, 0)
     clock.start(counts_exposures=True)
     waits = []
 
@@ -328,8 +327,8 @@ def test_answer_waits_for_the_image_and_for_the_clock():
 
 
 def test_an_image_that_comes_after_it_was_given_up_shifts_nothing():
-    clock, train = SampleClock(), TriggerTrain(0, 100)
-    numbers = FrameNumbers("camera", train, clock, RATE, OPEN, 0)
+    clock, train = SampleClock(RATE), TriggerTrain(0, 100)
+    numbers = FrameNumbers("camera", train, clock, OPEN, 0)
     clock.start(counts_exposures=True)
     clock.advance(250, np.searchsorted([0, 100, 200], np.arange(250), side="right"))
     numbers.nothing_came(0.0)
@@ -344,8 +343,8 @@ def test_an_image_that_comes_after_it_was_given_up_shifts_nothing():
 
 
 def test_an_image_after_triggers_that_had_none_is_a_fault_where_it_may_be_anyones():
-    clock, train = SampleClock(), TriggerTrain(0, 100)
-    numbers = FrameNumbers("camera", train, clock, RATE, OPEN, 0)
+    clock, train = SampleClock(RATE), TriggerTrain(0, 100)
+    numbers = FrameNumbers("camera", train, clock, OPEN, 0)
     clock.start()
     clock.advance(1000)
     numbers.nothing_came(0.0)

@@ -38,7 +38,7 @@ def test_every_frame_is_the_world_at_the_sample_of_its_trigger(hil):
 def test_the_forces_are_those_of_the_world_to_the_bit(hil):
     from drivers.sim.world import World
 
-    again = World(hil.world.settings, pace=None)
+    again = World(hil.world.scenario, pace=None)
     again._moves = hil.world._moves
     again.start()
     # before any move: noise and quantisation

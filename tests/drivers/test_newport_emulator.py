@@ -8,12 +8,12 @@ import sys
 import time
 
 import pytest
+from worlds import scenario
 
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine, garbled
 from drivers.emulators.stages import FreeStage, WorldStage
-from drivers.sim.faults import parse
-from drivers.sim.world import World, WorldSettings
+from drivers.sim.world import World
 
 
 class Clock:
@@ -175,7 +175,7 @@ def test_configuration_is_entered_and_left(controller):
 
 @pytest.mark.parametrize(("fault", "word"), [("end-of-run 100", "00020F"), ("stall 100", "00203D")])
 def test_the_faults_of_the_world_are_those_of_its_stage(fault, word):
-    world = World(WorldSettings(press_sample=10**9, faults=(parse(fault),)), pace=None)
+    world = World(scenario(press_time=3600.0, faults=(fault,)), pace=None)
     controller = Controller(WorldStage(world))
     told(controller, "VA0.1", "PA13")
     world.advance(900)
@@ -189,7 +189,7 @@ def test_the_faults_of_the_world_are_those_of_its_stage(fault, word):
 
 
 def test_what_the_world_does_not_model_is_an_error_with_its_reason():
-    world = World(WorldSettings(press_sample=0, press_duration=10), pace=None)
+    world = World(scenario(press_time=0.0, press_samples=10), pace=None)
     world.advance(20)
     controller = Controller(WorldStage(world))
     assert told(controller, "PA12", "TE") == "1TEV"

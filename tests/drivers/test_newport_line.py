@@ -12,9 +12,9 @@ import pytest
 from newport_bench import Aside, benches, wait_until
 
 from drivers.actuator_newport import ConexCc, Smc100, find
+from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
 WIRES = ["pty", "tcp"] if os.name == "posix" else ["tcp"]
@@ -44,7 +44,7 @@ def seconds(work):
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_port_belongs_to_one_program(newport_open, wire):
     stage = newport_open(over=wire)
-    second = Smc100(stage.settings, Scene())
+    second = Smc100(stage.settings, SampleClock(1000.0))
     with pytest.raises(
         DeviceFault, match="another program has it open" if wire == "pty" else "is dead"
     ):
@@ -73,7 +73,7 @@ def test_a_port_that_is_not_there_is_told_with_those_that_are(port):
         DeviceNotFound,
         match=rf"SMC100: the port '{port}' was asked, it can not be opened .*serial ports of this computer: ",
     ):
-        Smc100(ActuatorSettings(port=port), Scene()).open()
+        Smc100(ActuatorSettings(port=port), SampleClock(1000.0)).open()
 
 
 def test_a_port_that_one_may_not_use_says_who_may(monkeypatch):
@@ -84,13 +84,13 @@ def test_a_port_that_one_may_not_use_says_who_may(monkeypatch):
         return
     monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(DeviceFault, match="become a member of its group"):
-        Smc100(ActuatorSettings(port="/dev/ttyS0"), Scene()).open()
+        Smc100(ActuatorSettings(port="/dev/ttyS0"), SampleClock(1000.0)).open()
 
 
 def test_without_pyserial_it_says_what_to_install(monkeypatch):
     for module in ("serial", "serial.tools", "serial.tools.list_ports"):
         monkeypatch.setitem(sys.modules, module, None)
-    for ask in (Smc100(ActuatorSettings(port="COM3"), Scene()).open, find):
+    for ask in (Smc100(ActuatorSettings(port="COM3"), SampleClock(1000.0)).open, find):
         with pytest.raises(DeviceNotFound, match=r"pip install '\.\[serial\]'"):
             ask()
 

@@ -6,14 +6,14 @@ import re
 
 import pytest
 from newport_bench import benches, wait_until
+from worlds import scenario
 
 from drivers import actuator_newport
+from drivers.clock import SampleClock
 from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
 from drivers.errors import DeviceFault
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
-from drivers.sim.faults import parse
-from drivers.sim.world import WorldSettings
+from drivers.sim.world import World
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_nothing_homes_by_itself_and_without_it_nothing_moves(newport_open):
 
 
 def test_limits_are_told_as_soon_as_it_is_homed(newport_open):
-    stage = newport_open(is_referenced=False, travel_limits_m=(0.0, 20e-3), velocity_limit_m_s=1e-4)
+    stage = newport_open(is_referenced=False, travel=(0.0, 20e-3), max_velocity=1e-4)
     assert stage.controller.parameters["SR"] == 25.0
     stage.driver.home()
     stage.pass_time(100.0)
@@ -172,10 +172,10 @@ def test_a_stage_that_does_not_stop_is_told_again_and_then_a_fault(newport_open,
 
 def emulated(fault):
     """A driver in a world with one fault, and that world; open."""
-    scene = Scene(WorldSettings(press_sample=10**9, faults=(parse(fault),)), pace=None)
-    driver = EmulatedSmc100(ActuatorSettings(), scene)
+    world = World(scenario(press_time=3600.0, faults=(fault,)), pace=None)
+    driver = EmulatedSmc100(ActuatorSettings(), SampleClock(1000.0), world)
     driver.open()
-    return driver, scene.world
+    return driver, world
 
 
 @pytest.mark.parametrize(
@@ -223,10 +223,10 @@ def test_a_noisy_line_changes_nothing_but_takes_longer():
 
 
 def test_what_the_world_does_not_model_is_told_in_its_words():
-    scene = Scene(WorldSettings(press_sample=0, press_duration=10), pace=None)
-    driver = EmulatedConexCc(ActuatorSettings(), scene)
+    world = World(scenario(press_time=0.0, press_samples=10), pace=None)
+    driver = EmulatedConexCc(ActuatorSettings(), SampleClock(1000.0), world)
     driver.open()
-    scene.world.advance(20)
+    world.advance(20)
     with pytest.raises(
         DeviceFault,
         match=re.escape("emulated CONEX-CC: a move to 12 mm was asked")

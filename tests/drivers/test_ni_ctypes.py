@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from contracts import TRAIN
 
+from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
 from drivers.ni_daq import NiForces, find
 from drivers.protocols import Found, LostSamples
-from drivers.scene import Scene
 from drivers.settings import ForceSettings
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -61,7 +61,7 @@ def install(monkeypatch):
 
 @pytest.fixture
 def forces():
-    made = NiForces(ForceSettings(buffer_s=1.0), Scene())
+    made = NiForces(ForceSettings(buffer=1.0), SampleClock(1000.0))
     yield made
     made.close()
 
@@ -104,8 +104,8 @@ def test_errors_are_sentences(stub, install):
     with pytest.raises(
         DeviceNotFound, match=r"'Dev7' \(there are: Dev1, Dev1b\) was asked, no board has that name"
     ):
-        NiForces(ForceSettings(device="Dev7"), Scene()).open()
-    forces = NiForces(ForceSettings(buffer_s=1.0, exposure_counter="ctr1"), Scene())
+        NiForces(ForceSettings(device="Dev7"), SampleClock(1000.0)).open()
+    forces = NiForces(ForceSettings(buffer=1.0, exposure_counter="ctr1"), SampleClock(1000.0))
     with pytest.raises(
         DeviceFault,
         match=r"ctr1 to count at PFI3 was asked, NI's driver can not do it .*; install a newer NI-DAQmx",

@@ -6,11 +6,12 @@ import grpc
 import numpy as np
 import pytest
 from contracts import TRAIN, ForceSourceContract
-from ni_bench import NiBench, check_samples, pieces, reference, world_settings
+from ni_bench import QUICK, NiBench, check_samples, pieces, reference
 from nidaqmx import GrpcSessionOptions, Task
 from nidaqmx.constants import AcquisitionType
 from nidaqmx.errors import DaqError
 from nidaqmx.stream_readers import AnalogMultiChannelReader
+from worlds import scenario
 
 from drivers.errors import OutOfLimits
 from drivers.protocols import LostSamples, SampleBlock, TriggerTrain
@@ -50,8 +51,8 @@ class TestEmulatedNiForces(ForceSourceContract):
 
 @pytest.mark.parametrize("block", [50, 73])
 def test_its_volts_are_those_of_the_simulated_board_to_the_bit(ni, block):
-    forces = ni.emulated(block_samples=block)
-    simulated = SimForces(World(world_settings(block_samples=block), None))
+    forces = ni.emulated(block=block)
+    simulated = SimForces(World(scenario(QUICK, block=block), None))
     for source in (forces, simulated):
         source.open()
         source.start(TRAIN)
@@ -75,11 +76,13 @@ def test_a_second_run_begins_at_sample_0_again(ni):
 
 
 def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni):
-    forces = ni.emulated(channels=("ai7", "ai2"), wiring="nrse", range_v=(1.0, 0.005))
+    forces = ni.emulated(channels=("ai7", "ai2"), wiring="nrse", range=(1.0, 0.005))
     forces.open()
     forces.start(TRAIN)
     volts = np.concatenate([forces.read(5.0).volts for _ in range(5)])
-    np.testing.assert_array_equal(volts, np.clip(reference(250), (-1, -0.005), (1, 0.005)))
+    np.testing.assert_array_equal(
+        volts, np.clip(reference(250, range=(1.0, 0.005)), (-1, -0.005), (1, 0.005))
+    )
 
 
 # ------------------------------------------------------------------ triggers and exposures
@@ -96,12 +99,12 @@ def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni):
         ("digital", (1, 2)),
     ],
 )
-@pytest.mark.parametrize("rate", [1000.0, 2500.0])
+@pytest.mark.parametrize("rate", [1000, 2500])
 def test_the_board_sends_the_pulses_that_were_asked(ni, trigger, train, rate):
-    forces = ni.emulated(trigger=trigger, sample_rate_hz=rate, world={"sample_rate_hz": rate})
+    forces = ni.emulated(trigger=trigger, sample_rate=rate)
     forces.open()
     forces.start(TriggerTrain(*train))
-    assert forces.scene.world.pulses == TriggerTrain(*train)
+    assert forces.world.pulses == TriggerTrain(*train)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +134,7 @@ def test_exposures_are_counted_beside_the_samples(ni):
 
 
 def test_a_counter_that_overflows_counts_on(ni, monkeypatch):
-    forces = ni.emulated(exposure_counter="ctr1", world={"sample_rate_hz": 1000.0})
+    forces = ni.emulated(exposure_counter="ctr1")
     forces.open()
     begin = 2**32 - 3
     monkeypatch.setattr(
@@ -150,7 +153,7 @@ def test_the_backlog_reaches_to_the_newest_sample(ni):
     assert forces.backlog() == 0
     forces.open()
     forces.start(TRAIN)
-    world = forces.scene.world
+    world = forces.world
     assert world.wait_for(lambda: world.now >= 600, 20.0)
     end, size = 0, 50
     for kind in (SampleBlock, LostSamples, SampleBlock, SampleBlock):
@@ -179,7 +182,7 @@ def test_overwritten_samples_are_a_gap_of_their_true_length(ni, at, gap, pace):
     assert [(piece.first, piece.count) for piece in lost] == [gap]
     assert "overwritten" in lost[0].reason
     check_samples(read)
-    world = World(world_settings(), None)
+    world = World(QUICK, None)
     world.start(TriggerTrain(0, 42))
     for block in read:
         if isinstance(block, SampleBlock):
@@ -189,11 +192,11 @@ def test_overwritten_samples_are_a_gap_of_their_true_length(ni, at, gap, pace):
 
 
 def test_what_nobody_reads_is_overwritten_and_what_follows_keeps_its_number(ni):
-    forces = ni.emulated(pace=5.0, buffer_s=0.3, exposure_counter="ctr1")
+    forces = ni.emulated(pace=20.0, buffer=1.0, exposure_counter="ctr1")
     forces.open()
     forces.start(TRAIN)
-    world = forces.scene.world
-    assert world.wait_for(lambda: world.now > 2000, 20.0)
+    world = forces.world
+    assert world.wait_for(lambda: world.now > 3000, 20.0)
     read = pieces(forces, 1)
     assert isinstance(read[0], LostSamples)
     assert read[0].count > 1500

@@ -31,7 +31,7 @@ def ni():
 
 
 def test_a_time_out_loses_nothing(ni):
-    forces = ni.emulated(pace=1.0, block_samples=250, exposure_counter="ctr1")
+    forces = ni.emulated(pace=1.0, block=250, exposure_counter="ctr1")
     forces.open()
     forces.start(TRAIN)
     for _ in range(2):
@@ -90,7 +90,7 @@ def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
     # what the dead server had and nobody had fetched is gone with it
     whole = list(range(0, 400, 50))
     assert [block.first for block in read] == (whole if pace is None else whole[: len(read)])
-    assert forces.scene.world.now == 420
+    assert forces.world.now == 420
     forces.stop()
     forces.close()
 
@@ -98,9 +98,9 @@ def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
 @pytest.mark.parametrize(("end", "told_s"), [("kill", 1.0), ("freeze", 6.0)])
 def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s):
     code = (
-        "from drivers.emulators.ni_server import serve\nfrom drivers.sim.world import World,"
-        " WorldSettings\n"
-        "serve(lambda: World(WorldSettings(image_shape=(6, 8)), 1e-3), port=0, when_ready=lambda"
+        "from drivers.emulators.ni_server import serve\nfrom drivers.sim.world import World\n"
+        "from drivers.sim.scenario import Scenario\n"
+        "serve(lambda: World(Scenario(), 1e-3), port=0, when_ready=lambda"
         " address: print(address, flush=True))"
     )
     with subprocess.Popen(
@@ -159,29 +159,19 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s
             "ctr2 to count at PFI3 was asked, the board has no channel",
         ),
         (
-            {"exposure_counter": "ctr0"},
-            DeviceFault,
-            "the trigger output was asked, another program has reserved it",
-        ),
-        (
-            {"range_v": (20.0, 10.0)},
+            {"range": (20.0, 10.0)},
             OutOfLimits,
             "the board can not do that: .*-20 V to 20 V; correct",
         ),
         (
-            {"sample_rate_hz": 1e6},
+            {"rate": 1e6},
             OutOfLimits,
             "ai0 and ai1 at 1e.06 Hz was asked, the board can not do that",
         ),
         (
-            {"sample_rate_hz": 3000.0},
+            {"rate": 3000.0},
             OutOfLimits,
             r"3000 Hz was asked, the nearest that the board has is 2999\.85",
-        ),
-        (
-            {"wiring": "loose"},
-            OutOfLimits,
-            "wiring 'loose' was asked; there are differential, rse, nrse",
         ),
     ],
 )

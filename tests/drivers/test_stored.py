@@ -8,10 +8,10 @@ from contracts import CameraContract, ForceSourceContract
 
 from app import config, live
 from app.session.reader import SessionReader
-from drivers.bench import open_bench
+from drivers.bench import make_bench
+from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
 from drivers.protocols import Frame, LostFrame, LostSamples, TriggerTrain
-from drivers.scene import Scene
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.stored import StoredActuator, StoredCamera, StoredForces
 
@@ -32,6 +32,7 @@ class Tape:
     """
 
     name = "tape"
+    pace = None
     sample_rate_hz = 1000.0
     divisor = 100
     shape = (6, 8)
@@ -53,52 +54,48 @@ class Tape:
         )
 
 
-def scene(**changes):
-    return Scene(pace=None, recording=Tape(**changes))
+@pytest.fixture
+def clock():
+    return SampleClock(1000.0)
 
 
 class TestStoredForces(ForceSourceContract):
     @pytest.fixture
-    def forces(self):
-        return StoredForces(ForceSettings(), scene(gap=(0, 0)))
+    def forces(self, clock):
+        return StoredForces(ForceSettings(), clock, Tape(gap=(0, 0)))
 
 
 class TestStoredCamera(CameraContract):
     @pytest.fixture
-    def here(self):
-        return scene()
+    def camera(self, clock):
+        return StoredCamera(CameraSettings(), clock, Tape())
 
     @pytest.fixture
-    def camera(self, here):
-        return StoredCamera(CameraSettings(), here)
-
-    @pytest.fixture
-    def run_until(self, here):
+    def run_until(self, clock):
         def run(sample):
-            if here.clock.phase == "idle":
-                here.clock.start()
-            here.clock.advance(sample)
+            if clock.phase == "idle":
+                clock.start()
+            clock.advance(sample)
 
         return run
 
     @pytest.fixture
-    def end_clock(self, here):
-        return here.clock.stop
+    def end_clock(self, clock):
+        return clock.stop
 
 
-def test_a_stored_stage_goes_where_it_went_once_it_is_told():
-    here = scene()
-    stage = StoredActuator(ActuatorSettings(), here)
+def test_a_stored_stage_goes_where_it_went_once_it_is_told(clock):
+    stage = StoredActuator(ActuatorSettings(), clock, Tape())
     with pytest.raises(DeviceFault, match="closed"):
         stage.position_m()
     stage.open()
-    here.clock.start()
+    clock.start()
     assert (stage.position_m(), stage.is_moving()) == (1e-3, False)
     stage.move_to(2e-3)
-    here.clock.advance(300)
+    clock.advance(300)
     assert stage.is_moving()
     assert stage.position_m() == pytest.approx(1.5e-3)
-    here.clock.advance(400)
+    clock.advance(400)
     assert (stage.position_m(), stage.is_moving()) == (2e-3, False)
     with pytest.raises(DeviceFault, match="recording"):
         stage.home()
@@ -106,8 +103,8 @@ def test_a_stored_stage_goes_where_it_went_once_it_is_told():
         stage.set_velocity(float("nan"))
 
 
-def test_a_gap_stays_a_gap_and_the_end_is_told():
-    forces = StoredForces(ForceSettings(), scene(gap=(510, 530)))
+def test_a_gap_stays_a_gap_and_the_end_is_told(clock):
+    forces = StoredForces(ForceSettings(), clock, Tape(gap=(510, 530)))
     forces.open()
     forces.start(TRAIN)
     blocks = []
@@ -121,13 +118,12 @@ def test_a_gap_stays_a_gap_and_the_end_is_told():
     assert ends[-1] == 900
 
 
-def test_a_lost_image_stays_lost_and_beyond_the_last_there_is_none():
-    here = scene()
-    camera = StoredCamera(CameraSettings(), here)
+def test_a_lost_image_stays_lost_and_beyond_the_last_there_is_none(clock):
+    camera = StoredCamera(CameraSettings(), clock, Tape())
     camera.open()
     camera.start(TRAIN)
-    here.clock.start()
-    here.clock.advance(2000)
+    clock.start()
+    clock.advance(2000)
     answers = [camera.read(1.0) for _ in range(11)]
     assert [isinstance(a, Frame) for a in answers] == [True] * 5 + [False] + [True] * 3 + [
         False
@@ -140,7 +136,7 @@ def test_a_lost_image_stays_lost_and_beyond_the_last_there_is_none():
 
 def test_without_a_recording_they_say_what_is_missing():
     with pytest.raises(DeviceNotFound, match=r"set replay\.session"):
-        open_bench("replay", "sim", "sim")
+        make_bench(ForceSettings(source="replay"), CameraSettings(), ActuatorSettings())
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot, Summary
-from app.sections import Config
+from app.settings import Config
 
 MU, P, STIFFNESS = 0.93, 0.5, 5000.0
 HERTZ_M = float(np.cbrt(0.75 * P * 128.8e-3 * 0.75 / 3.43e6))

@@ -7,17 +7,18 @@ import threading
 import numpy as np
 import pytest
 from contracts import TRAIN, ActuatorContract, CameraContract, ForceSourceContract
+from worlds import TINY, scenario
 
 from drivers import bench as bench_module
-from drivers.bench import Bench, UnknownDevice, open_bench
+from drivers.bench import Bench, Driver, UnknownDevice, make_bench
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import TriggerTrain
-from drivers.scene import Scene
+from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sim.devices import SimActuator, SimCamera, SimForces
-from drivers.sim.world import World, WorldSettings
+from drivers.sim.world import World
 
-FREE = WorldSettings(press_sample=10**9, image_shape=(6, 8))
-QUICK = WorldSettings(press_sample=100, press_duration=100, image_shape=(6, 8))
+FREE = scenario(**TINY, press_time=3600.0)
+QUICK = scenario(**TINY, press_time=0.1, press_samples=100)
 
 
 class Numbered:
@@ -28,7 +29,7 @@ class Numbered:
 
     def image(self, state, frame_index):
         self.states.append(state)
-        return np.full((6, 8), frame_index, np.uint8)
+        return np.full((64, 64), frame_index, np.uint8)
 
 
 @pytest.fixture
@@ -68,21 +69,19 @@ class TestSimActuator(ActuatorContract):
 
     @pytest.fixture
     def pass_time(self, world):
-        return lambda seconds: world.advance(round(seconds * FREE.sample_rate_hz))
+        return lambda seconds: world.advance(round(seconds * 1000))
 
 
-def fake_bench(settings, pace):
-    scene = Scene(settings, pace)
-    return Bench(
-        SimForces(scene.world), SimCamera(scene.world, Numbered()), SimActuator(scene.world), scene
-    )
+def fake_bench(scenario, pace):
+    world = World(scenario, pace)
+    return Bench(SimForces(world), SimCamera(world, Numbered()), SimActuator(world), world)
 
 
-def drive(settings, pace, blocks=60, divisor=100):
+def drive(scenario, pace, blocks=60, divisor=100):
     """A short run with two threads, as the program has them: all volts, all frames, all states that
     were drawn.
     """
-    bench = fake_bench(settings, pace)
+    bench = fake_bench(scenario, pace)
     frames, volts = [], []
     train = TriggerTrain(0, divisor)
 
@@ -139,12 +138,12 @@ def test_a_free_world_waits_for_its_camera_with_four_unread_frames():
     with bench:
         bench.camera.start(TRAIN)
         bench.forces.start(TRAIN)
-        while bench.world.now + FREE.block_samples < TRAIN.sample(4) + FREE.exposure_samples:
+        while bench.world.now + FREE.forces.block < TRAIN.sample(4) + FREE.exposure_samples:
             bench.forces.read(1.0)
         with pytest.raises(DeviceTimeout, match="unread"):
             bench.forces.read(0.01)
         bench.camera.read(1.0)
-        for _ in range(TRAIN.divisor // FREE.block_samples):
+        for _ in range(TRAIN.divisor // FREE.forces.block):
             bench.forces.read(1.0)
         with pytest.raises(DeviceTimeout):
             bench.forces.read(0.01)
@@ -153,8 +152,7 @@ def test_a_free_world_waits_for_its_camera_with_four_unread_frames():
 
 
 def test_blocks_with_more_frames_than_may_wait_still_pass():
-    settings = WorldSettings(press_sample=10**9, image_shape=(6, 8), block_samples=1000)
-    volts, frames, _ = drive(settings, None, blocks=3)
+    volts, frames, _ = drive(scenario(FREE, block=1000), None, blocks=3)
     assert len(volts) == 3000
     assert [f.index for f in frames] == list(range(30))
 
@@ -284,8 +282,7 @@ class Recorded:
 
 def recorded(log, **fails):
     return Bench(
-        *(Recorded(name, log, fails.get(name, "")) for name in ("forces", "camera", "actuator")),
-        scene=Scene(FREE),
+        *(Recorded(name, log, fails.get(name, "")) for name in ("forces", "camera", "actuator"))
     )
 
 
@@ -317,22 +314,20 @@ def test_an_unknown_device_names_the_known_ones_and_the_nearest(monkeypatch):
     monkeypatch.setitem(
         bench_module.DRIVERS,
         "camera",
-        {"sim": "drivers.sim.devices:sim_camera", "pylon": "nowhere"},
+        {"sim": bench_module.DRIVERS["camera"]["sim"], "pylon": Driver("nowhere", "real")},
     )
     with pytest.raises(
         UnknownDevice,
         match=r"camera: no driver is called 'pilon'; known: pylon, sim \(the nearest is 'pylon'\)",
     ):
-        open_bench("sim", "pilon", "sim")
+        make_bench(ForceSettings(), CameraSettings(source="pilon"), ActuatorSettings())
     assert issubclass(UnknownDevice, DeviceNotFound)
 
 
 def test_simulated_devices_of_one_bench_share_one_world():
-    settings = WorldSettings(
-        press_sample=0, press_duration=10, image_shape=(6, 8), slow_actuator=False, force_noise_n=0
-    )
-    bench = open_bench(world=settings, pace=None)
-    with Bench(bench.forces, SimCamera(bench.world, Numbered()), bench.actuator, bench.scene):
+    here = scenario(**TINY, press_time=0.0, press_samples=10, slow_actuator=False, force_noise=0.0)
+    bench = make_bench(here.forces, here.camera, ActuatorSettings(), scenario=here, pace=None)
+    with Bench(bench.forces, SimCamera(bench.world, Numbered()), bench.actuator):
         bench.forces.start(TRAIN)
         at_rest = bench.forces.read(1.0).volts[-1, 1]
         bench.actuator.set_velocity(1e-3)

@@ -8,22 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy import ndimage
+from worlds import scenario
 
 from benchmarks.render import apparent_shift_px
 from drivers.errors import DeviceFault
 from drivers.sim import speckle, warp
 from drivers.sim.images import LIGHT, Renderer
-from drivers.sim.world import World, WorldSettings
+from drivers.sim.world import World
 
 PIXEL = 40e-6  # a whole contact in a small picture; gradients keep their size
 SHAPE = (233, 317)
-SETTINGS = WorldSettings(
-    image_shape=SHAPE,
-    pixel_m=PIXEL,
-    press_sample=0,
-    press_duration=1,
-    contact_offset_px=(6.4, -4.7),
-)
+SCENARIO = scenario(width=SHAPE[1], height=SHAPE[0], pixel=PIXEL, press_time=0.0, press_samples=1)
 
 
 @dataclass(frozen=True)
@@ -69,13 +64,13 @@ class Block:
 
 @pytest.fixture(scope="module")
 def renderer():
-    return Renderer(SETTINGS)
+    return Renderer(SCENARIO)
 
 
 @pytest.fixture(scope="module")
 def drive():
     """States of a drive: pressed, partial slip, sliding."""
-    world = World(SETTINGS, pace=None)
+    world = World(SCENARIO, pace=None)
     world.start()
     world.advance(2)
     world.move(300e-6, 5e-6)
@@ -252,7 +247,7 @@ def test_the_block_may_travel_any_way(renderer, exact):
 
 
 def test_both_renderers_take_the_same_noise(renderer, drive):
-    exact = Renderer(replace(SETTINGS, renderer="exact")).image(drive["partial slip"], 5)
+    exact = Renderer(scenario(SCENARIO, renderer="exact")).image(drive["partial slip"], 5)
     fast = renderer.image(drive["partial slip"], 5)
     # two roundings are 0.41, independent noise of 1.4 grey levels would be 2
     assert np.std(exact.astype(float) - fast) < 0.8
@@ -292,7 +287,7 @@ def test_micro_contacts_bring_the_light_of_their_number():
     lit = np.pi * 100**2 * (2 / 3 - speckle.SPOT_RAMP / 2)
     found = []
     for seed in range(8):
-        one = Renderer(replace(SETTINGS, seed=seed))
+        one = Renderer(scenario(SCENARIO, seed=seed))
         with_contact, free = Block(radius=100.0), Block()
         found.append(
             np.sum((one.grey(with_contact, exact=False) - one.grey(free, exact=False)) / _light())
@@ -303,7 +298,7 @@ def test_micro_contacts_bring_the_light_of_their_number():
 
 def test_every_micro_contact_that_moves_into_the_contact_is_lit(renderer):
     state = Block(radius=60.0, g=(25.0, 0.0))
-    spots = speckle.micro_contacts(SHAPE, SETTINGS.seed)
+    spots = speckle.micro_contacts(SHAPE, SCENARIO.sim.seed)
     move = warp.motion(state, PIXEL, SHAPE, speckle.HALO_PX)
     base = warp.as_if_rigid(
         spots.blobs.x, spots.blobs.y, move, speckle.period(SHAPE), speckle.HALO_PX
@@ -337,7 +332,7 @@ def test_the_density_of_lit_micro_contacts_follows_the_hertz_pressure_and_ends_a
 
 
 def test_noise_is_shot_noise_plus_read_noise(renderer):
-    noisy = Renderer(replace(SETTINGS, read_noise=2.0, full_well=6000.0))
+    noisy = Renderer(scenario(SCENARIO, read_noise=2.0, full_well=6000.0))
     grey = noisy.grey(Block(), exact=False)
     noise = np.stack([noisy.image(Block(), k) - grey for k in range(6)])
     for low, high in ((60, 70), (85, 95), (120, 140)):
@@ -357,13 +352,13 @@ def test_noise_is_shot_noise_plus_read_noise(renderer):
 
 
 def test_without_noise_a_picture_is_the_rounded_grey_level(drive):
-    clean = Renderer(replace(SETTINGS, read_noise=0.0, full_well=0.0))
+    clean = Renderer(scenario(SCENARIO, read_noise=0.0, full_well=0.0))
     image, grey = clean.image(drive["sliding"], 0), clean.grey(drive["sliding"], exact=False)
     assert np.abs(image - np.clip(grey, 0, 255)).max() < 0.501
 
 
 def test_the_sensor_saturates_instead_of_wrapping():
-    image = Renderer(replace(SETTINGS, read_noise=300.0)).image(Block(), 0)
+    image = Renderer(scenario(SCENARIO, full_well=0.3)).image(Block(), 0)
     assert 0.3 < np.mean(image == 0) < 0.5
     assert 0.2 < np.mean(image == 255) < 0.4
 
@@ -382,9 +377,9 @@ def test_one_seed_and_frame_give_one_picture(renderer, drive):
     assert not np.array_equal(renderer.image(state, 4), first)
     renderer.image(drive["sliding"], 3)
     np.testing.assert_array_equal(first, kept)
-    np.testing.assert_array_equal(Renderer(SETTINGS).image(state, 3), first)
+    np.testing.assert_array_equal(Renderer(SCENARIO).image(state, 3), first)
     assert (
-        np.corrcoef(Renderer(replace(SETTINGS, seed=2)).image(state, 3).ravel(), first.ravel())[
+        np.corrcoef(Renderer(scenario(SCENARIO, seed=2)).image(state, 3).ravel(), first.ravel())[
             0, 1
         ]
         < 0.2
@@ -395,8 +390,8 @@ def test_one_seed_and_frame_give_one_picture(renderer, drive):
 
 
 def test_an_unknown_renderer_is_refused():
-    with pytest.raises(ValueError, match="'blurry' asked; there are 'fast' and 'exact'"):
-        Renderer(replace(SETTINGS, renderer="blurry"))
+    with pytest.raises(ValueError, match="renderer must be 'fast' or 'exact'; found 'blurry'"):
+        scenario(SCENARIO, renderer="blurry")
 
 
 def test_an_elastic_displacement_beyond_the_pattern_is_refused(renderer):

@@ -1,0 +1,151 @@
+"""The settings of the analysis: the sample, the image correlation, the shear traction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from analysis.options import UNITS, Section, option, options
+
+METHODS = ("shared", "icgn", "direct")
+INTERPOLANTS = ("matched", "bilinear", "bicubic", "bspline3", "bspline5", "sinc6", "sinc8")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample(Section):
+    """The block, the lens, and what holds them."""
+
+    young_modulus: float = option(3.43, "Young's modulus E of the block", "MPa", gt=0, le=1e6)
+    poisson: float = option(0.5, "Poisson's ratio of the block", ge=0, le=0.5)
+    lens_radius: float = option(128.8, "Radius of curvature R of the lens", "mm", gt=0, le=1e5)
+    roughness: float = option(
+        0.595, "Standard deviation h of the heights of the rough surface", "um", ge=0, le=1000
+    )
+    thickness: float = option(
+        0.0,
+        "Thickness of the block on its rigid plate, for the traction; 0: a half-space",
+        "mm",
+        ge=0,
+        le=1e4,
+    )
+    lens_compliance: float = option(
+        0.68, "Displacement of the lens holder per newton of Q", "um/N", ge=0, le=100
+    )
+
+    @property
+    def depth(self) -> float:
+        """Thickness of the block in metres, infinite for a half-space."""
+        return self.thickness or math.inf
+
+    @property
+    def rim(self) -> float:
+        """sqrt(R h) in metres: by so much the apparent contact radius exceeds that of Hertz."""
+        # the factors in the order in which sessions have been analysed so far: to the bit
+        height_um = options(Sample)["roughness"].written(self.roughness)
+        return math.sqrt(self.lens_radius * height_um * UNITS["um"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Correlation(Section):
+    """Digital image correlation of each frame with the reference.
+
+    ``shared`` makes passes over the whole image, each of which deforms it back by a smoothed field:
+    it is the fastest method, and the most accurate where the field is smooth on the scale of a box
+    (`analysis.dic.passes`). ``icgn`` is inverse-compositional Gauss-Newton of each box by itself
+    (`analysis.dic.icgn`). ``direct`` is the paper's search for the highest correlation, with a 2D
+    Gaussian through its peak (`analysis.dic.direct`).
+
+    Raises
+    ------
+    ValueError
+        A value can not be used, or two can not be used together.
+    """
+
+    method: str = option(
+        "shared",
+        "Passes over the whole image, IC-GN of each box by itself, or the paper's search",
+        choices=METHODS,
+    )
+    box: int = option(20, "Side of the correlation box", "px", ge=4, le=200)
+    step: int = option(10, "Pitch of the grid of boxes", "px", ge=1, le=200)
+    order: int = option(
+        1,
+        "Deformation of a box in icgn: 0 shift, 1 and its gradient, 2 and its curvature",
+        ge=0,
+        le=2,
+    )
+    interpolant: str = option(
+        "matched",
+        "How images are read between their pixels; matched: to the texture of the reference",
+        choices=INTERPOLANTS,
+    )
+    precision: str = option(
+        "single", "Floating-point arithmetic; double in icgn only", choices=("single", "double")
+    )
+    tolerance: float = option(
+        0.0, "A step shorter than this is the last; 0: the method's own limit", "px", ge=0, le=1
+    )
+    search: int = option(
+        64, "Largest jump between two images that must be followed", "px", ge=1, le=200
+    )
+    min_correlation: float = option(
+        0.5, "A point whose correlation is lower counts as lost", ge=0, lt=1
+    )
+    min_contrast: float = option(
+        2.0,
+        "A box whose grey levels have a smaller standard deviation is not correlated",
+        "grey levels",
+        ge=0,
+    )
+    max_saturated: float = option(
+        0.2, "Share of a box that may be at full scale (shared, icgn)", ge=0, le=1
+    )
+    full_scale: int = option(
+        0,
+        "End of the grey scale, 4095 for 12 bit; 0: that of the image type",
+        "grey levels",
+        ge=0,
+        le=65535,
+    )
+    update: str = option(
+        "never", "When an image becomes the new reference", choices=("never", "every", "quality")
+    )
+    update_every: int = option(
+        100, "Images from one reference to the next, for update = every", "images", ge=1
+    )
+    update_below: float = option(
+        0.8,
+        "A median correlation below this calls for a new reference, for update = quality",
+        ge=0,
+        le=1,
+    )
+    threads: int = option(
+        2, "Threads that share a field; the result does not depend on it", ge=1, le=64
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.method != "icgn" and self.precision == "double":
+            raise ValueError(
+                f"correlation: double precision asked of method '{self.method}'; use method"
+                " 'icgn', or single precision"
+            )
+
+    @property
+    def averaging_box_px(self) -> float:
+        """Side of the box whose plain average passes as much of long waves as the correlation does
+        (`benchmarks/dic.py waves`).
+        """
+        return 0.6 * self.box if self.method == "shared" else float(self.box)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StressSettings(Section):
+    """The shear traction sigma_xz, from the displacement field by the Green's tensor of the block."""
+
+    method: str = option(
+        "axisymmetric",
+        "Its profile about the contact's centre on every frame, or none",
+        choices=("axisymmetric", "none"),
+    )
+    field: bool = option(False, "The traction at every grid point as well, by conjugate gradients")

@@ -1,0 +1,105 @@
+"""What one simulated world is made of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from analysis.settings import Sample
+from drivers.settings import CameraSettings, ForceSettings
+from drivers.sim.faults import Fault, parse
+from drivers.sim.settings import SimSettings
+
+Pair = tuple[float, float]
+ADC_BITS = 16
+PRESS_SHIFT_PX = (3.3, -1.7)
+"""How far the block moves as a whole, (x, y), while it is pressed on."""
+CONTACT_OFFSET_PX = (6.4, -4.7)
+"""Where the block touches the lens, (x, y) from the middle of the image."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """The settings of the bench that the world stands for, and what an operator does there.
+
+    Attributes
+    ----------
+    sim, sample, forces, camera
+        Sections of the settings.
+    normal_force : float
+        That the contact is pressed to, newtons.
+    press_samples : int, optional
+        How long the pressing takes; None: one second.
+    """
+
+    sim: SimSettings = field(default_factory=SimSettings)
+    sample: Sample = field(default_factory=Sample)
+    forces: ForceSettings = field(default_factory=ForceSettings)
+    camera: CameraSettings = field(default_factory=CameraSettings)
+    normal_force: float = 0.5
+    press_samples: int | None = None
+
+    @property
+    def mu(self) -> float:
+        """Friction coefficient under the normal force."""
+        return float(self.sim.friction * self.normal_force**-self.sim.friction_decay)
+
+    @property
+    def drive(self) -> Pair:
+        """Unit vector of the drive in the image, (x, y)."""
+        return math.cos(self.sim.drive_angle), math.sin(self.sim.drive_angle)
+
+    @property
+    def depth(self) -> float:
+        """Thickness of the block in metres, infinite for a half-space."""
+        return self.sim.thickness or math.inf
+
+    @property
+    def series_compliance(self) -> float:
+        """Of the tangential cantilever and the lens holder together, metres per newton."""
+        return self.sample.lens_compliance + 1 / self.forces.stiffness_shear
+
+    @property
+    def volts_per_step(self) -> float:
+        """Resolution of the simulated board."""
+        return 2 * max(self.forces.range) / (1 << ADC_BITS)
+
+    @property
+    def contact_centre_px(self) -> Pair:
+        """Where the block touches the lens while there is no shear, (x, y) in the image."""
+        rows, columns = self.camera.shape
+        x, y = CONTACT_OFFSET_PX
+        return (columns - 1) / 2 + x, (rows - 1) / 2 + y
+
+    @cached_property
+    def exposure_samples(self) -> int:
+        """Exposure of the camera in samples."""
+        return self.camera.exposure_samples(self.forces.sample_rate)
+
+    @cached_property
+    def press_sample(self) -> int:
+        """Sample on which the pressing begins."""
+        return round(self.sim.press_time * self.forces.sample_rate)
+
+    @cached_property
+    def settled_sample(self) -> int:
+        """Sample from which on the normal force is constant."""
+        lasts = self.forces.sample_rate if self.press_samples is None else self.press_samples
+        return self.press_sample + lasts
+
+    @property
+    def speed_factor(self) -> float:
+        """True velocity of the stage over the nominal one: 0.98 at 0.1 N, 0.952 at 1.4 N (paper,
+        section 3).
+        """
+        if not self.sim.slow_actuator:
+            return 1.0
+        return float(np.interp(self.normal_force, [0.1, 1.4], [4.9, 4.76])) / 5
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """What goes wrong."""
+        return tuple(map(parse, self.sim.faults))

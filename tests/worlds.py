@@ -1,0 +1,25 @@
+"""Scenarios of simulated worlds, in few words."""
+
+from dataclasses import fields, replace
+
+from drivers.sim.scenario import Scenario
+
+SECTIONS = ("sim", "sample", "forces", "camera")
+TINY = {"width": 64, "height": 64}  # for cameras whose pictures nobody looks at
+
+
+def scenario(base=Scenario(), **changes):  # noqa: B008 - frozen
+    """A scenario with some settings changed, named as in the settings file, in SI units; a name that
+    several sections have goes to the first of `SECTIONS`.
+    """
+    own = {f.name for f in fields(Scenario)} - set(SECTIONS)
+    parts = {name: {} for name in SECTIONS}
+    direct = {}
+    for key, value in changes.items():
+        if key in own:
+            direct[key] = value
+        else:
+            part = next(n for n in SECTIONS if hasattr(getattr(base, n), key))
+            parts[part][key] = value
+    sections = {name: replace(getattr(base, name), **kw) for name, kw in parts.items()}
+    return replace(base, **sections, **direct)
