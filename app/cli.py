@@ -1,5 +1,5 @@
-"""The command `slipscope`: names, arguments and help of every command. What a command does lies in
-`app.commands`.
+"""The command `slipscope`: names, arguments and help of the commands, those of files and theory in
+`app.cli_files`. What a command does is in `app.commands`.
 
 Nothing heavy is imported here, so that `slipscope --help` answers at once.
 """
@@ -12,14 +12,16 @@ from typing import Annotated
 
 import typer
 
-from app import cli_files
+from app import cli_files, cli_options
 from app.cli_options import (
+    Bench,
     Headless,
     JsonFlag,
     Overrides,
     Overwrite,
     SessionFile,
-    asked,
+    command,
+    output,
     plain_errors,
 )
 
@@ -31,7 +33,7 @@ Examples:
 - `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7` - your own bench, 0.7 N
 - `slipscope replay sample7.h5` - the same analysis again, from the file
 
-Exit codes: 0 done; 1 a device or the run failed; 2 something that was asked can not be used.
+Exit codes: 0 done; 1 a device or the run failed; 2 an argument, a file or a setting can not be used.
 """
 
 app = typer.Typer(
@@ -44,8 +46,8 @@ app = typer.Typer(
 )
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(is_wanted: bool) -> None:
+    if is_wanted:
         from importlib import metadata
 
         try:
@@ -72,7 +74,7 @@ def slipscope(
     Without a command the window opens on the default (simulated) bench.
     """
     del version
-    asked["debug"] = debug
+    cli_options.is_debugging = debug
     if context.invoked_subcommand is None:
         with plain_errors():
             from app.commands import experiment
@@ -84,25 +86,12 @@ def slipscope(
             )
 
 
-@app.command()
+@command(app)
 def run(
-    bench: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[BENCH.toml]",
-            help="Settings, see `slipscope config`; or hil-emulated.",
-            show_default=False,
-        ),
-    ] = None,
+    bench: Bench = None,
     session: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="SESSION.h5",
-            help="Session to write; else slipscope-DATE-TIME.h5 here.",
-            show_default=False,
-        ),
+        output("SESSION.h5", "Session to write; else slipscope-DATE-TIME.h5 in this folder."),
     ] = None,
     headless: Headless = False,
     pace: Annotated[
@@ -115,7 +104,7 @@ def run(
     overrides: Overrides = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
-) -> None:
+) -> int:
     """Run one loading experiment: press, take the reference, drive, report.
 
     Writes the session (HDF5, NeXus style) and beside it a picture of the same name (.png): Q
@@ -126,17 +115,14 @@ def run(
     Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set
     run.travel=200`
     """
-    with plain_errors(as_json):
-        from app.commands import experiment
+    from app.commands import experiment
 
-        raise typer.Exit(
-            experiment.run(
-                bench, session, headless, pace, overrides or (), overwrite, as_json, autostart=True
-            )
-        )
+    return experiment.run(
+        bench, session, headless, pace, overrides or (), overwrite, as_json, autostart=True
+    )
 
 
-@app.command()
+@command(app)
 def replay(
     session: SessionFile,
     headless: Headless = False,
@@ -145,7 +131,6 @@ def replay(
         typer.Option(
             metavar="1|max|NUMBER",
             help="Seconds of the experiment per second; 1 in the window, else max.",
-            show_default=False,
         ),
     ] = None,
     overrides: Annotated[
@@ -154,24 +139,16 @@ def replay(
             "--set",
             metavar="TABLE.KEY=VALUE",
             help="Analyse with another setting; may be repeated.",
-            show_default=False,
         ),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="ANALYSIS.h5",
-            help="The new results; else SESSION-analysis.h5.",
-            show_default=False,
-        ),
+    analysis: Annotated[
+        Path | None, output("ANALYSIS.h5", "The new results; else SESSION-analysis.h5.")
     ] = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
-) -> None:
+) -> int:
     """Send a saved session through the same analysis again and compare, frame by frame and bit by
-    bit; or analyse it anew.
+    bit; or analyse it with other settings.
 
     With --set or -o every frame is analysed with these settings into a second file beside the
     session: settings, versions, computer, results; its images stay where they are. The session
@@ -181,126 +158,109 @@ def replay(
     Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o
     sample7-box32.h5`
     """
-    with plain_errors(as_json):
-        from app.commands import experiment
+    from app.commands import experiment
 
-        raise typer.Exit(
-            experiment.replay(session, headless, pace, output, overrides or (), overwrite, as_json)
-        )
+    return experiment.replay(session, headless, pace, analysis, overrides or (), overwrite, as_json)
 
 
-@app.command()
+@command(app)
 def info(
     session: SessionFile,
     verify: Annotated[
         bool,
-        typer.Option("--verify", help="Read everything back and hold it against its checksums."),
+        typer.Option("--verify", help="Read everything back and compare it with its checksums."),
     ] = False,
     as_json: JsonFlag = False,
-) -> None:
+) -> int:
     """Print what a session holds: how it ended, frames and samples, phases, results, changed
     settings, further analyses.
 
-    With --verify exit code 1 if it is not as it was recorded.
+    With --verify the exit code is 1 if the session is not as it was recorded.
     """
-    with plain_errors(as_json):
-        from app.commands import inspect
+    from app.commands import inspect
 
-        raise typer.Exit(inspect.info(session, as_json, verify))
+    return inspect.info(session, as_json, verify)
 
 
-@app.command()
+@command(app)
 def config(
     name: Annotated[
         str | None,
         typer.Argument(
             metavar="[NAME]",
             help="A bench that comes with the program: hil-emulated, pci-6251.",
-            show_default=False,
         ),
     ] = None,
-) -> None:
+) -> int:
     """Print the default settings, each with its meaning, unit and limits: `slipscope config >
     bench.toml`.
 
     With a name, the few settings of a bench that comes with the program.
     """
-    with plain_errors():
-        from app.config import bench_text, default_toml
+    from app.config import bench_text, default_toml
 
-        typer.echo(default_toml() if name is None else bench_text(name), nl=False)
+    typer.echo(default_toml() if name is None else bench_text(name), nl=False)
+    return 0
 
 
-@app.command()
+@command(app)
 def check(
-    bench: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[BENCH.toml]",
-            help="Settings, or hil-emulated; else the simulated bench.",
-            show_default=False,
-        ),
-    ] = None,
+    bench: Bench = None,
     home: Annotated[
         bool, typer.Option("--home", help="Let the stage look for its origin. It moves.")
     ] = False,
-    move: Annotated[
+    move_um: Annotated[
         float,
         typer.Option(
             "--move",
             metavar="UM",
-            help="Let the stage move by so many um at run.velocity, and back.",
+            help="Let the stage move by this distance in um at run.velocity, and back.",
             show_default=False,
         ),
     ] = 0.0,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
-) -> None:
+) -> int:
     """Go through a bench and say what works: devices, samples, triggers, frames, sensors, picture.
-    Nothing moves unless it is allowed.
+    Nothing moves unless an option allows it.
 
-    Takes two seconds of data and records nothing. Exit code 1 if something does not work.
+    Takes two seconds of data and records nothing. The exit code is 1 if something does not work.
 
     Example: `slipscope check bench.toml --move 10`
     """
-    with plain_errors(as_json):
-        from app.commands import bench as on_bench
+    from app.commands import bench as benches
 
-        raise typer.Exit(
-            on_bench.check(bench, overrides or (), home=home, move_um=move, as_json=as_json)
-        )
+    return benches.check(bench, overrides or (), home=home, move_um=move_um, as_json=as_json)
 
 
-@app.command()
+@command(app)
 def cameras(
     producer: Annotated[
         str,
         typer.Option(
             metavar="FILE.cti",
-            help="GenTL producer of a camera's vendor: its cameras too.",
+            help="GenTL producer of a camera's vendor, whose cameras are listed as well.",
             show_default=False,
         ),
     ] = "",
     as_json: JsonFlag = False,
-) -> None:
+) -> int:
     """List the cameras on this computer, with what to write in the settings as camera.device."""
-    with plain_errors(as_json):
-        from app.commands import bench as on_bench
+    from app.commands import bench
 
-        raise typer.Exit(on_bench.cameras(producer, as_json))
+    return bench.cameras(producer, as_json)
 
 
-@app.command()
-def doctor(as_json: JsonFlag = False) -> None:
+@command(app)
+def doctor(as_json: JsonFlag = False) -> int:
     """Check this computer: versions, devices, display, disk, cores; what is missing and how to get
     it.
 
-    Exit code 1 if something that every run needs is missing.
+    The exit code is 1 if something that every run needs is missing.
     """
-    with plain_errors(as_json):
-        from app.commands import bench as on_bench
+    from app.commands import bench
 
-        raise typer.Exit(on_bench.doctor(as_json))
+    return bench.doctor(as_json)
 
 
 app.add_typer(cli_files.app)

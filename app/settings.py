@@ -183,9 +183,20 @@ class Config:
         return replace(self.dic, full_scale=self.dic.full_scale or self.camera.full_scale)
 
 
+# ---------------------------------------------------------------------- of single commands
+
+
+def flag(name: str) -> str:
+    """A setting as an option of the command line."""
+    return "--" + name.replace("_", "-")
+
+
+INVERSIONS = ("axisymmetric", "regularised", "cgls", "van-cittert")
+
+
 @dataclass(frozen=True, kw_only=True)
 class ContactSettings(Section):
-    """A sphere pressed on a block, as the command line describes it."""
+    """A sphere pressed on a block."""
 
     normal_force: float = option(0.5, "Normal force P", "N", gt=0, le=100)
     modulus: float = like(Sample, "young_modulus")
@@ -194,15 +205,52 @@ class ContactSettings(Section):
     roughness: float = like(Sample, "roughness")
     thickness: float = like(Sample, "thickness")
 
+    @property
+    def depth(self) -> float:
+        """Thickness of the block in metres, infinite for a half-space."""
+        return self.thickness or math.inf
+
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSettings(ContactSettings):
-    """The same contact, sheared."""
+    """The contact whose theory `slipscope model` tells."""
 
     friction: float = like(SimSettings, "friction")
     length: float = option(
         0.8, "Elastic length L of the interface; 0: Cattaneo-Mindlin", "um", ge=0, le=1000
     )
     adhesion: float = option(
-        0.0, "Work of adhesion w; adds the numbers of JKR", "mJ/m2", ge=0, le=1e4
+        0.0, "Work of adhesion w; above 0, the numbers of JKR are added", "mJ/m2", ge=0, le=1e4
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.thickness > 0 and self.length == 0:
+            raise ValueError(
+                "--thickness: a layer is solved for a rough interface only; give --length more than"
+                " 0 with it"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class InversionSettings(ContactSettings):
+    """How `slipscope invert` inverts fields, and on what they were measured."""
+
+    method: str = option(
+        INVERSIONS[0],
+        "A profile about the centre, the whole field (best), by plain conjugate gradients, or the"
+        " paper's method",
+        choices=INVERSIONS,
+    )
+    pixel: float = like(CameraSettings, "pixel")
+    box: float = option(
+        0.0,
+        "Side of the box over which a displacement is averaged; two pitches if not given",
+        "um",
+        ge=0,
+    )
+    centre: tuple[float, float] = option(
+        (0.0, 0.0),
+        "Centre of the contact (x, y) in the file's coordinates; computed if not given",
+        "mm",
     )

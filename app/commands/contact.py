@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +74,7 @@ class ShearedContact:
         self.loading: AxisymmetricLoading | None = None
         self.state: State | None = None
         if L > 0:
-            contact = Contact(P, E, nu, R, system.friction, L, system.thickness or math.inf)
+            contact = Contact(P, E, nu, R, system.friction, L, system.depth)
             modes = 64 if L / contact.full_shift > SHARP else 128
             self.loading = AxisymmetricLoading(contact, modes)
             self.state = self.loading.at_force(Q)

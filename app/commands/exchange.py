@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from app.commands.terminal import DONE, Bar, output, print_json, print_rows
+
+if TYPE_CHECKING:
+    from app.exchange.frames import Sources
 
 
 def export(
@@ -25,19 +28,13 @@ def export(
     return DONE
 
 
-def import_(session: Path, *, overwrite: bool, as_json: bool, **given: Any) -> int:
-    """Make a session of images and forces; the exit code.
-
-    `given` are the fields of `app.exchange.frames.Sources`.
-    """
-    from app.exchange.frames import Sources
+def import_(sources: Sources, session: Path, *, overwrite: bool, as_json: bool) -> int:
+    """Make a session of images and forces; the exit code."""
     from app.exchange.importing import import_files
     from app.report.summary import outcome_data, outcome_rows
 
     with Bar("importing", quiet=as_json) as bar:
-        imported = import_files(
-            Sources(**given), session, overwrite=overwrite, on_progress=bar.show
-        )
+        imported = import_files(sources, session, overwrite=overwrite, on_progress=bar.show)
     outcome = imported.outcome
     if as_json:
         print_json({"session": str(session), "remarks": imported.remarks, **outcome_data(outcome)})

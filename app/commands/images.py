@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from analysis.settings import Correlation
 from app.commands.terminal import DONE, Bar, output
-from app.config import ConfigError, section_from
-from app.errors import UserError
 
 if TYPE_CHECKING:
     from app.exchange.correlating import CorrelationSummary
@@ -19,38 +17,31 @@ def dic(
     reference: Path,
     images: Sequence[Path],
     fields: Path,
+    correlation: Correlation,
     *,
     mask: Path | None,
     roi: tuple[int, int, int, int] | None,
     overwrite: bool,
-    **asked: Any,
 ) -> int:
-    """Correlate image files and write the fields; the exit code.
-
-    `asked` are settings by their names in ``[dic]``.
-    """
-    try:
-        settings = section_from(Correlation, asked, lambda name: "--" + name.replace("_", "-"))
-    except ConfigError as error:
-        raise UserError(str(error)) from None
+    """Correlate image files and write the fields; the exit code."""
     from app.exchange.correlating import correlate_files
 
     with Bar("correlating", quiet=False) as bar:
         summary = correlate_files(
             reference,
-            list(images),
+            images,
             fields,
-            settings,
+            correlation,
             mask=mask,
             roi=roi,
             overwrite=overwrite,
             on_progress=bar.show,
         )
-    _tell(summary)
+    _report(summary)
     return DONE
 
 
-def _tell(summary: CorrelationSummary) -> None:
+def _report(summary: CorrelationSummary) -> None:
     fates = ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count)
     output().print(
         f"{summary.output}: frames 1 to {summary.frames}, {summary.points} points each: {fates}"

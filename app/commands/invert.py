@@ -12,14 +12,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from analysis.options import options
+from analysis.options import SettingError, options
 from app.commands.terminal import DONE, Bar, output, print_json
-from app.config import ConfigError, section_from
 from app.errors import UserError
 from app.exchange.fields import FieldSeries, read_fields
 from app.exchange.inverting import (
     ENDINGS,
-    METHODS,
     Inverted,
     invert_series,
     with_centre,
@@ -27,7 +25,7 @@ from app.exchange.inverting import (
 )
 from app.outputs import check_output
 from app.report.summary import measured_text, plain
-from app.settings import ContactSettings
+from app.settings import ContactSettings, InversionSettings, flag
 
 SHOWN = 40  # lines of the table
 
@@ -35,35 +33,28 @@ SHOWN = 40  # lines of the table
 def invert(
     path: Path,
     destination: Path | None,
-    *,
-    method: str,
+    given: dict[str, Any],
     frames: list[int],
-    pixel: float | None,
-    box: float | None,
-    centre: tuple[float, float] | None,
+    *,
     overwrite: bool,
     as_json: bool,
-    **given: float | None,
 ) -> int:
     """Invert the fields of a file; the exit code.
 
-    `given` are `ContactSettings` in the units of the command line; None: as the session says.
+    `given` are settings of `InversionSettings`, by name; they take precedence over those of a
+    session, and what a file of fields can not say must be among them.
     """
-    if method not in METHODS:
-        raise UserError(f"--method: {method} found; there are {', '.join(METHODS)}")
     if destination is not None:
         check_output(destination, overwrite, endings=ENDINGS, inputs={"file of fields": [path]})
-    series = read_fields(
-        path, None if pixel is None else pixel * 1e-6, None if box is None else box * 1e-6
-    )
-    if centre is not None:
-        series = replace(series, centre_m=(centre[0] * 1e-3, centre[1] * 1e-3))
+    series = read_fields(path, given.get("pixel"), given.get("box"))
+    if "centre" in given:
+        series = replace(series, centre_m=given["centre"])
     series = with_centre(series.only(frames) if frames else series)
-    contact = _contact(series, {key: value for key, value in given.items() if value is not None})
+    settings = _settings({"roughness": 0.0, "thickness": 0.0, **series.contact, **given})
     failures: list[str] = []
     inverted: list[Inverted] = []
     with Bar("inverting", quiet=as_json) as bar:
-        for one in invert_series(series, contact, method, failures):
+        for one in invert_series(series, settings, failures):
             inverted.append(one)
             bar.show("inverting", len(inverted) / len(series.frames))
     if not inverted:
@@ -75,36 +66,28 @@ def invert(
             plain(
                 {
                     "centre_m": series.centre_m,
-                    "method": method,
+                    "method": settings.method,
                     "fields": [_data(one) for one in inverted],
                     "failures": failures,
                 }
             )
         )
     else:
-        _tell(inverted, series, method, destination, failures)
+        _tell(inverted, series, settings.method, destination, failures)
     return DONE
 
 
-def _contact(series: FieldSeries, given: dict[str, float]) -> ContactSettings:
-    """The contact as the file and the options describe it; the options take precedence."""
-    declared = options(ContactSettings)
-    known = {"roughness": 0.0, "thickness": 0.0, **series.contact}
-    written = {name: declared[name].written(value) for name, value in known.items()} | given
-    missing = [_option(name) for name in declared if name not in written]
+def _settings(known: dict[str, Any]) -> InversionSettings:
+    missing = [flag(name) for name in options(ContactSettings) if name not in known]
     if missing:
         raise UserError(
             f"invert: {', '.join(missing)} not given; a file of fields does not say what they were"
             " measured on"
         )
     try:
-        return section_from(ContactSettings, written, _option)
-    except ConfigError as error:
-        raise UserError(str(error)) from None
-
-
-def _option(name: str) -> str:
-    return "--" + name.replace("_", "-")
+        return InversionSettings(**known)
+    except SettingError as error:
+        raise UserError(f"invert: {error}") from None
 
 
 def _data(one: Inverted) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from app.commands.contact import Quantity, ShearedContact
 from app.commands.terminal import DONE, output, print_json, print_rows
-from app.config import ConfigError, section_from
 from app.errors import UserError
 from app.outputs import check_output, new_file
 from app.report.summary import Row
@@ -24,27 +23,15 @@ ENDINGS = (".csv", ".png", ".pdf", ".svg")
 
 
 def model(
+    system: ModelSettings,
     path: Path | None,
     shear_force: float | None,
     share: float | None,
     *,
     overwrite: bool,
     as_json: bool,
-    **given: float,
 ) -> int:
-    """Print the numbers of a contact and write its curves; the exit code.
-
-    `given` are `ModelSettings` in the units of the command line.
-    """
-    try:
-        system = section_from(ModelSettings, given, lambda name: "--" + name.replace("_", "-"))
-    except ConfigError as error:
-        raise UserError(str(error)) from None
-    if system.thickness > 0 and system.length == 0:
-        raise UserError(
-            "--thickness: a layer is solved for a rough interface only; give --length more than"
-            " 0 with it"
-        )
+    """Print the numbers of a contact and write its curves; the exit code."""
     if path is not None:
         check_output(path, overwrite, endings=ENDINGS)
     Q = _shear_force(system, shear_force, share)

@@ -22,11 +22,10 @@ from analysis.mechanics import hertz
 from app.errors import UserError
 from app.exchange.fields import FieldSeries
 from app.outputs import new_file
-from app.settings import ContactSettings
+from app.settings import InversionSettings
 
 F64 = NDArray[np.float64]
 
-METHODS = ("axisymmetric", "regularised", "cgls", "van-cittert")
 ENDINGS = (".csv", ".npz")
 # share of the bump that the contact makes in the field: the part above gives the contact's centre
 HALF = 0.5
@@ -80,7 +79,7 @@ def with_centre(series: FieldSeries) -> FieldSeries:
 
 
 def invert_series(
-    series: FieldSeries, contact: ContactSettings, method: str, failures: list[str]
+    series: FieldSeries, settings: InversionSettings, failures: list[str]
 ) -> Iterator[Inverted]:
     """The traction under each field of a series whose centre is known, one at a time.
 
@@ -100,10 +99,10 @@ def invert_series(
             " square grid"
         )
     x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
-    P, E, nu, R = contact.normal_force, contact.modulus, contact.poisson, contact.radius
+    P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
     try:
-        radius = mask_radius(P, E, nu, R, contact.roughness, pitch)
-        solve = _solver(series, contact, method, x, y, radius)
+        radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
+        solve = _solver(series, settings, x, y, radius)
     except ValueError as error:
         raise UserError(str(error)) from None
     return _inverted(series, solve, x, y, radius, failures)
@@ -113,19 +112,19 @@ Solve = Callable[[F64, F64 | None], Inversion]
 
 
 def _solver(
-    series: FieldSeries, contact: ContactSettings, method: str, x: F64, y: F64, radius: float
+    series: FieldSeries, settings: InversionSettings, x: F64, y: F64, radius: float
 ) -> Solve:
     """The function that inverts a field and its standard uncertainty."""
-    pitch, E, nu = series.pitch_m, contact.modulus, contact.poisson
+    pitch, E, nu = series.pitch_m, settings.modulus, settings.poisson
     r, theta = np.hypot(x, y), np.arctan2(y, x)
-    more = {"box": series.box_m, "thickness": contact.thickness or math.inf}
-    if method in ("cgls", "van-cittert"):
+    more = {"box": series.box_m, "thickness": settings.depth}
+    if settings.method in ("cgls", "van-cittert"):
         problem = InversionProblem(r < radius, pitch, E, nu, **more)
-        iterate = conjugate_gradient if method == "cgls" else van_cittert
+        iterate = conjugate_gradient if settings.method == "cgls" else van_cittert
         return lambda ux, sd: iterate(problem, ux, sd)
-    more["edge"] = hertz.contact_radius(contact.normal_force, E, nu, contact.radius)
+    more["edge"] = hertz.contact_radius(settings.normal_force, E, nu, settings.radius)
     more["noise_box"] = series.noise_box_m
-    if method == "regularised":
+    if settings.method == "regularised":
         return RegularisedInversion(x, y, radius, E, nu, **more).solve
     profile = AxisymmetricInversion(x, y, pitch, radius, E, nu, **more)
     return lambda ux, sd: profile.solve(ring_means(r, ux, pitch, theta=theta))

@@ -271,7 +271,8 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
     """The defaults of the options are those of the settings file, and what is asked arrives in the
     record.
     """
-    parameters = inspect.signature(cli_files.dic).parameters
+    callback = next(c.callback for c in cli_files.app.registered_commands if c.name == "dic")
+    parameters = inspect.signature(callback).parameters
     assert {name: parameters[name].default for name in as_written(Correlation())} == as_written(
         Correlation()
     )

@@ -363,10 +363,8 @@ def test_a_session_is_not_overwritten_unasked_and_stays_if_the_import_fails(
 def test_the_command_tells_what_was_assumed(
     few: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = (
-        dict.fromkeys(Sources.__slots__) | KNOWN | {"images": [few], "overrides": ("dic.step=20",)}
-    )
-    assert exchange.import_(tmp_path / "c.h5", overwrite=False, as_json=False, **given) == 0
+    sources = Sources(images=[few], overrides=("dic.step=20",), **KNOWN)
+    assert exchange.import_(sources, tmp_path / "c.h5", overwrite=False, as_json=False) == 0
     said = capsys.readouterr().out
     assert "imported: 7 images, 1 lost" in said
     assert "the reference is frame 0" in said
