@@ -18,7 +18,7 @@ from numpy.testing import assert_array_equal
 from PIL import Image
 from session_material import GRID_X, GRID_Y, SHAPE, Session, make_writer, record
 
-from app.commands import exchange
+from app.commands import files
 from app.errors import UserError
 from app.exchange.exporting import export, frame_range
 from app.exchange.fields import read_fields
@@ -297,7 +297,7 @@ def test_the_command_says_what_it_wrote(
     session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
-        exchange.export(session.path, tmp_path / "f.csv", "", "2:5", overwrite=False, as_json=False)
+        files.export(session.path, tmp_path / "f.csv", "", "2:5", overwrite=False, as_json=False)
         == 0
     )
     assert capsys.readouterr().out == f"{tmp_path / 'f.csv'}: 2 fields of 6 points\n"

@@ -14,7 +14,7 @@ import short_run
 from PIL import Image
 
 from app import config, live
-from app.commands import exchange
+from app.commands import files
 from app.config import ConfigError
 from app.errors import UserError
 from app.exchange.exporting import export
@@ -364,7 +364,7 @@ def test_the_command_tells_what_was_assumed(
     few: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sources = Sources(images=[few], overrides=("dic.step=20",), **KNOWN)
-    assert exchange.import_(sources, tmp_path / "c.h5", overwrite=False, as_json=False) == 0
+    assert files.import_(sources, tmp_path / "c.h5", overwrite=False, as_json=False) == 0
     said = capsys.readouterr().out
     assert "imported: 7 images, 1 lost" in said
     assert "the reference is frame 0" in said
