@@ -17,7 +17,7 @@ from app.config import to_toml
 from app.devices import make_bench
 from app.engine.run import Run
 from app.errors import UserError
-from app.session.files import RESERVE_BYTES
+from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.versions import versions
 from app.session.writer import SessionWriter
 from app.settings import Config
@@ -37,24 +37,14 @@ def expected_bytes(config: Config) -> int:
     return int(seconds * rate) + RESERVE_BYTES
 
 
-def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
-    """Refuse, before anything moves, a session that can not be written.
+def check_room(config: Config, output: Path) -> None:
+    """Refuse, before anything moves, a run for which the disk has no room.
 
     Raises
     ------
     UserError
-        The file exists, its folder does not, or the disk has no room for the run.
     """
-    if output.exists() and not overwrite:
-        raise UserError(
-            f"{output}: a session of that name exists; choose another name or give --overwrite"
-        )
-    folder = output.parent
-    if not folder.is_dir():
-        raise UserError(
-            f"{output}: the folder {folder} does not exist; create it or choose another"
-        )
-    needed, free = expected_bytes(config), shutil.disk_usage(folder).free
+    needed, free = expected_bytes(config), shutil.disk_usage(output.parent).free
     if needed > free:
         raise UserError(
             f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB"
@@ -112,7 +102,8 @@ def make_run(
     UserError
         The session can not be written, or a device of that name is not known.
     """
-    check_output(config, output, overwrite=overwrite)
+    check_new_session(output, overwrite, has_picture=False)
+    check_room(config, output)
     bench = bench or make_bench(config, pace)
     kinds = zip(DRIVERS, config.sources, strict=True)
     natures = {driver(kind, source).nature for kind, source in kinds}
