@@ -12,7 +12,7 @@ section, figure or equation          where it is computed
 2.3.1, Fig. 2b  micro-contacts       `analysis.contact.microcontacts.micro_contacts`
 2.3.1, Fig. 3  centre, I(r), a       `analysis.contact.apparent.apparent_contact`
 2.3.1, Fig. 3b  a_H                  `analysis.mechanics.hertz.contact_radius`
-2.3.2, Fig. 4  displacement field    `analysis.dic.DirectTracker`
+2.3.2, Fig. 4  displacement field    `analysis.dic.searching`
 3, Fig. 5  Q(delta) of the model     `analysis.mechanics.cattaneo_mindlin.driven_shear_force`
 3, Fig. 7  u_x(r)                    `analysis.contact.rings.ring_means`
 3, Figs 7 and 8  t_s, mu_s, mu_d     `analysis.friction.onset.sliding_onset`

@@ -6,15 +6,13 @@ import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis import dic
 from analysis.contact.rings import ring_means
-from app.config import to_toml
 from app.devices import make_bench
+from app.engine.pipeline import header_of
 from app.engine.run import Run
 from app.errors import UserError
 from app.session.files import RESERVE_BYTES, check_new_session
@@ -118,28 +116,8 @@ def make_run(
             " give a number"
         )
 
-    def create_sink(
-        shape: tuple[int, int],
-        dtype: np.dtype[Any],
-        grid_x_px: NDArray[np.float64],
-        grid_y_px: NDArray[np.float64],
-    ) -> SessionWriter:
-        return SessionWriter.create(
-            output,
-            config_toml=to_toml(config),
-            sample_rate_hz=float(config.forces.sample_rate),
-            frame_shape=shape,
-            frame_dtype=dtype,
-            exposure_samples=config.exposure_samples,
-            divisor=config.camera.divisor,
-            first_trigger=0,
-            pixel_m=config.camera.pixel,
-            grid_x_px=grid_x_px,
-            grid_y_px=grid_y_px,
-            versions=versions(),
-            compression=config.recording.compression,
-            overwrite=overwrite,
-        )
+    def create_sink() -> SessionWriter:
+        return SessionWriter.create(output, header_of(config, versions()), overwrite=overwrite)
 
     title = "simulated bench" if natures == {"simulated"} else " + ".join(config.sources)
     return Run(

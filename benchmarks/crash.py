@@ -1,10 +1,11 @@
-"""What kills and power cuts cost a session: ``python benchmarks/crash.py [KILLS] [CUTS] [FOLDER]``,
-by default 50 and 200.
+"""What a kill and a power cut cost a session. A program that records 1600 x 1200 images at 23.8
+frames/s and forces at 1 kHz in real time is killed (SIGKILL) at random moments of its first 6 s;
+power is cut at random moments of a recorded history of writes, half of them during a flush. Each
+session is repaired, and each of its frames and samples compared with what was sent.
 
-Kills (kill -9) of a program that records 1600 x 1200 images at 23.8 frames/s and 1 kHz of forces in
-real time, each at a random instant of its first 6 s. Power cuts at random instants of a recorded
-history of writes, half of them in a flush. Every session is repaired, and every frame and sample
-compared with what was sent; a frame that was altered ends the program.
+    python -m benchmarks crash [KILLS] [CUTS] [--folder FOLDER]
+
+A frame that was altered ends the program with an error.
 """
 
 from __future__ import annotations
@@ -15,49 +16,50 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-sys.path.insert(0, str(ROOT / "tests" / "session"))
+from benchmarks.report import ROOT, Report
 
-from killed_recorder import lost_by_kill  # noqa: E402
-from test_power_cut import Recorded  # noqa: E402
+sys.path.append(str(ROOT / "tests/session"))
 
+from killed_recorder import lost_by_kill
+from test_power_cut import Recorded
+
+SUBJECT = "Kills and power cuts"
 SHAPE, RATE_HZ, LONGEST_S = (1200, 1600), 23.8, 6.0
+LOST_S = 0.5
 
 
-def kills(count: int, folder: Path) -> None:
+def kill(report: Report, count: int, folder: Path) -> None:
     """Kill, repair, compare."""
     rng = np.random.default_rng(0)
-    lost, seconds, frames = [], [], 0
+    lost, seconds, sent = 0, [], 0
     for _ in range(count):
-        kill = lost_by_kill(folder / "killed.h5", RATE_HZ, SHAPE, rng.uniform(0.02, LONGEST_S))
-        frames += kill.sent
-        lost.append(kill.lost)
-        seconds.append(kill.lost_s)
+        killed = lost_by_kill(folder / "killed.h5", RATE_HZ, SHAPE, rng.uniform(0.02, LONGEST_S))
+        sent += killed.sent
+        lost += killed.lost
+        seconds.append(killed.lost_s)
         for path in folder.iterdir():
             path.unlink()
-    print(
-        f"{count} kills, {frames} frames sent: {sum(lost)} lost, {max(seconds):.3f} s of one"
-        " session at most; 0 altered"
-    )
+    worst = max(seconds), "s", LOST_S
+    report.row("kills", number=count, frames_lost=f"{lost} of {sent:,}", most_of_one_session=worst)
 
 
-def cuts(count: int, folder: Path) -> None:
-    """Cut, repair, compare."""
+def cut(report: Report, count: int, folder: Path) -> None:
+    """Cut the power, repair, compare."""
     recorded = Recorded(folder)
     lost = [
         recorded.check(recorded.instant(seed, flushing=seed % 2 == 0), seed, folder / str(seed))
         for seed in range(count)
     ]
-    print(
-        f"{count} power cuts: {max(lost)} frames ({max(lost) / RATE_HZ:.2f} s) lost at most,"
-        f" {np.mean(lost):.1f} on average; 0 altered"
-    )
+    worst = max(lost) / RATE_HZ, "s", LOST_S
+    report.row("power cuts", number=count, frames_lost=sum(lost), most_of_one_session=worst)
 
 
-if __name__ == "__main__":
-    numbers = [int(text) for text in sys.argv[1:3]]
-    with tempfile.TemporaryDirectory(dir=sys.argv[3] if len(sys.argv) > 3 else None) as temporary:
-        for work, number in zip((kills, cuts), numbers + [50, 200][len(numbers) :], strict=True):
-            (Path(temporary) / work.__name__).mkdir()
-            work(number, Path(temporary) / work.__name__)
+def measure(
+    report: Report, kills: int = 50, cuts: int = 200, *, folder: Path | None = None
+) -> None:
+    """Kill programs, then cut the power."""
+    with tempfile.TemporaryDirectory(dir=folder) as temporary:
+        for part, count in ((kill, kills), (cut, cuts)):
+            (Path(temporary) / part.__name__).mkdir()
+            part(report, count, Path(temporary) / part.__name__)
+    report.add("frames altered", 0, at_most=0)

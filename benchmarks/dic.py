@@ -1,180 +1,135 @@
-"""Speed and accuracy of every method of the correlation, on pictures whose displacement is exact.
+"""Speed and accuracy of every method of the image correlation, on pictures of 1600 x 1200 pixels
+whose displacement is known exactly: 18,644 points (box 20, step 10), one core unless stated
+otherwise, processor time.
 
-    python benchmarks/dic.py [table light jumps cost threads paper waves compile] [--frames 5]
-    [--plot sigma.png]
+    python -m benchmarks dic [table light jumps cost threads paper waves compilation]
+                             [--frames 5] [--plot sigma.png]
 
-table    points/s on one core, translation (worst bias / sigma / rmse) and graded ring (rmse)
-without and with noise of 2 grey levels light    the same translation after a change of gain or
-level of the whole picture, noise included jumps    a cold start and a jump of 40 px: seconds, share
-of the points that are right cost     time of a frame for other boxes and steps, relative to box 20
-and step 10 threads  time of a frame on two threads against one paper    the paper's calibration
-(Fig. 4d): u_x from 0.14 to 14 px, sigma for boxes of 10 to 100 px, and the floor waves    amplitude
-that is left of a sinusoidal u_x, by wavelength, beside that of a plain average over the box compile
-seconds of the first use with an empty cache, and of a later one
+table        points per second, a translation and a graded ring, without and with noise
+light        the translation after a change of gain or level of the whole picture
+jumps        a cold start and a jump of 40 px: seconds, share of the points that are right
+cost         time of a frame for other boxes and steps, relative to box 20 and step 10
+threads      time of a frame on two threads against one
+paper        the paper's calibration (Fig. 4d): sigma for boxes of 10 to 100 px, u_x up to 14 px
+waves        amplitude that is left of a sinusoidal u_x, by wavelength, beside a plain average's
+compilation  seconds of the first use with an empty cache, and of a later one
 
-benchmarks/dic_peers.py prints the same table for other libraries, on the same pictures.
+benchmarks/dic_peers.py fills the same table for other libraries, on the same pictures.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+from analysis.dic import Correlation, Grid, Tracker, compile_kernels
+from benchmarks import scores
+from benchmarks.report import ROOT, Report
+from benchmarks.scores import Picture, follow, frames_of, score_translation
+from benchmarks.speckle import SIZE, Frame, Motion, camera, noise_floor, pattern
 
-from analysis.dic import Correlation, Grid, Tracker, compile_kernels, open_tracker  # noqa: E402
-from benchmarks.dic_peers import Step, follow, score_ring, score_translation  # noqa: E402
-from benchmarks.speckle import SIZE, Frame, Motion, camera, images, noise_floor, pattern  # noqa: E402
-
+SUBJECT = "Image correlation"
 METHODS = {
-    "shared (default)": Correlation(threads=1),
+    "shared": Correlation(threads=1),
     "shared, tolerance 0.01": Correlation(tolerance=0.01, threads=1),
-    "IC-GN order 0": Correlation(method="icgn", order=0, threads=1),
-    "IC-GN order 1": Correlation(method="icgn", order=1, threads=1),
-    "IC-GN order 2": Correlation(method="icgn", order=2, threads=1),
-    "direct (the paper)": Correlation(method="direct", threads=1),
+    "icgn, order 0": Correlation(method="icgn", order=0, threads=1),
+    "icgn, order 1": Correlation(method="icgn", order=1, threads=1),
+    "icgn, order 2": Correlation(method="icgn", order=2, threads=1),
+    "direct": Correlation(method="direct", threads=1),
 }
+COMPARED = ("direct", "shared", "icgn, order 1")
 PAPER_BOXES = (10, 14, 20, 32, 48, 64, 100)
+PAPER_SIGMA_PX = 0.033  # of box 20
 
 
-def at_rest(correlation: Correlation, reference: np.ndarray) -> Tracker:
+def at_rest(correlation: Correlation, reference: Picture) -> Tracker:
     """A tracker that starts from zero displacement."""
-    tracker = open_tracker(correlation, reference)
+    tracker = correlation.open(reference)
     tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
     return tracker
 
 
-def peer(correlation: Correlation, uncertainties: list[np.ndarray] | None = None):
-    """The correlation in the form of `benchmarks.dic_peers`."""
+def following(correlation: Correlation) -> scores.Start:
+    """The correlation in the form of `benchmarks.scores`."""
 
-    def start(reference: np.ndarray) -> Step:
+    def start(reference: Picture) -> scores.Step:
         tracker = at_rest(correlation, reference)
         x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
 
-        def step(image: np.ndarray):
+        def step(image: Picture) -> scores.Measured:
             field = tracker.track(image)
-            if uncertainties is not None:
-                uncertainties.append(field.ux_std_px.ravel())
-            return x.ravel(), y.ravel(), field.ux_px.ravel(), field.uy_px.ravel()
+            measured = (x, y, field.ux_px, field.uy_px, field.ux_std_px)
+            return tuple(values.ravel() for values in measured)
 
         return step
 
     return start
 
 
-def frames_of(name: str, noise: float, limit: int | None) -> list[Frame]:
-    """The reference and the first frames of a set."""
-    return list(images(name, noise))[: limit and limit + 1]
+def floor(box: int, noise: float) -> float:
+    """Root mean square of the Cramer-Rao bound of u_x over a grid, pixels."""
+    return float(np.sqrt(np.mean(noise_floor(Grid.cover(SIZE, box, 10), noise) ** 2)))
 
 
-def table(limit: int | None) -> None:
-    """Every method on both sets."""
-    errors = "bias / sigma / rmse       ring"
-    print(
-        f"method                     kpoints/s   noise 0: {errors}   noise 2: {errors}   lost % "
-        " error/std"
-    )
-    for name, correlation in METHODS.items():
-        cells, spent, lost, normalised = [], [], 0.0, []
-        for noise in (0, 2):
-            for kind, score in (("translation", score_translation), ("contact", score_ring)):
-                stated: list[np.ndarray] = []
-                frames = frames_of(kind, noise, limit)
-                measured, seconds = follow(peer(correlation, stated), frames)
-                bias, sigma, rmse, wrong = score(frames[1:], measured)
-                cells.append(
-                    f"{bias:.4f} / {sigma:.4f} / {rmse:.4f}"
-                    if kind == "translation"
-                    else f"{rmse:.4f}"
-                )
-                if noise:
-                    spent += seconds
-                    for frame, (x, y, ux, _), std in zip(
-                        frames[1:], measured, stated[-len(measured) :], strict=True
-                    ):
-                        normalised.append((ux - frame.truth(x, y)[0]) / std)
-                lost = max(lost, wrong)
-        unit = np.concatenate(normalised)
-        rate = measured[0][0].size / np.median(spent) / 1e3
-        print(
-            f"{name:24s} {rate:10.0f}    {'   '.join(cells)}   {100 * lost:6.3f}  "
-            f" {np.std(unit[np.abs(unit) < 8]):.3f}",
-            flush=True,
-        )
-    floors = [
-        np.sqrt(np.mean(noise_floor(Grid.cover(SIZE, 20, 10), noise) ** 2)) for noise in (0, 2)
-    ]
-    print(
-        f"floor at box 20: {floors[0]:.5f} px without noise (rounding), {floors[1]:.5f} px with"
-        " noise 2"
-    )
+def table(report: Report, limit: int | None) -> None:
+    """Every method on both sets, and the floor."""
+    scores.table(report, {name: following(c) for name, c in METHODS.items()}, limit)
+    report.table("Smallest possible error of u_x (Cramer-Rao) at box 20")
+    report.add("no noise, rounding alone", floor(20, 0), "px", digits=2)
+    report.add("noise of 2 grey levels", floor(20, 2), "px", digits=2)
 
 
-def light(limit: int | None) -> None:
+def light(report: Report, limit: int | None) -> None:
     """Gain and offset between the reference and the frames."""
-    frames = frames_of("translation", 2, limit)
-    print("gain  offset   bias / sigma / rmse")
-    for gain, offset in ((1, 0), (0.75, 0), (1, 20), (1, -20), (0.5, 0), (0.5, 60)):
-        changed = [
-            frames[0],
-            *(
-                replace(f, image=cv2.convertScaleAbs(f.image, alpha=gain, beta=offset))
-                for f in frames[1:]
-            ),
-        ]
-        measured, _ = follow(peer(METHODS["shared (default)"]), changed)
-        bias, sigma, rmse, _ = score_translation(changed[1:], measured)
-        print(f"{gain:4.2f}  {offset:6d}   {bias:.4f} / {sigma:.4f} / {rmse:.4f}")
+    report.table("Change of gain or level, shared, translation, noise 2")
+    reference, *moved = frames_of("translation", 2, limit)
     exact, rng = pattern(), np.random.default_rng(5)
-    dim = [
-        frames[0],
-        *(replace(f, image=camera(0.75 * exact.grey(f.truth), 2, rng)) for f in frames[1:6]),
+    cases = {
+        f"gain {gain:g}, offset {offset}": [
+            replace(f, image=cv2.convertScaleAbs(f.image, alpha=gain, beta=offset)) for f in moved
+        ]
+        for gain, offset in ((1, 0), (0.75, 0), (1, 20), (1, -20), (0.5, 0), (0.5, 60))
+    }
+    cases["0.75 of the light, noise still 2 (floor 1.18 times as high)"] = [
+        replace(f, image=camera(0.75 * exact.grey(f.truth), 2, rng)) for f in moved[:5]
     ]
-    bias, sigma, rmse, _ = score_translation(
-        dim[1:], follow(peer(METHODS["shared (default)"]), dim)[0]
-    )
-    print(
-        f"0.75 of the light, noise still 2 grey levels (floor 1.18 times as high): {bias:.4f} /"
-        f" {sigma:.4f} / {rmse:.4f}"
-    )
+    for name, frames in cases.items():
+        measured, _ = follow(following(METHODS["shared"]), [reference, *frames])
+        bias, sigma, rmse, _ = score_translation(frames, measured)
+        report.row(name, worst_bias=(bias, "px"), sigma=(sigma, "px"), rms_error=(rmse, "px"))
 
 
-def jumps(_: int | None) -> None:
+def jumps(report: Report, _: int | None) -> None:
     """Cold starts and jumps."""
+    report.table("Cold starts and jumps")
     rng, exact = np.random.default_rng(3), pattern()
-    print("method                   jump px   cold s (cpu)   jump s (cpu)   right points")
-    for name in ("shared (default)", "IC-GN order 1", "direct (the paper)"):
+    for method in ("shared", "icgn, order 1", "direct"):
         reference = camera(exact.grey(Motion.uniform(0)), 2, rng)
-        tracker = at_rest(METHODS[name], reference)
+        tracker = at_rest(METHODS[method], reference)
         for ux in (40.3, -49.6):
-            image = camera(exact.grey(Motion.uniform(ux)), 2, rng)
-            tracker.track(image)  # makes ready what the search needs
-            seconds = []
-            for cold in (True, False):
-                if cold:
-                    tracker.reset()
-                else:
-                    tracker.track(reference)
+            image, name = camera(exact.grey(Motion.uniform(ux)), 2, rng), f"{method}, {ux} px"
+            tracker.track(image)  # prepares what the search needs
+            kinds = (("cold start", tracker.reset), ("jump", partial(tracker.track, reference)))
+            for column, prepare in kinds:
+                prepare()
                 start = time.process_time()
                 field = tracker.track(image)
-                seconds.append(time.process_time() - start)
+                report.add(name, time.process_time() - start, "s", column=column)
             x = tracker.grid.x_px
             stays = (x + ux > 20) & (x + ux < SIZE[1] - 20)
             right = np.mean(np.abs(field.ux_px[:, stays] - ux) < 0.2)
-            print(
-                f"{name:24s} {ux:7.1f}   {seconds[0]:12.3f}   {seconds[1]:12.3f}   {right:.5f}",
-                flush=True,
-            )
+            report.add(name, 100 * right, "%", column="right points", digits=5)
 
 
 def milliseconds(correlation: Correlation, frames: list[Frame], wall: bool = False) -> float:
@@ -189,180 +144,138 @@ def milliseconds(correlation: Correlation, frames: list[Frame], wall: bool = Fal
     return 1e3 * float(np.median(spent[1:]))
 
 
-def cost(limit: int | None) -> None:
+def cost(report: Report, limit: int | None) -> None:
     """Other boxes and steps."""
+    report.table("Time of a frame for other boxes and steps, shared, contact, noise 2")
     frames = frames_of("contact", 2, limit)
-    base = milliseconds(METHODS["shared (default)"], frames)
-    print(
-        f"shared, contact set: {base:.1f} ms of one core a frame at box 20, step 10; relative to"
-        " that, and to the number of box pixels"
-    )
-    for box, step in (
-        (10, 10),
-        (21, 10),
-        (40, 10),
-        (60, 10),
-        (100, 10),
-        (20, 5),
-        (60, 5),
-        (20, 20),
-    ):
-        correlation = Correlation(box=box, step=step, threads=1)
-        shape = Grid.cover(SIZE, box, step).shape
+    base = milliseconds(METHODS["shared"], frames)
+    report.add("box 20, step 10", base, "ms", column="time")
+    steps = {10: (10, 21, 40, 60, 100), 5: (20, 60), 20: (20,)}
+    for box, step in [(box, step) for step, boxes in steps.items() for box in boxes]:
+        shape, name = Grid.cover(SIZE, box, step).shape, f"box {box}, step {step}"
         pixels = shape[0] * shape[1] * box**2 / (118 * 158 * 400)
-        print(
-            f"  box {box:3d} step {step:2d}: {milliseconds(correlation, frames) / base:6.2f}  "
-            f" {pixels:6.2f}",
-            flush=True,
-        )
+        took = milliseconds(Correlation(box=box, step=step, threads=1), frames)
+        report.row(name, time=(took, "ms"), relative_time=took / base, relative_pixels=pixels)
 
 
-def threads(limit: int | None) -> None:
+def threads(report: Report, limit: int | None) -> None:
     """One thread and two, wall clock."""
+    report.table("Two threads, wall clock, shared, noise 2")
     for name in ("translation", "contact"):
         frames = frames_of(name, 2, limit)
         one, two = (
             min(milliseconds(Correlation(threads=n), frames, wall=True) for _ in range(3))
             for n in (1, 2)
         )
-        print(
-            f"{name}: {one:.1f} ms on one thread, {two:.1f} ms on two: {one / two:.2f} times as"
-            " fast"
-        )
+        both = {"one_thread": (one, "ms"), "two_threads": (two, "ms")}
+        report.row(name, **both, times_as_fast=one / two)
 
 
-def paper(limit: int | None, plot: Path | None = None) -> None:
-    """The paper's Fig. 4d and what lies below it."""
-    frames = frames_of("long", 2, limit)
-    print(
-        "box     direct sigma   shared sigma   IC-GN 1 sigma   floor  (px; u_x from 0.14 to 14 px,"
-        " noise 2)"
-    )
-    curves = []
+def paper(report: Report, limit: int | None) -> list[list[float]]:
+    """The paper's Fig. 4d and the floor below it; rows of box and sigmas."""
+    report.table("Sigma of u_x by box, u_x from 0.14 to 14 px, noise 2 (the paper's Fig. 4d)")
+    frames, curves = frames_of("long", 2, limit), []
     for box in PAPER_BOXES:
         row = [float(box)]
-        for correlation in (
-            METHODS["direct (the paper)"],
-            METHODS["shared (default)"],
-            METHODS["IC-GN order 1"],
-        ):
-            measured, _ = follow(peer(replace(correlation, box=box)), frames)
+        for method in COMPARED:
+            measured, _ = follow(following(replace(METHODS[method], box=box)), frames)
             row.append(score_translation(frames[1:], measured, box).sigma)
-        row.append(float(np.sqrt(np.mean(noise_floor(Grid.cover(SIZE, box, 10), 2) ** 2))))
+        row.append(floor(box, 2))
         curves.append(row)
-        print("{:3.0f}   {:12.4f}   {:12.4f}   {:13.4f}   {:.4f}".format(*row), flush=True)
-    if plot is not None:
-        from matplotlib import pyplot
+        for column, sigma in zip((*COMPARED, "floor"), row[1:], strict=True):
+            report.add(f"box {box}", sigma, "px", column=column)
+    return curves
 
-        box_px, *sigmas = np.array(curves).T
-        figure, axes = pyplot.subplots(figsize=(6, 4.2), layout="constrained")
-        for sigma, label, style in zip(
-            sigmas,
-            ("direct (the paper's)", "shared", "IC-GN order 1", "floor"),
-            ("o-", "s-", "^-", "k--"),
-            strict=True,
-        ):
-            axes.loglog(box_px, sigma, style, label=label)
-        axes.loglog(20, 0.033, "r*", markersize=12, label="Prevost et al. (2013), box 20")
-        axes.set(xlabel="box λ (px)", ylabel="standard deviation of $u_x$ (px)")
-        axes.set_xticks(PAPER_BOXES, map(str, PAPER_BOXES), minor=False)
-        axes.minorticks_off()
-        axes.legend(frameon=False)
-        figure.savefig(plot, dpi=150)
-        print(plot)
+
+def draw(curves: list[list[float]], file: Path) -> None:
+    """Draw the curves of `paper` into a file."""
+    from matplotlib import pyplot
+
+    box_px, *sigmas = np.array(curves).T
+    figure, axes = pyplot.subplots(figsize=(6, 4.2), layout="constrained")
+    styles = zip(sigmas, (*COMPARED, "floor"), ("o-", "s-", "^-", "k--"), strict=True)
+    for sigma, label, style in styles:
+        axes.loglog(box_px, sigma, style, label=label)
+    axes.loglog(20, PAPER_SIGMA_PX, "r*", markersize=12, label="Prevost et al. (2013), box 20")
+    axes.set(xlabel="box λ (px)", ylabel="standard deviation of $u_x$ (px)")
+    axes.set_xticks(PAPER_BOXES, map(str, PAPER_BOXES), minor=False)
+    axes.minorticks_off()
+    axes.legend(frameon=False)
+    figure.savefig(file, dpi=150)
 
 
 class Wave:
-    """u_x = A sin(2 pi y / wavelength) of a pattern, or along x."""
+    """A displacement u_x = A sin(2 pi s / wavelength), s along x (axis 0) or y (axis 1)."""
 
     def __init__(self, wavelength: float, axis: int) -> None:
-        self._k, self._axis, self._amplitude = (
-            2 * np.pi / wavelength,
-            axis,
-            0.015 * wavelength / 2 / np.pi,
-        )
+        self._k, self._axis = 2 * np.pi / wavelength, axis
+        self._amplitude = 0.015 * wavelength / 2 / np.pi
 
     def __call__(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The exact (u_x, u_y)."""
         u = self._amplitude * np.sin(self._k * np.asarray((x, y)[self._axis]))
         return u, np.zeros_like(u)
 
     def gradient(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The exact (du_x/dx, du_x/dy)."""
         slope = self._amplitude * self._k * np.cos(self._k * np.asarray((x, y)[self._axis]))
         return (slope, 0 * slope) if self._axis == 0 else (0 * slope, slope)
 
 
-def waves(_: int | None) -> None:
-    """What each method passes of short waves, and the side of the box whose plain average would
+def waves(report: Report, _: int | None) -> None:
+    """How much each method passes of short waves, and the side of the box whose plain average would
     pass as much.
     """
-    size = (480, 480)
-    made = pattern(size)
-    grey = made.grey(Motion.uniform(0))
-    chosen = ("shared (default)", "IC-GN order 0", "IC-GN order 1", "direct (the paper)")
-    print(f"{'wavelength':>10s}  axis  average" + "".join(f"  {name:>24s}" for name in chosen))
+    report.table("Amplitude passed of a sinusoidal u_x (and the box of a plain average, px)")
+    made = pattern((480, 480))
+
+    def picture(motion) -> Picture:
+        return np.rint(made.grey(motion)).clip(0, 255).astype(np.uint8)
+
     for wavelength in (40, 60, 80, 120, 200):
         for axis in (0, 1):
-            motion, row = Wave(wavelength, axis), []
-            for name in chosen:
-                tracker = at_rest(METHODS[name], np.rint(grey).clip(0, 255).astype(np.uint8))
-                found = tracker.track(
-                    np.rint(made.grey(motion)).clip(0, 255).astype(np.uint8)
-                ).ux_px[4:-4, 4:-4]
+            motion, name = Wave(wavelength, axis), f"{wavelength} px along {'xy'[axis]}"
+            report.add(name, np.sinc(20 / wavelength), column="average over box 20")
+            for method in ("shared", "icgn, order 0", "icgn, order 1", "direct"):
+                tracker = at_rest(METHODS[method], picture(Motion.uniform(0)))
+                found = tracker.track(picture(motion)).ux_px[4:-4, 4:-4]
                 true = motion(*np.meshgrid(tracker.grid.x_px, tracker.grid.y_px))[0][4:-4, 4:-4]
                 tracker.close()
                 passed = float((found * true).sum() / (true**2).sum())
-                row.append(
-                    f"{passed:.3f} (box {wavelength * np.sqrt(6 * max(0.0, 1 - passed)) / np.pi:4.1f} px)"
-                )
-            print(
-                f"{wavelength:7d} px  {'xy'[axis]:>4s}  {np.sinc(20 / wavelength):7.3f}"
-                + "".join(f"  {text:>24s}" for text in row)
-            )
+                box = wavelength * np.sqrt(6 * max(0.0, 1 - passed)) / np.pi
+                report.add(name, f"{passed:.3f} ({box:.1f})", column=method)
 
 
-def compilation(_: int | None) -> None:
+def compilation(report: Report, _: int | None) -> None:
     """First and later use, in processes of their own."""
+    report.table("Use of the default method in a new process, imports included")
     code = (
         "import time; t = time.perf_counter(); from analysis.dic import compile_kernels;"
         " compile_kernels(); print(time.perf_counter() - t)"
     )
     with tempfile.TemporaryDirectory() as folder:
         env = os.environ | {"NUMBA_CACHE_DIR": folder, "PYTHONPATH": str(ROOT)}
-        for use in ("first", "later"):
-            done = subprocess.run(
-                [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
-            )
-            print(f"{use} use of the default method: {float(done.stdout):.1f} s, imports included")
+        for use in ("first use, compiling", "later use"):
+            command = [sys.executable, "-c", code]
+            done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+            report.add(use, float(done.stdout), "s")
 
 
-PARTS = {
-    "table": table,
-    "light": light,
-    "jumps": jumps,
-    "cost": cost,
-    "threads": threads,
-    "paper": paper,
-    "waves": waves,
-    "compile": compilation,
-}
+PARTS = {f.__name__: f for f in (table, light, jumps, cost, threads, paper, waves, compilation)}
 
 
-def main() -> None:
-    """Print the parts that are asked for."""
-    ask = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    ask.add_argument("parts", nargs="*", choices=[[], *PARTS], default=list(PARTS))
-    ask.add_argument("--frames", type=int, metavar="N", help="only the first N frames of each set")
-    ask.add_argument("--plot", type=Path, help="draw the paper's curve into this file")
-    options = ask.parse_args()
+def measure(
+    report: Report,
+    parts: Annotated[Sequence[str], PARTS] = tuple(PARTS),
+    *,
+    frames: int | None = None,
+    plot: Path | None = None,
+) -> None:
+    """Measure the parts that are named, or all."""
     cv2.setNumThreads(1)
     for correlation in METHODS.values():
         compile_kernels(correlation)
-    for part in options.parts:
-        print(f"\n{part}")
-        paper(options.frames, options.plot) if part == "paper" else PARTS[part](options.frames)
-
-
-if __name__ == "__main__":
-    main()
+    for part in parts:
+        found = PARTS[part](report, frames)
+        if part == "paper" and plot is not None:
+            draw(found, plot)

@@ -1,117 +1,28 @@
-"""What other libraries reach on the same exact pictures: speed on one core, translation, and the
-graded ring of the contact.
+"""What other libraries reach on the pictures whose displacement is exact: speed on one core,
+translation, and the graded ring of the contact. All measure boxes of 20 or 21 px every 10 px of
+pictures of 1600 x 1200.
 
-    python benchmarks/dic_peers.py [--frames 5] [--peers "OpenCV LK" ...]
+    python -m benchmarks dic_peers [--frames 5] [--peers "OpenCV LK" ...]
 
-A peer is a function ``start(reference) -> step(image) -> (x, y, ux, uy)``: flat arrays in pixels at
-points of the reference, NaN where the point is lost. All measure boxes of 20-21 px every 10 px of
-pictures of 1600 x 1200. OpenPIV is there if it is installed.
+OpenPIV takes part if it is installed.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import importlib.util
-import sys
-import time
-from collections.abc import Callable, Iterable, Sequence
-from itertools import product
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Annotated
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from benchmarks.report import Report
+from benchmarks.scores import BOX, Array, Measured, Picture, Start, Step, table
 
-from benchmarks.speckle import SIZE, Frame, images
-
-Array = NDArray[Any]
-Measured = tuple[Array, Array, Array, Array]
-Step = Callable[[NDArray[np.uint8]], Measured]
-Peer = Callable[[NDArray[np.uint8]], Step]
-
-BOX = 20
-# a box that is nearer to the border of the picture, before or after it moved, is not scored
-BORDER_PX = 6
-WRONG_PX = 1.0  # a point further from the truth counts as lost, not as noise
+SUBJECT = "Image correlation: other libraries"
 SMOOTHING = {"Iterations": 1, "Alpha": 3, "Delta": 1, "Gamma": 0}
 DIS = {"FinestScale": 1, "GradientDescentIterations": 10, "PatchSize": 8, "PatchStride": 3}
-
-
-class Score(NamedTuple):
-    """Errors of u_x in pixels over all frames, and the share of points that are lost or wrong."""
-
-    worst_bias: float
-    sigma: float
-    rmse: float
-    lost: float
-
-
-def score_translation(
-    frames: Iterable[Frame], measured: Iterable[Measured], box: int = BOX
-) -> Score:
-    """Greatest bias of a frame, scatter within the frames and total error, of the scored points of
-    every frame.
-    """
-    return _score(
-        [_errors(frame, *points, box)[0] for frame, points in zip(frames, measured, strict=True)]
-    )
-
-
-def score_ring(frames: Iterable[Frame], measured: Iterable[Measured], box: int = BOX) -> Score:
-    """The same in the graded zone of the contact; ``rmse`` is the figure to compare."""
-    errors = [_errors(frame, *points, box) for frame, points in zip(frames, measured, strict=True)]
-    return _score([error[ring] for error, ring in errors])
-
-
-def _errors(
-    frame: Frame, x: Array, y: Array, ux: Array, uy: Array, box: int
-) -> tuple[Array, Array]:
-    """Errors of u_x at the scored points, NaN where lost or wrong, and which of them lie in the
-    ring.
-    """
-    true_x, true_y = frame.truth(x, y)
-    least = box / 2 + BORDER_PX
-    last_y, last_x = (size - 1 - least for size in frame.image.shape)
-    scored = (
-        (np.minimum(x, x + true_x) >= least)
-        & (np.maximum(x, x + true_x) <= last_x)
-        & (y >= least)
-        & (y <= last_y)
-    )
-    right = np.maximum(abs(ux - true_x), abs(uy - true_y)) <= WRONG_PX
-    return np.where(right, ux - true_x, np.nan)[scored], frame.truth.ring(x, y)[scored]
-
-
-def _score(errors: Sequence[Array]) -> Score:
-    found = [error[np.isfinite(error)] for error in errors]
-    every, biases = (
-        np.concatenate(found),
-        [error.mean() if error.size else np.nan for error in found],
-    )
-    within = np.concatenate([error - bias for error, bias in zip(found, biases, strict=True)])
-    return Score(
-        np.nanmax(np.abs(biases)),
-        within.std(),
-        np.sqrt(np.mean(every**2)),
-        1 - every.size / sum(map(len, errors)),
-    )
-
-
-def follow(peer: Peer, frames: Sequence[Frame]) -> tuple[list[Measured], list[float]]:
-    """The fields of a sequence whose first frame is the reference, and the processor seconds of
-    each; one call before warms up.
-    """
-    peer(frames[0].image)(frames[1].image)
-    step, fields, spent = peer(frames[0].image), [], []
-    for frame in frames[1:]:
-        began = time.process_time()
-        fields.append(step(frame.image))
-        spent.append(time.process_time() - began)
-    return fields, spent
 
 
 def lattice(shape: tuple[int, ...]) -> Array:
@@ -119,7 +30,7 @@ def lattice(shape: tuple[int, ...]) -> Array:
     return np.mgrid[15 : shape[0] - 14 : 10, 15 : shape[1] - 14 : 10].reshape(2, -1)[::-1]
 
 
-def lucas_kanade(reference: NDArray[np.uint8]) -> Step:
+def lucas_kanade(reference: Picture) -> Step:
     """Pyramid level 0, window 21, at most 5 iterations from the last frame's displacement."""
     x, y = lattice(reference.shape)
     origin = last = np.stack([x, y], -1).astype(np.float32)[:, None]
@@ -131,7 +42,7 @@ def lucas_kanade(reference: NDArray[np.uint8]) -> Step:
         "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
     }
 
-    def step(image: NDArray[np.uint8]) -> Measured:
+    def step(image: Picture) -> Measured:
         nonlocal last
         last, kept, _ = cv2.calcOpticalFlowPyrLK(reference, image, origin, last.copy(), **options)
         return x, y, *np.where(kept == 1, (last - origin)[:, 0], np.nan).T
@@ -139,7 +50,7 @@ def lucas_kanade(reference: NDArray[np.uint8]) -> Step:
     return step
 
 
-def dense_flow(reference: NDArray[np.uint8]) -> Step:
+def dense_flow(reference: Picture) -> Step:
     """DIS as the package crappy sets it for live use, started from the last flow; the mean of each
     box.
     """
@@ -150,7 +61,7 @@ def dense_flow(reference: NDArray[np.uint8]) -> Step:
     ).items():
         getattr(flow, f"set{name}")(value)
 
-    def step(image: NDArray[np.uint8]) -> Measured:
+    def step(image: Picture) -> Measured:
         nonlocal last
         last = flow.calc(reference, image, last)
         return x, y, *cv2.boxFilter(last, -1, (21, 21))[y, x].T
@@ -158,7 +69,7 @@ def dense_flow(reference: NDArray[np.uint8]) -> Step:
     return step
 
 
-def match_template(reference: NDArray[np.uint8], search: int = 2) -> Step:
+def match_template(reference: Picture, search: int = 2) -> Step:
     """Normalised correlation around the last whole-pixel displacement; 2D Gaussian through the nine
     highest values.
     """
@@ -173,7 +84,7 @@ def match_template(reference: NDArray[np.uint8], search: int = 2) -> Step:
         )
     )
 
-    def step(image: NDArray[np.uint8]) -> Measured:
+    def step(image: Picture) -> Measured:
         peaks = np.full((len(x), 9), np.nan)
         for k in np.flatnonzero((place >= 0).all(1) & (place + side <= image.shape[::-1]).all(1)):
             i, j = place[k]
@@ -196,7 +107,7 @@ def match_template(reference: NDArray[np.uint8], search: int = 2) -> Step:
     return step
 
 
-def openpiv(reference: NDArray[np.uint8]) -> Step:
+def openpiv(reference: Picture) -> Step:
     """Window deformation in 5 passes, 64 to 20 px."""
     from openpiv import settings, windef
 
@@ -212,7 +123,7 @@ def openpiv(reference: NDArray[np.uint8]) -> Step:
     options.normalized_correlation = options.use_vectorized = True
     first = reference.astype(np.int32)
 
-    def step(image: NDArray[np.uint8]) -> Measured:
+    def step(image: Picture) -> Measured:
         with contextlib.redirect_stdout(None):  # it reports every pass
             x, y, ux, uy, _ = windef.first_pass(first, second := image.astype(np.int32), options)
             for k in range(1, options.num_iterations):
@@ -225,54 +136,19 @@ def openpiv(reference: NDArray[np.uint8]) -> Step:
     return step
 
 
-PEERS: dict[str, Peer] = {
+PEERS: dict[str, Start] = {
     "OpenCV LK": lucas_kanade,
     "OpenCV DIS": dense_flow,
     "OpenCV matchTemplate": match_template,
 } | ({"OpenPIV deformation": openpiv} if importlib.util.find_spec("openpiv") else {})
 
 
-def main() -> None:
-    """Print the table."""
-    ask = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    ask.add_argument(
-        "--frames",
-        type=int,
-        metavar="N",
-        help="only the first N of the 20 or 21 moved frames of each set",
-    )
-    ask.add_argument("--peers", nargs="+", default=list(PEERS), choices=PEERS, metavar="PEER")
-    options = ask.parse_args()
+def measure(
+    report: Report,
+    *,
+    frames: int | None = None,
+    peers: Annotated[Sequence[str], PEERS] = tuple(PEERS),
+) -> None:
+    """Fill the table."""
     cv2.setNumThreads(1)
-    print(
-        f"{SIZE[1]} x {SIZE[0]} px; errors in px: translation worst bias / sigma / rmse, ring rmse;"
-        " lost or wrong points in %"
-    )
-    print(
-        "peer                      points/s   noise 0: translation           ring     noise 2:"
-        " translation           ring     lost"
-    )
-    for name in options.peers:
-        cells, spent, lost, points = [], [], 0.0, 0
-        for noise, (kind, score) in product(
-            (0, 2), (("translation", score_translation), ("contact", score_ring))
-        ):
-            frames = list(images(kind, noise))[: options.frames and options.frames + 1]
-            measured, seconds = follow(PEERS[name], frames)
-            bias, sigma, rmse, wrong = score(frames[1:], measured)
-            cells.append(
-                f"  {bias:.4f} / {sigma:.4f} / {rmse:.4f}"
-                if kind == "translation"
-                else f"  {rmse:.4f}"
-            )
-            spent, lost, points = spent + seconds, max(lost, wrong), measured[0][0].size
-        print(
-            f"{name:24s} {points / np.median(spent):9.0f} {'  '.join(cells)}  {100 * lost:6.2f}",
-            flush=True,
-        )
-
-
-if __name__ == "__main__":
-    main()
+    table(report, {name: PEERS[name] for name in peers}, frames)

@@ -1,15 +1,15 @@
-"""Settings, sessions, journals and imports spoiled at random: ``python benchmarks/fuzz.py [CASES]
-[SEED]`` prints what became of each kind.
+"""Settings, sessions, journals, imports and field files damaged at random. A case must end in a
+result or in a refusal with a sentence (UserError, ConfigError); any other exception, a process that
+dies, more than 10 s or more than 1 GiB of memory is a failure. The cases run one by one in worker
+processes, so that none can take the count down with it.
 
-A case must end as read, or refused with a sentence (UserError, ConfigError). Whatever else is a
-failure: another exception, a process that died, more than `LIMIT_S` seconds, more than
-`LIMIT_BYTES` of memory. Each is named by its seed; ``--keep FOLDER`` keeps its files. The cases run
-one by one in worker processes, so that none can take the count down with it. Linux and macOS.
+    python -m benchmarks fuzz [CASES] [SEED] [--keep FOLDER]
+
+A failure is named by its seed; --keep FOLDER keeps its files. Linux and macOS.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
 import resource
@@ -21,58 +21,63 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/session"))
+from queue import SimpleQueue
 
 import cv2
 import numpy as np
 import typer
+
+from benchmarks.report import ROOT, Report
+
+sys.path += [str(ROOT / "tests"), str(ROOT / "tests/session")]
+
 from session_material import CONTACT, OUTCOME, record
 from spoiled import ask, spoil
 from spoiled_inputs import spoil_journal, spoil_table
 from spoiled_settings import VALUES, spoil_settings
 
 from app.commands.inspect import info
-from app.config import ConfigError, from_record, load, values_of
+from app.config import ConfigError, from_record, load, options
 from app.errors import UserError
 from app.exchange.frames import Sources
 from app.exchange.importing import import_files
+from app.sections import Config
 from app.session.fields import FieldsWriter, is_session, read_fields_file
 from app.session.journal import journal_of
 from app.session.repair import repair
-from app.settings import Config
 
-KEYS = [f"{table}.{key}" for table, values in values_of(Config()).items() for key in values]
+SUBJECT = "Damaged input"
+KEYS = [f"{table}.{key}" for table, (kind, _) in options(Config).items() for key in options(kind)]
 LIMIT_S, LIMIT_BYTES = 10.0, 1 << 30
 SHAPE = (64, 80)  # of the images that are imported
+WORKER = "import sys, pathlib, benchmarks.fuzz; benchmarks.fuzz.work(pathlib.Path(sys.argv[1]))"
+Case = tuple[str, Callable[[], object]]  # its kind, and what is done
 
 
-def settings_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
+def settings_case(folder: Path, seed: int) -> Case:
     """Settings from a file, from the command line, or from a session."""
     rng = random.Random(seed)
     content = spoil_settings(rng)
     path = folder / "case/bench.toml"
     path.write_bytes(content)
     text = content.decode("utf-8", "replace")
+    override = f"{rng.choice(KEYS)}={rng.choice(VALUES)}"
+    overrides = [override, *text.splitlines()[: rng.randint(0, 2)]]
     ways: dict[str, Callable[[], object]] = {
         "settings file": lambda: load(path),
-        "settings --set": lambda: load(
-            None,
-            [f"{rng.choice(KEYS)}={rng.choice(VALUES)}", *text.splitlines()[: rng.randint(0, 2)]],
-        ),
+        "settings --set": lambda: load(None, overrides),
         "settings of a session": lambda: from_record(text, "session"),
     }
     way = rng.choice(list(ways))
     return way, ways[way]
 
 
-def session_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
-    """A session, asked everything and shown by `slipscope info --verify`."""
+def session_case(folder: Path, seed: int) -> Case:
+    """A session: everything in it is read, and `slipscope info --verify` shows it."""
     path = folder / "case/session.h5"
     how = spoil(folder / "whole.h5", path, seed)
     return f"session, {how}", lambda: (
@@ -82,9 +87,9 @@ def session_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     )
 
 
-def repair_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
-    """A session to be repaired, cut short with its journal or damaged without, and what came of it
-    asked everything.
+def repair_case(folder: Path, seed: int) -> Case:
+    """The repair of a session, cut short with its journal or damaged without one; everything in the
+    repaired session is read.
     """
     path, output = folder / "case/cut.h5", folder / "case/repaired.h5"
     if random.Random(seed).random() < 0.3:
@@ -94,8 +99,8 @@ def repair_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     return how, lambda: repair(path, output).output and ask(output)
 
 
-def import_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
-    """Images with tables of what they are and of forces, imported."""
+def import_case(folder: Path, seed: int) -> Case:
+    """An import of images with tables of metadata and forces."""
     rng = random.Random(seed)
     images, which = (
         folder / "case/images",
@@ -104,9 +109,8 @@ def import_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     shutil.copytree(folder / "images", images)
     for name in ("metadata", "forces"):
         if name in which:
-            (images / f"{name}.csv").write_bytes(
-                spoil_table((images / f"{name}.csv").read_bytes(), rng)
-            )
+            table = images / f"{name}.csv"
+            table.write_bytes(spoil_table(table.read_bytes(), rng))
     sources = Sources(
         images=[images],
         pixel_um=7.04,
@@ -119,65 +123,23 @@ def import_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
     return f"import, {which}", lambda: import_files(sources, folder / "case/imported.h5")
 
 
-def fields_case(folder: Path, seed: int) -> tuple[str, Callable[[], object]]:
+def fields_case(folder: Path, seed: int) -> Case:
     """A file of displacement fields, as `slipscope invert` reads it."""
     path = folder / "case/fields.h5"
     how = spoil(folder / "whole-fields.h5", path, seed)
     return f"fields, {how}", lambda: (is_session(path), read_fields_file(path))
 
 
-CASES = (
-    session_case,
-    settings_case,
-    repair_case,
-    session_case,
-    settings_case,
-    repair_case,
-    session_case,
-    fields_case,
-    import_case,
-)
-
-
-def work(folder: Path) -> None:
-    """Run the cases whose seeds come on standard input; for each a line of its kind, and one of
-    outcome, traceback and peak memory.
-    """
-    # so that none takes the machine down
-    resource.setrlimit(resource.RLIMIT_DATA, (4 * LIMIT_BYTES, resource.RLIM_INFINITY))
-    answers, sys.stdout = sys.stdout, (folder / "output").open("w")
-    make_whole(folder)
-    print("ready", file=answers, flush=True)
-    for line in sys.stdin:
-        seed = int(line)
-        outcome, thrown = "read", ""
-        shutil.rmtree(folder / "case", ignore_errors=True)
-        (folder / "case").mkdir()
-        kind, case = CASES[seed % len(CASES)](folder, seed)
-        print(kind, file=answers, flush=True)
-        try:
-            case()
-        except (UserError, ConfigError) as error:
-            outcome = "a sentence" if str(error) else "no sentence"
-        except (Exception, typer.Exit):
-            outcome, thrown = "traceback", traceback.format_exc(limit=-2)[-1500:]
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
-            1 if sys.platform == "darwin" else 1024
-        )
-        if peak > LIMIT_BYTES:
-            outcome = "too much memory"
-        print(json.dumps((outcome, thrown, peak)), file=answers, flush=True)
+CASES = (session_case, settings_case, repair_case) * 2 + (session_case, fields_case, import_case)
 
 
 def make_whole(folder: Path) -> None:
-    """What the cases spoil: a session, one that was cut short, fields, images and tables of an
-    import.
-    """
+    """Write what the cases damage: a session, one cut short, fields, images and tables to import."""
     writer, _ = record(folder / "whole.h5")
-    writer.write_contact(CONTACT)
+    writer.append(CONTACT)
     shutil.copy(folder / "whole.h5", folder / "cut.h5")
     shutil.copy(journal_of(folder / "whole.h5"), journal_of(folder / "cut.h5"))
-    writer.finish(OUTCOME)
+    writer.append(OUTCOME)
     writer.close()
     (folder / "images").mkdir(exist_ok=True)
     rng = np.random.default_rng(0)
@@ -188,142 +150,144 @@ def make_whole(folder: Path) -> None:
         rows.append(f"{125 * n},{phase},{2.5 * n},{n}.png")
     (folder / "images/metadata.csv").write_text("\n".join(rows), encoding="utf-8")
     forces = [f"{n},{n / 1000},{0.03},{max(0.0, n - 250) * 1e-4}" for n in range(800)]
-    (folder / "images/forces.csv").write_text(
-        "\n".join(["sample,time_s,P_N,Q_N", *forces]), encoding="utf-8"
-    )
-    grid = np.arange(4.0)
-    with FieldsWriter(
-        folder / "whole-fields.h5",
-        ["a.tif"],
-        grid,
-        grid,
-        ["ok"],
-        {"reference": "r.tif", "box": 20},
-        {"box": "px"},
-    ):
+    text = "\n".join(["sample,time_s,P_N,Q_N", *forces])
+    (folder / "images/forces.csv").write_text(text, encoding="utf-8")
+    axis = np.arange(4.0)
+    settings, units = {"reference": "r.tif", "box": 20}, {"box": "px"}
+    fields = folder / "whole-fields.h5"
+    with FieldsWriter(fields, ["a.tif"], axis, axis, ["ok"], settings, units):
         pass
 
 
+def work(folder: Path) -> None:
+    """Run the cases whose seeds come on standard input; for each, a line of its kind and one of its
+    outcome, traceback and peak memory.
+    """
+    # a case may ask for too much memory, but must not take the machine down
+    resource.setrlimit(resource.RLIMIT_DATA, (4 * LIMIT_BYTES, resource.RLIM_INFINITY))
+    answers, sys.stdout = sys.stdout, (folder / "output").open("w")
+    make_whole(folder)
+    print("ready", file=answers, flush=True)
+    for line in sys.stdin:
+        seed, outcome, thrown = int(line), "result", ""
+        shutil.rmtree(folder / "case", ignore_errors=True)
+        (folder / "case").mkdir()
+        kind, case = CASES[seed % len(CASES)](folder, seed)
+        print(kind, file=answers, flush=True)
+        try:
+            case()
+        except (UserError, ConfigError) as error:
+            outcome = "refused" if str(error) else "refused without a sentence"
+        except (Exception, typer.Exit):
+            outcome, thrown = "other exception", traceback.format_exc(limit=-2)[-1500:]
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        peak *= 1 if sys.platform == "darwin" else 1024
+        if peak > LIMIT_BYTES:
+            outcome = "too much memory"
+        print(json.dumps((outcome, thrown, peak)), file=answers, flush=True)
+
+
 @dataclass(frozen=True, slots=True)
-class Case:
-    """What became of one."""
+class Ended:
+    """How one case ended."""
 
     seed: int
     kind: str
     outcome: str
     thrown: str
+    peak: int  # bytes, the largest of its worker until then
     seconds: float
-    peak: int  # bytes, of its worker until then
 
     @property
     def is_failure(self) -> bool:
-        """Whether it was neither read nor refused."""
-        return self.outcome not in {"read", "a sentence"}
+        """Whether there was neither a result nor a refusal."""
+        return self.outcome not in {"result", "refused"}
 
 
-def outcomes(seeds: Iterator[int], keep: Path | None) -> Iterator[Case]:
-    """What became of each case, from a worker that is replaced whenever it fails."""
-    worker = None
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for seed in seeds:
-            if worker is None:
-                command = [sys.executable, __file__, "--worker", str(folder)]
-                (folder / "whole.h5").unlink(missing_ok=True)
-                worker = subprocess.Popen(
-                    command,
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,
-                    text=True,
-                )
-                assert worker.stdout
-                worker.stdout.readline()  # ready
-            assert worker.stdin
-            assert worker.stdout
-            clock = threading.Timer(LIMIT_S, worker.kill)
-            clock.start()
-            began = time.monotonic()
-            worker.stdin.write(f"{seed}\n")
-            worker.stdin.flush()
-            kind = worker.stdout.readline().strip()
-            answer = worker.stdout.readline()
-            clock.cancel()
-            seconds = time.monotonic() - began
-            hung = f"killed after {LIMIT_S:g} s" if seconds >= LIMIT_S else "process died"
-            case = Case(
-                seed,
-                kind,
-                *(json.loads(answer)[:2] if answer.endswith("\n") else (hung, "")),
-                seconds,
-                _peak(answer),
-            )
-            yield case
-            if case.is_failure:
-                worker.kill()
-                worker.wait()
-                worker = None
-                if keep:
-                    shutil.copytree(folder / "case", keep / str(case.seed))
-        if worker:
-            worker.kill()
-            worker.wait()
+class Worker:
+    """A process that runs cases in a folder of its own, and is replaced after each failure."""
+
+    def __init__(self, folder: Path, keep: Path | None) -> None:
+        self._folder, self._keep = folder, keep
+        folder.mkdir()
+        self._start()
+
+    def _start(self) -> None:
+        (self._folder / "whole.h5").unlink(missing_ok=True)
+        command = [sys.executable, "-c", WORKER, str(self._folder)]
+        pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
+        self._process = subprocess.Popen(
+            command, stdin=pipe, stdout=pipe, stderr=nothing, text=True, cwd=ROOT
+        )
+        assert self._process.stdin
+        assert self._process.stdout
+        self._questions, self._answers = self._process.stdin, self._process.stdout
+        self._answers.readline()  # ready
+
+    def end(self) -> None:
+        """Kill the process."""
+        self._process.kill()
+        self._process.communicate()
+
+    def case(self, seed: int) -> Ended:
+        """Run a case; the process is killed if it takes too long."""
+        clock, began = threading.Timer(LIMIT_S, self._process.kill), time.monotonic()
+        clock.start()
+        print(seed, file=self._questions, flush=True)
+        kind, answer = self._answers.readline().strip(), self._answers.readline()
+        clock.cancel()
+        seconds = time.monotonic() - began
+        how = f"killed after {LIMIT_S:g} s" if seconds >= LIMIT_S else "process died"
+        outcome = json.loads(answer) if answer.endswith("\n") else (how, "", 0)
+        ended = Ended(seed, kind, *outcome, seconds)
+        if ended.is_failure:
+            self.end()
+            if self._keep:
+                shutil.copytree(self._folder / "case", self._keep / str(seed))
+            self._start()
+        return ended
 
 
-def _peak(answer: str) -> int:
-    return int(json.loads(answer)[2]) if answer.endswith("\n") else 0
+def run_all(seeds: range, workers: int, keep: Path | None) -> list[Ended]:
+    """How all cases ended, run by several workers."""
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as threads:
+        made = [Worker(Path(folder) / str(n), keep) for n in range(workers)]
+        free: SimpleQueue[Worker] = SimpleQueue()
+        for worker in made:
+            free.put(worker)
+
+        def case(seed: int) -> Ended:
+            worker = free.get()
+            try:
+                return worker.case(seed)
+            finally:
+                free.put(worker)
+
+        done = list(threads.map(case, seeds))
+        for worker in made:
+            worker.end()
+    return done
 
 
-def main(cases: int, seed: int, workers: int, keep: Path | None) -> int:
-    """Run the cases, print the tally; 1 if one failed."""
-    done: list[Case] = []
-    seeds, lock = iter(range(seed, seed + cases)), threading.Lock()
-
-    def shared() -> Iterator[int]:
-        while True:
-            with lock:
-                number = next(seeds, None)
-            if number is None:
-                return
-            yield number
-
-    began = time.monotonic()
-    threads = [
-        threading.Thread(target=lambda: done.extend(outcomes(shared(), keep)))
-        for _ in range(workers)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for (kind, outcome), number in sorted(
-        Counter((case.kind, case.outcome) for case in done).items()
-    ):
-        print(f"{kind:40} {outcome:16} {number:6}")
+def measure(
+    report: Report,
+    cases: int = 10_000,
+    seed: int = 0,
+    *,
+    workers: int = 2,
+    keep: Path | None = None,
+) -> int:
+    """Run the cases and count how they ended; 1 if one failed."""
+    done = run_all(range(seed, seed + cases), workers, keep)
     failures = [case for case in done if case.is_failure]
     for case in failures[:20]:
         print(f"\nseed {case.seed}: {case.kind}: {case.outcome}\n{case.thrown}")
-    slowest = max(done, key=lambda case: case.seconds)
-    print(
-        f"slowest: seed {slowest.seed}, {slowest.kind}, {slowest.seconds:.2f} s; memory:"
-        f" {max(c.peak for c in done) >> 20} MiB at most"
-    )
-    print(
-        f"{len(done)} cases from seed {seed} on in {time.monotonic() - began:.0f} s:"
-        f" {len(failures)} failures"
-    )
-    return 1 if failures or len(done) != cases else 0
-
-
-if __name__ == "__main__":
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("cases", nargs="?", type=int, default=10_000)
-    options.add_argument("seed", nargs="?", type=int, default=0)
-    options.add_argument("--workers", type=int, default=2)
-    options.add_argument("--keep", type=Path)
-    options.add_argument("--worker", type=Path)
-    asked = options.parse_args()
-    if asked.worker:
-        work(asked.worker)
-    else:
-        sys.exit(main(asked.cases, asked.seed, asked.workers, asked.keep))
+    report.add("cases", len(done))
+    report.add("failures", len(failures), at_most=0)
+    report.add("slowest case", max(case.seconds for case in done), "s", at_most=LIMIT_S)
+    report.add("largest memory", max(case.peak for case in done) >> 20, "MiB", at_most=1024)
+    report.table("Cases by kind")
+    kinds = Counter((case.kind.partition(",")[0], case.outcome) for case in done)
+    for (kind, outcome), number in sorted(kinds.items()):
+        report.add(kind, number, column=outcome)
+    return int(bool(failures))

@@ -1,39 +1,38 @@
-"""The emulated bench at full size for a minute: is every trigger, every sample and every injected
-loss where it was?
+"""The emulated bench at full size: the real drivers of NI DAQ, Basler and SMC100 against emulators
+that see one simulated world, 1600 x 1200 pixels, recorded and analysed without a window. Each rate
+is run as it is and with losses injected at random triggers. Afterwards every recorded picture is
+compared, to the bit, with the simulated world at the sample that the file gives it, so that a frame
+under another trigger's number can not go unnoticed.
 
-``python benchmarks/hil_bench.py [SECONDS] [DIVISOR...]``: by default 60 s at 8 and at 23.8
-frames/s. Real nidaqmx over gRPC, real pypylon fired by the emulated board's pulses, real serial
-driver; 1600 x 1200, recorded and analysed, without a window. Each rate is run as it is and with
-losses injected at random triggers. Afterwards each recorded picture is compared, to the bit, with
-the simulated world at the sample that the file gives it: a frame that was given another trigger's
-number can not agree.
+    python -m benchmarks hil_bench [SECONDS] [DIVISOR...]
+
+By default 60 s at 8 and at 23.8 frames/s (a trigger every 125 and every 42 samples).
 """
 
 from __future__ import annotations
 
-import datetime
-import platform
 import random
-import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from app import config, live
+from app.records import Outcome
+from benchmarks.report import Report
+from benchmarks.simulated import account, experiment, middle_of_exposure
 from drivers.sim.images import Renderer
+from drivers.sim.world import World
 
+SUBJECT = "Emulated bench"
 BEFORE_DRIVE_S = 7.5
 LOSSES = 12
 
 
 def injected(seconds: float, divisor: int) -> list[str]:
-    """Faults at random triggers, far enough apart to be told apart: the half of them triggers lost,
-    the others images lost.
+    """Faults at random triggers that are far enough apart to be told from each other: half of them
+    lost triggers, half lost images.
     """
     draw, triggers = random.Random(divisor), int(seconds * 1000 / divisor)
     places = draw.sample(range(20, triggers - 20, 4), LOSSES)
@@ -43,76 +42,49 @@ def injected(seconds: float, divisor: int) -> list[str]:
     ]
 
 
-def run(path: Path, seconds: float, divisor: int, faults: list[str]) -> Any:
-    """The bench after one run."""
-    travel = (seconds - BEFORE_DRIVE_S) * 4.9
-    overrides = [f"camera.divisor={divisor}", f"run.travel={travel:.0f}", f"sim.faults={faults}"]
-    overrides += [f"limits.travel={max(500, travel + 10):.0f}"]
-    made = live.make_run(config.load(Path("hil-emulated"), overrides), path, pace=1.0)
-    made.start()
-    outcome = made.wait()
-    assert outcome is not None
-    return made, outcome
-
-
-def tell(path: Path, made: Any, outcome: Any, faults: list[str]) -> None:
-    """Compare the file with the world."""
-    world, counts = made._bench.world, outcome.counts
-    with h5py.File(path) as f:
-        group, data = f["/entry/triggers"], f["/entry/instrument/camera/data"]
-        index, sample, row = (group[name][:] for name in ("index", "sample", "image"))
-        renderer, half = Renderer(world.scenario), world.scenario.exposure_samples // 2
-        wrong = [
-            int(n)
-            for n, s, r in zip(index, sample, row, strict=True)
-            if r >= 0
-            and not np.array_equal(data[r], renderer.image(world.state(int(s) + half), int(n)))
-        ]
-        lost = set(index[row < 0].tolist())
-        samples = len(f["/entry/forces/shear_force"])
-    asked: set[int] = set()
+def triggers_of(faults: list[str]) -> set[int]:
+    """The triggers that the faults take the frame from."""
+    lost: set[int] = set()
     for fault in faults:
         _, first, count = fault.split()
-        asked |= set(range(int(first), int(first) + int(count)))
-    asked &= set(range(counts.triggers))
-    print(
-        f"  {outcome.state}: {outcome.reason}; {outcome.resources['cpu_s']:.0f} s of CPU in"
-        f" {outcome.resources['wall_s']:.0f} s"
-    )
-    print(f"  samples: {counts.samples} read, {counts.samples_lost} lost, {samples} in the file")
-    print(
-        f"  triggers: {counts.triggers}; {counts.frames_received} frames, {counts.frames_lost}"
-        f" lost; analysed {counts.frames_analysed}"
-    )
-    print(
-        f"  losses: {len(asked)} injected, {len(asked & lost)} found at their index,"
-        f" {len(lost - asked)} that were not injected"
-    )
-    print(
-        f"  frames that do not show the world at their sample: {len(wrong)} of"
-        f" {counts.frames_recorded}",
-        flush=True,
-    )
+        lost.update(range(int(first), int(first) + int(count)))
+    return lost
 
 
-def main(seconds: float, divisors: list[int]) -> None:
-    """Run and tell."""
-    print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; {seconds:g} s each")
+def compare(
+    report: Report, column: str, path: Path, world: World, outcome: Outcome, faults: list[str]
+) -> None:
+    """Report the account of the run, and how far the file is from the world."""
+    account(report, outcome, {"samples lost": 0}, column)
+    renderer, wrong = Renderer(world.settings), 0
+    with h5py.File(path) as file:
+        triggers, images = file["/entry/triggers"], file["/entry/instrument/camera/data"]
+        index, sample, row = (triggers[name][:] for name in ("index", "sample", "image"))
+        for n, s, r in zip(index.tolist(), sample.tolist(), row.tolist(), strict=True):
+            if r >= 0:
+                shown = renderer.image(world.state(middle_of_exposure(world, s)), n)
+                wrong += not np.array_equal(images[r], shown)
+    lost = set(index[row < 0].tolist())
+    expected = triggers_of(faults) & set(index.tolist())
+    for name, value, at_most in (
+        ("losses injected", len(expected), None),
+        ("losses injected and not recorded at their trigger", len(expected - lost), 0),
+        ("losses that were not injected", len(lost - expected), 0),
+        ("frames that do not show the world at their sample", wrong, 0),
+    ):
+        report.add(name, value, at_most=at_most, column=column)
+
+
+def measure(report: Report, seconds: float = 60.0, divisors: Sequence[int] = (125, 42)) -> None:
+    """Run each rate twice and compare."""
+    travel = (seconds - BEFORE_DRIVE_S) * 4.9
     for divisor in divisors:
         for faults in ([], injected(seconds, divisor)):
-            print(
-                f"{1000 / divisor:.1f} frames/s,"
-                f" {'losses injected' if faults else 'nothing injected'}:",
-                flush=True,
-            )
+            column = f"{1000 / divisor:.1f} frames/s{', with losses' if faults else ''}"
+            overrides = [f"run.travel={travel:.0f}", f"limits.travel={max(500, travel + 10):.0f}"]
+            overrides += [f"camera.divisor={divisor}", f"sim.faults={faults}"]
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "hil.h5"
-                made, outcome = run(path, seconds, divisor, faults)
-                tell(path, made, outcome, faults)
-
-
-if __name__ == "__main__":
-    main(
-        float(sys.argv[1]) if len(sys.argv) > 1 else 60.0,
-        [int(n) for n in sys.argv[2:]] or [125, 42],
-    )
+                made = experiment(path, overrides, bench="hil-emulated")
+                outcome = made.outcome()
+                compare(report, column, path, made.world, outcome, faults)

@@ -1,16 +1,12 @@
-"""CPU time of a simulated picture at 1600 x 1200, and how far the fast renderer is from the exact
-one.
+"""Processor time of a simulated picture of 1600 x 1200 pixels, and how far the fast renderer is from
+the exact one. The difference is given as an apparent displacement: the least-squares fit, over
+boxes of 20 px, of the gradient of the exact picture to the difference of the two pictures.
 
-Run from the root of the tree: ``python -m benchmarks.render``. The difference is an apparent
-displacement: least squares over boxes of 20 px, the gradient of the exact picture against the
-difference of the two.
+    python -m benchmarks render
 """
 
 from __future__ import annotations
 
-import datetime
-import os
-import platform
 import statistics
 import time
 from collections.abc import Callable
@@ -18,15 +14,14 @@ from collections.abc import Callable
 import numpy as np
 from scipy import ndimage
 
+from benchmarks.report import Report
 from drivers.sim.images import Renderer
-from drivers.sim.scenario import Scenario
-from drivers.sim.settings import SimSettings
-from drivers.sim.truth import State
-from drivers.sim.world import World
+from drivers.sim.world import State, World, WorldSettings
 
+SUBJECT = "Simulated pictures"
 SLOPE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-"""Derivative by central differences of the eighth order: speckle this fine is 20 % too flat for the
-second order.
+"""Derivative by central differences of the eighth order: those of the second order make the slope
+of such fine speckle 20 % too small.
 """
 
 
@@ -45,21 +40,18 @@ def apparent_shift_px(reference, picture, box=20):
 
 
 def states() -> dict[str, State]:
-    """A drive: pressed, partial slip, full sliding."""
-    world = World(Scenario(sim=SimSettings(press_time=0.0), press_samples=1), pace=None)
+    """Three moments of a drive."""
+    world = World(WorldSettings(press_sample=0, press_duration=1), pace=None)
     world.start()
     world.advance(2)
     world.move(300e-6, 5e-6)
     world.advance(40_000)
-    return {
-        "pressed": world.state(2),
-        "partial slip": world.state(15_000),
-        "sliding": world.state(40_000),
-    }
+    samples = {"pressed": 2, "partial slip": 15_000, "full sliding": 40_000}
+    return {name: world.state(sample) for name, sample in samples.items()}
 
 
 def cpu_ms(work: Callable[[], object], times: int) -> float:
-    """Median CPU time of `work`, after one call that warms it."""
+    """Median processor time of `work` in milliseconds, after one call that warms it up."""
     work()
     spent = []
     for _ in range(times):
@@ -69,28 +61,16 @@ def cpu_ms(work: Callable[[], object], times: int) -> float:
     return 1e3 * statistics.median(spent)
 
 
-def main() -> None:
-    """Print the table."""
-    fast, exact = (Renderer(Scenario(sim=SimSettings(renderer=name))) for name in ("fast", "exact"))
-    print(
-        f"{datetime.date.today()}  {platform.processor() or platform.machine()}, {os.cpu_count()}"
-        f" CPUs, Python {platform.python_version()}"
-    )
-    print(
-        "state          fast ms  exact ms   apparent shift fast - exact, px: rms   worst box of 20"
-    )
+def measure(report: Report) -> None:
+    """Compare the two renderers."""
+    fast, exact = (Renderer(WorldSettings(renderer=name)) for name in ("fast", "exact"))
     for name, state in states().items():
         truth = exact.grey(state, exact=True)
         shift = apparent_shift_px(truth, fast.grey(state, exact=False))
-        times = (
-            cpu_ms(lambda s=state: fast.image(s, 0), 25),
-            cpu_ms(lambda s=state: exact.image(s, 0), 3),
+        report.row(
+            name,
+            fast=(cpu_ms(lambda s=state: fast.image(s, 0), 25), "ms"),
+            exact=(cpu_ms(lambda s=state: exact.image(s, 0), 3), "ms"),
+            rms_difference=(np.sqrt(np.mean(shift**2)), "px"),
+            largest_difference=(np.abs(shift).max(), "px"),
         )
-        print(
-            f"{name:14s} {times[0]:7.1f}  {times[1]:8.0f}   {np.sqrt(np.mean(shift**2)):38.5f}  "
-            f" {np.abs(shift).max():.4f}"
-        )
-
-
-if __name__ == "__main__":
-    main()

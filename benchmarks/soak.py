@@ -1,74 +1,62 @@
-"""A long run, and whether memory stays flat and nothing is lost.
+"""A long run on the simulated bench at 1600 x 1200, recorded and analysed: does memory stay flat, is
+anything lost? Memory is compared with that after the first minute of the bench's clock, when
+everything that is made once has been made: by a line fitted to it from then on, and by its largest
+value.
 
-    python benchmarks/soak.py virtual [--minutes 30] [--rate 8]      # as fast as the machine, on
-    the clock of the samples python benchmarks/soak.py live [--minutes 10] [--rate 23.8] [--window]
-    # in real time python benchmarks/soak.py live --minutes 1 --disk 20     # to a disk that takes
-    20 MB/s and no more
+    python -m benchmarks soak virtual [--minutes 30] [--rate 8]           as fast as the machine
+    python -m benchmarks soak live [--minutes 10] [--rate 23.8] [--window]        in real time
+    python -m benchmarks soak live --minutes 1 --disk 20        on a disk that takes 20 MB/s
 
-The simulated bench at 1600 x 1200, recorded and analysed, driven by 300 um at the velocity that
-takes so long. Every few seconds it notes memory, processor time by thread, and the account of
-frames. At the end it prints how memory grew after the first minute of the bench's clock, what each
-thread took, and what became of every frame and sample; exits with 1 if one was lost, if the session
-is not what was recorded, or if the run did not end as it should: done, or by the name of a disk
-that is too slow. The last line is the same as JSON. The session, 19 MB for each second at 8
-frames/s, is removed; --keep leaves it.
+The stage is driven by 300 um at the velocity that takes so long. The exit code is 1 if a frame or a
+sample was lost, if the session is not what was recorded, or if the run did not end as it should:
+with its travel done, or, on a slow disk, with an error that names the disk. The session takes 19 MB
+for each second at 8 frames/s and is removed unless --keep is given.
 """
 
 from __future__ import annotations
 
-import argparse
-import datetime
-import json
 import os
-import platform
 import shutil
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import psutil
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from app import config as settings
-from app import live
 from app.engine.run import Run
 from app.errors import UserError
-from app.results import Outcome
+from app.records import Outcome
+from benchmarks.report import Report
+from benchmarks.simulated import account, experiment
 
+SUBJECT = "Long runs"
 TRAVEL_UM = 300.0
 EVERY_S = 2.0
-FIRST_S = 60.0  # of the bench's clock: what is made once is made by then
+FIRST_S = 60.0  # of the bench's clock: by then everything that is made once has been made
 MIB = 2**20
+MINUTES, RATE_HZ = {"virtual": 30.0, "live": 10.0}, {"virtual": 8.0, "live": 23.8}
 
 
 def memory_bytes() -> tuple[int, int]:
-    """Resident memory of this process, and how much of that is its own data (not files that are
-    mapped, as libraries are).
-    """
-    resident = psutil.Process().memory_info().rss
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-    except OSError:
-        return resident, resident
-    return resident, 1024 * next(
-        int(line.split()[1]) for line in lines if line.startswith("RssAnon")
-    )
+    """Resident memory of this process, and the part of it that maps no file, as libraries do."""
+    memory = psutil.Process().memory_info()
+    return memory.rss, memory.rss - getattr(memory, "shared", 0)
 
 
 @dataclass
 class Watch:
-    """Notes the state of a run until it has ended.
+    """The state of a run, noted every few seconds until it ends.
 
     Attributes
     ----------
     rows : list of tuple
-        Bench's clock (s), resident and own memory (bytes), queue fill.
+        Bench's clock (s), resident and own memory (bytes), share of the recorder's queue in use.
     cpu_s : dict
         Processor time by the name of the thread.
     """
@@ -78,11 +66,11 @@ class Watch:
     cpu_s: dict[str, float] = field(default_factory=dict)
 
     def work(self) -> None:
-        """Look every few seconds."""
+        """Note the state until the run has ended."""
         while self.run.wait(EVERY_S) is None:
-            self.look()
+            self.note()
 
-    def look(self) -> None:
+    def note(self) -> None:
         """Note the state now."""
         health = self.run.health()
         if health.state != "running":
@@ -90,149 +78,34 @@ class Watch:
         names = {thread.native_id: thread.name for thread in threading.enumerate()}
         taken: dict[str, float] = {}
         for one in psutil.Process().threads():
-            name = names.get(one.id, "without a name: the libraries'")
+            name = names.get(one.id, "threads of libraries")
             taken[name] = taken.get(name, 0.0) + one.user_time + one.system_time
         self.cpu_s |= taken
-        self.rows.append(
-            (health.sample / self.run.sample_rate_hz, *memory_bytes(), health.queue_fill)
+        seconds = health.sample / self.run.sample_rate_hz
+        self.rows.append((seconds, *memory_bytes(), health.queue_fill))
+        progress = (
+            f"\r{seconds:6.0f} s  {self.rows[-1][1] / MIB:7.1f} MiB"
+            f"  {health.counts.frames_recorded} frames, {health.counts.frames_skipped} skipped,"
+            f" queue {health.queue_fill:4.0%} "
         )
-        done = health.counts
-        print(
-            f"\r{self.rows[-1][0]:6.0f} s  {self.rows[-1][1] / MIB:7.1f} MiB "
-            f" {done.frames_recorded} frames, {done.frames_skipped} skipped,"
-            f" queue {health.queue_fill:4.0%} ",
-            end="",
-            file=sys.stderr,
-            flush=True,
-        )
+        print(progress, end="", file=sys.stderr, flush=True)
 
 
-def growth(rows: np.ndarray, column: int) -> tuple[float, float, float]:
-    """Memory after the first minute (MiB), and its growth from there to the end in %: of the fitted
-    line, and of the largest value.
+def tell_growth(
+    report: Report, name: str, seconds: np.ndarray, memory: np.ndarray, at_most: float | None
+) -> None:
+    """Report memory (MiB) after the first minute and its growth from then on: of a fitted line, and
+    of the largest value. A run too short for that has none.
     """
-    after = rows[rows[:, 0] >= FIRST_S] if (rows[:, 0] >= FIRST_S).sum() > 2 else rows
-    if len(after) < 2:
-        return float(after[0, column] / MIB), np.nan, np.nan  # too short to tell
-    slope, start = np.polyfit(after[:, 0] - after[0, 0], after[:, column] / MIB, 1)
-    return (
-        start,
-        100 * slope * (after[-1, 0] - after[0, 0]) / start,
-        100 * (after[:, column].max() / MIB / after[0, column] * MIB - 1),
-    )
-
-
-def report(
-    asked: argparse.Namespace, run: Run, watch: Watch, outcome: Outcome, path: Path, wall_s: float
-) -> dict[str, Any]:
-    """What is printed, by name."""
-    counts, rows = outcome.counts, np.array(watch.rows)
-    seconds = counts.samples / run.sample_rate_hz
-    found: dict[str, Any] = {
-        "mode": asked.mode,
-        "window": asked.window,
-        "bench_s": round(seconds, 1),
-        "wall_s": round(wall_s, 1),
-    }
-    for name, column in (("memory", 1), ("own_memory", 2)):
-        start, fitted, largest = growth(rows, column)
-        found |= {
-            f"{name}_minute_1_mib": round(start, 1),
-            f"{name}_end_mib": round(rows[-1, column] / MIB, 1),
-        }
-        found |= {
-            f"{name}_growth_percent": round(fitted, 2),
-            f"{name}_largest_over_minute_1_percent": round(largest, 2),
-        }
-    found |= {
-        "frames": counts.frames_recorded,
-        "frames_lost": counts.triggers - counts.frames_recorded,
-    }
-    found |= {
-        "samples": counts.samples,
-        "samples_lost": counts.samples_lost,
-        "fullest_queue": round(float(rows[:, 3].max()), 3),
-    }
-    found |= {"analysed_share": round(counts.frames_analysed / counts.triggers, 4)}
-    found |= {
-        "mb_per_s": round(path.stat().st_size / seconds / 1e6, 2),
-        "mb_per_wall_s": round(path.stat().st_size / wall_s / 1e6, 2),
-    }
-    found |= {
-        f"cpu of {name}": round(cpu, 2)
-        for name, cpu in sorted(watch.cpu_s.items(), key=lambda item: -item[1])
-    }
-    found |= {
-        "recorder_share_of_a_core": round(
-            watch.cpu_s.get("slipscope-recorder", 0.0) / rows[-1, 0], 4
-        )
-    }
-    return found | {
-        "state": outcome.state,
-        "reason": outcome.reason,
-        "receipt": outcome.resources.get("receipt", "none"),
-    }
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run, watch, print; 1 where something was lost."""
-    ask = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    ask.add_argument("mode", choices=("virtual", "live"))
-    ask.add_argument("--minutes", type=float)
-    ask.add_argument("--rate", type=float)
-    ask.add_argument(
-        "--window", action="store_true", help="with the window, offscreen where there is no screen"
-    )
-    ask.add_argument("--disk", type=float, metavar="MB/s", help="what the disk takes at most")
-    ask.add_argument("--folder", type=Path, help="for the session")
-    ask.add_argument("--keep", action="store_true")
-    ask.add_argument("--set", action="append", default=[])
-    asked = ask.parse_args(argv)
-    minutes = asked.minutes or {"virtual": 30.0, "live": 10.0}[asked.mode]
-    rate = asked.rate or {"virtual": 8.0, "live": 23.8}[asked.mode]
-    drive = (
-        f"run.travel={TRAVEL_UM}",
-        f"run.velocity={TRAVEL_UM / (60 * minutes)}",
-        f"camera.divisor={round(1000 / rate)}",
-    )
-    config = settings.load(None, [*drive, *asked.set])
-    folder = Path(tempfile.mkdtemp(prefix="soak-", dir=asked.folder))
-    try:
-        return soak(asked, config, folder / "soak.h5")
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
-    finally:
-        if not asked.keep:
-            shutil.rmtree(folder)
-
-
-def soak(asked: argparse.Namespace, config: settings.Config, path: Path) -> int:
-    """Make the run, tell what came of it; 1 where something was lost."""
-    run = live.make_run(config, path, pace=None if asked.mode == "virtual" else 1.0)
-    if asked.disk:
-        slow_down(run, asked.disk * 1e6)
-    watch = Watch(run)
-    watching = threading.Thread(target=watch.work, name="soak", daemon=True)
-    began = time.monotonic()
-    outcome = with_window(run, watching, path) if asked.window else alone(run, watching)
-    found = report(asked, run, watch, outcome, path, time.monotonic() - began)
-    print(
-        f"\n{platform.platform()}, {platform.machine()}, {datetime.date.today()};"
-        f" {' '.join(sys.argv[1:])}; {path}"
-    )
-    for name, value in found.items():
-        print(f"{name:44s} {value}")
-    print(json.dumps(found))
-    whole = not (found["frames_lost"] or found["samples_lost"]) and found["receipt"] != "none"
-    as_it_should = (
-        outcome.reason.startswith("recorder: the disk is slower than the data")
-        if asked.disk
-        else outcome.state == "done"
-    )
-    return 0 if whole and as_it_should else 1
+    late = seconds >= FIRST_S
+    if late.sum() < 3:
+        return
+    seconds, memory = seconds[late] - seconds[late][0], memory[late]
+    slope, start = np.polyfit(seconds, memory, 1)
+    largest = 100 * (memory.max() / memory[0] - 1)
+    report.add(f"{name} after a minute", start, "MiB", digits=4)
+    report.add(f"{name}: growth", 100 * slope * seconds[-1] / start, "%", at_most, digits=2)
+    report.add(f"{name}: growth of the largest value", largest, "%", digits=2)
 
 
 def slow_down(run: Run, bytes_per_s: float) -> None:
@@ -257,29 +130,74 @@ def slow_down(run: Run, bytes_per_s: float) -> None:
     run._create_sink = slowed
 
 
-def alone(run: Run, watching: threading.Thread) -> Outcome:
-    """How the run ended."""
-    run.start()
-    watching.start()
+def outcome_of(run: Run, watch: Watch, screenshot: Path | None) -> Outcome:
+    """Run to the end, in a window if it has a place for the screenshot."""
+    watching = threading.Thread(target=watch.work, name="soak", daemon=True)
+    if screenshot:
+        if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+            os.environ["QT_QPA_PLATFORM"] = "offscreen"
+        from app.gui.start import run_window
+
+        watching.start()
+        run_window(lambda: run, autostart=True, screenshot=screenshot)
+    else:
+        run.start()
+        watching.start()
     outcome = run.wait()
     watching.join()
+    print(file=sys.stderr)
     assert outcome is not None
     return outcome
 
 
-def with_window(run: Run, watching: threading.Thread, path: Path) -> Outcome:
-    """How the run in a window ended."""
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ["QT_QPA_PLATFORM"] = "offscreen"
-    from app.gui.start import run_window
+def tell(report: Report, run: Run, watch: Watch, outcome: Outcome, mb: float) -> None:
+    """Report the account of frames and samples, the memory and the processor time."""
+    account(report, outcome)
+    rows, seconds = np.array(watch.rows), outcome.counts.samples / run.sample_rate_hz
+    tell_growth(report, "memory", rows[:, 0], rows[:, 1] / MIB, at_most=1)
+    tell_growth(report, "memory without mapped files", rows[:, 0], rows[:, 2] / MIB, at_most=None)
+    report.add("fullest recorder queue", 100 * rows[:, 3].max(), "%")
+    share = watch.cpu_s.get("slipscope-recorder", 0.0) / rows[-1, 0]
+    report.add("recorder", 100 * share, "% of a core", at_most=20)
+    for name, cpu in sorted(watch.cpu_s.items(), key=lambda item: -item[1]):
+        report.add(f"processor time: {name}", cpu, "s", digits=2)
+    report.add("session", mb / seconds, "MB/s of the bench's clock")
+    report.add("duration on the bench's clock", seconds, "s", digits=4)
 
-    watching.start()
-    run_window(lambda: run, autostart=True, screenshot=path.with_suffix(".png"))
-    watching.join()
-    outcome = run.wait()
-    assert outcome is not None
-    return outcome
 
-
-if __name__ == "__main__":
-    sys.exit(main())
+def measure(
+    report: Report,
+    mode: Annotated[str, MINUTES],
+    *,
+    minutes: float | None = None,
+    rate: float | None = None,
+    window: bool = False,
+    disk: float | None = None,
+    folder: Path | None = None,
+    keep: bool = False,
+    set_: Sequence[str] = (),
+) -> int:
+    """Run, watch, report; 1 where something was lost, 2 where the run could not be made."""
+    minutes, rate = minutes or MINUTES[mode], rate or RATE_HZ[mode]
+    drive = [f"run.travel={TRAVEL_UM}", f"run.velocity={TRAVEL_UM / (60 * minutes)}"]
+    drive.append(f"camera.divisor={round(1000 / rate)}")
+    temporary = Path(tempfile.mkdtemp(prefix="soak-", dir=folder))
+    path = temporary / "soak.h5"
+    try:
+        pace = None if mode == "virtual" else 1.0
+        run = experiment(path, [*drive, *set_], pace=pace).run
+        if disk:
+            slow_down(run, disk * 1e6)
+        watch = Watch(run)
+        outcome = outcome_of(run, watch, path.with_suffix(".png") if window else None)
+        tell(report, run, watch, outcome, path.stat().st_size / 1e6)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        return 2
+    finally:
+        if not keep:
+            shutil.rmtree(temporary)
+    counts, names_disk = outcome.counts, "the disk is slower than the data" in outcome.reason
+    is_whole = counts.triggers == counts.frames_recorded and not counts.samples_lost
+    ended_well = names_disk if disk else outcome.state == "done"
+    return int(not (is_whole and ended_well and "receipt" in outcome.resources))

@@ -1,16 +1,17 @@
-"""Speckle pictures whose displacement is known exactly, for the benchmarks of digital image
-correlation.
+"""Speckle pictures whose displacement is known exactly, for the benchmarks of the image correlation.
 
 Nothing is interpolated: every blob of a random pattern is moved by the displacement at its own
-centre, deformed by the gradient there, and integrated over the pixels. What remains is the
-curvature of the displacement over one blob: below 1e-3 px at the sharpest front here. A set is
-rendered once and kept in the system's folder for temporary files.
+centre, deformed by the gradient there, and integrated over the pixels. The error that remains comes
+from the curvature of the displacement over one blob, and is below 1e-3 px at the sharpest front
+here. A set is rendered once and kept in the system's folder for temporary files.
 
 Sets, each after a reference that does not move:
-  translation  u_x = 0, 0.05 ... 1 px: the bias at every fraction of a pixel
-  long         u_x = 0.14 ... 14 px in steps of 0.495 px: the calibration of Prevost et al. (2013),
-  section 2.3.2 contact      a stick disc r < c that shrinks while U grows to 4 px, then full
-  sliding to 10 px; the greatest slope is 1.9 %
+
+translation  u_x = 0, 0.05 ... 1 px: the bias at every fraction of a pixel
+long         u_x = 0.14 ... 14 px in steps of 0.495 px: the calibration of Prevost et al. (2013),
+             section 2.3.2
+contact      a stick disc that shrinks while the drive grows to 4 px, then full sliding to 10 px;
+             the largest slope is 1.9 %
 """
 
 from __future__ import annotations
@@ -33,16 +34,11 @@ from drivers.sim.speckle import SPECKLE_DIAMETER_PX, SPECKLE_PER_PX2, add_blobs
 Array = NDArray[np.float64]
 
 SIZE = (1200, 1600)
-CONTRASTS = {"standard": (40.0, 20.0), "low": (12.0, 90.0)}
-"""Standard deviation of the picture and level under the blobs, grey levels."""
-HALO_PX = 40
-"""The pattern goes on outside the picture, so that blobs can move in."""
+DEVIATION, LEVEL = 40.0, 20.0  # of the picture, and under the blobs: grey levels
+HALO_PX = 40  # the pattern continues outside the picture, so that blobs can move in
 CONTACT_RADIUS_PX, FULL_SLIP_PX = 320.0, 4.0
-RING_PX = 10
-"""The graded zone is scored with this much around it."""
-RECIPE = 1
-"""Part of the key of the kept pictures: to be raised when the same parameters give other pictures.
-"""
+RING_PX = 10  # the graded zone is scored with this much around it
+RECIPE = 2  # part of the key of the kept pictures; other pictures from the same sets need another
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,18 +62,8 @@ class Motion:
     def contact(cls, drive: float, size: tuple[int, int]) -> Motion:
         """Partial slip up to a drive of 4 px, full sliding beyond."""
         stick = CONTACT_RADIUS_PX * max(0.0, 1 - drive / FULL_SLIP_PX)
-        return cls(
-            max(0.0, drive - FULL_SLIP_PX),
-            drive,
-            stick,
-            CONTACT_RADIUS_PX,
-            (size[1] / 2, size[0] / 2),
-        )
-
-    @property
-    def graded(self) -> bool:
-        """Whether the displacement differs from point to point."""
-        return self.inside != self.outside
+        inside, centre = max(0.0, drive - FULL_SLIP_PX), (size[1] / 2, size[0] / 2)
+        return cls(inside, drive, stick, CONTACT_RADIUS_PX, centre)
 
     def __call__(self, x: Any, y: Any) -> tuple[Array, Array]:
         """The exact (u_x, u_y) at points (x, y) of the reference."""
@@ -92,30 +78,27 @@ class Motion:
         return slope * (x - self.centre[0]), slope * (y - self.centre[1])
 
     def ring(self, x: Any, y: Any) -> NDArray[np.bool_]:
-        """Which points lie in the graded zone."""
-        r = self._distance(x, y)
-        return (r > self.stick - RING_PX) & (r < self.radius + RING_PX) & self.graded
+        """Which points lie in the graded zone; none if the displacement is uniform."""
+        r, is_graded = self._distance(x, y), self.inside != self.outside
+        return (r > self.stick - RING_PX) & (r < self.radius + RING_PX) & is_graded
 
     def _distance(self, x: Any, y: Any) -> Array:
         return np.hypot(
-            np.asarray(x, np.float64) - self.centre[0], np.asarray(y, np.float64) - self.centre[1]
+            np.asarray(x, float) - self.centre[0], np.asarray(y, float) - self.centre[1]
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One 8-bit picture, shape (rows, columns), and its displacement from the reference; `kind` is
-    reference, uniform or contact.
-    """
+    """One 8-bit picture, shape (rows, columns), and its displacement from the reference."""
 
     image: NDArray[np.uint8]
     truth: Motion
-    kind: str
 
 
 class Pattern:
-    """Gaussian blobs at random places, the same for the same seed: e^-2 diameters of 3-5 px, peaks
-    of 0.4-1, 0.15 per square pixel.
+    """Gaussian blobs at random places, the same for the same seed: e^-2 diameters of 3-5 px, peaks of
+    0.4-1, 0.15 per square pixel.
     """
 
     def __init__(self, size: tuple[int, int] = SIZE, seed: int = 1) -> None:
@@ -123,22 +106,19 @@ class Pattern:
         rows, columns = size
         n = int(SPECKLE_PER_PX2 * (rows + 2 * HALO_PX) * (columns + 2 * HALO_PX))
         self.size = size
-        self.x, self.y = (
-            rng.uniform(-HALO_PX, columns + HALO_PX, n),
-            rng.uniform(-HALO_PX, rows + HALO_PX, n),
-        )
+        self.x = rng.uniform(-HALO_PX, columns + HALO_PX, n)
+        self.y = rng.uniform(-HALO_PX, rows + HALO_PX, n)
         self.variance = (rng.uniform(*SPECKLE_DIAMETER_PX, n) / 4) ** 2
         self.peak = rng.uniform(0.4, 1.0, n)
-        self.peak /= self._raw(Motion.uniform(0)).std()
+        self.peak /= self._raw(Motion.uniform(0), 0.0).std()
 
-    def grey(self, motion: Motion, contrast: str = "standard", uy: float = 0.0) -> Array:
-        """Exact grey levels after `motion`, neither noisy nor rounded; `uy` moves all along y as
-        well.
+    def grey(self, motion: Motion, uy: float = 0.0) -> Array:
+        """Exact grey levels after `motion`, without noise and rounding; `uy` moves everything along
+        y as well.
         """
-        deviation, level = CONTRASTS[contrast]
-        return level + deviation * self._raw(motion, uy)
+        return LEVEL + DEVIATION * self._raw(motion, uy)
 
-    def _raw(self, motion: Motion, uy: float = 0.0) -> Array:
+    def _raw(self, motion: Motion, uy: float) -> Array:
         image = np.zeros(self.size)
         gx, gy = motion.gradient(self.x, self.y)
         # F = [[1 + gx, gy], [0, 1]] makes the covariance s^2 F F^T
@@ -148,9 +128,9 @@ class Pattern:
 
 
 @lru_cache(maxsize=2)
-def pattern(size: tuple[int, int] = SIZE, seed: int = 1) -> Pattern:
+def pattern(size: tuple[int, int] = SIZE) -> Pattern:
     """The pattern of the sets, made once."""
-    return Pattern(size, seed)
+    return Pattern(size)
 
 
 def camera(grey: Array, noise: float, rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -158,69 +138,38 @@ def camera(grey: Array, noise: float, rng: np.random.Generator) -> NDArray[np.ui
     return np.clip(np.rint(grey + noise * rng.normal(size=grey.shape)), 0, 255).astype(np.uint8)
 
 
-def motions(name: str, size: tuple[int, int] = SIZE) -> list[Motion]:
-    """The displacements of the set `name`: translation, long or contact.
+def motions(name: str) -> list[Motion]:
+    """The displacements of a set: translation, long or contact."""
+    return {
+        "translation": [Motion.uniform(0.05 * k) for k in range(21)],
+        "long": [Motion.uniform(0.14 + 0.495 * k) for k in range(29)],
+        "contact": [Motion.contact(0.5 * k, SIZE) for k in range(1, 21)],
+    }[name]
 
-    Raises
-    ------
-    ValueError
-        There is no such set.
+
+def images(name: str, noise: float) -> Iterator[Frame]:
+    """The reference, then every picture of a set; each, the reference too, has its own camera
+    noise.
     """
-    match name:
-        case "translation":
-            return [Motion.uniform(0.05 * k) for k in range(21)]
-        case "long":
-            return [Motion.uniform(0.14 + 0.495 * k) for k in range(29)]
-        case "contact":
-            return [Motion.contact(0.5 * k, size) for k in range(1, 21)]
-    raise ValueError(f"speckle: set {name!r} asked; use translation, long or contact")
-
-
-def images(
-    name: str,
-    noise: float = 0.0,
-    contrast: str = "standard",
-    seed: int = 1,
-    size: tuple[int, int] = SIZE,
-) -> Iterator[Frame]:
-    """The reference, then every picture of a set; every picture, the reference too, has its own
-    camera noise.
-
-    Raises
-    ------
-    ValueError
-        There is no such set.
-    """
-    moved = [Motion.uniform(0), *motions(name, size)]
-    kinds = ["reference", *("contact" if motion.graded else "uniform" for motion in moved[1:])]
-    key = hashlib.sha256(
-        repr((RECIPE, name, float(noise), CONTRASTS[contrast], seed, size, moved)).encode()
-    ).hexdigest()[:16]
+    moved = [Motion.uniform(0), *motions(name)]
+    recipe = repr((RECIPE, float(noise), moved)).encode()
+    key = hashlib.sha256(recipe).hexdigest()[:16]
     file = Path(tempfile.gettempdir(), "slipscope-speckle", f"{name}-{key}.npy")
     if not file.exists():
-        stack = np.empty((len(moved), *size), np.uint8)
+        stack = np.empty((len(moved), *SIZE), np.uint8)
         for k, motion in enumerate(moved):
-            stack[k] = camera(
-                pattern(size, seed).grey(motion, contrast),
-                noise,
-                np.random.default_rng([seed, k, round(1000 * noise)]),
-            )
+            rng = np.random.default_rng([1, k, round(1000 * noise)])
+            stack[k] = camera(pattern().grey(motion), noise, rng)
         file.parent.mkdir(exist_ok=True)
         unfinished = file.with_name(f"{file.name}.{os.getpid()}")
         with unfinished.open("wb") as stream:
             np.save(stream, stack)
         unfinished.replace(file)
-    for image, motion, kind in zip(np.load(file, mmap_mode="r"), moved, kinds, strict=True):
-        yield Frame(np.array(image), motion, kind)
+    for image, motion in zip(np.load(file, mmap_mode="r"), moved, strict=True):
+        yield Frame(np.array(image), motion)
 
 
-def noise_floor(
-    grid: Grid,
-    noise: float,
-    contrast: str = "standard",
-    seed: int = 1,
-    size: tuple[int, int] = SIZE,
-) -> Array:
+def noise_floor(grid: Grid, noise: float) -> Array:
     """Cramer-Rao bound of u_x in every box of `grid`, pixels, shape (ny, nx): no unbiased
     measurement scatters less.
 
@@ -228,30 +177,14 @@ def noise_floor(
     Its mean square over the points compares with that of a measurement. The gradients are those of
     the exact picture (differences over 0.02 px of blobs moved exactly: good to 1e-4).
     """
-    h = 0.01
-    exact = pattern(size, seed)
-    gx = (exact.grey(Motion.uniform(-h), contrast) - exact.grey(Motion.uniform(h), contrast)) / (
-        2 * h
-    )
-    gy = (
-        exact.grey(Motion.uniform(0), contrast, -h) - exact.grey(Motion.uniform(0), contrast, h)
-    ) / (2 * h)
+    h, exact, rest = 0.01, pattern(), Motion.uniform(0)
+    gx = (exact.grey(Motion.uniform(-h)) - exact.grey(Motion.uniform(h))) / (2 * h)
+    gy = (exact.grey(rest, -h) - exact.grey(rest, h)) / (2 * h)
 
     def total(a: Array) -> Array:
         sums: Array = np.pad(a, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
-        rows, below, columns, beyond = (
-            grid.top,
-            grid.top + grid.box_px,
-            grid.left,
-            grid.left + grid.box_px,
-        )
-        within = (
-            sums[below][:, beyond]
-            - sums[below][:, columns]
-            - sums[rows][:, beyond]
-            + sums[rows][:, columns]
-        )
-        return np.asarray(within)
+        bands = sums[grid.top + grid.box_px] - sums[grid.top]
+        return np.asarray(bands[:, grid.left + grid.box_px] - bands[:, grid.left])
 
     xx, xy, yy = total(gx * gx), total(gx * gy), total(gy * gy)
     return np.asarray(np.sqrt(2 * (noise**2 + 1 / 12) * yy / (xx * yy - xy**2)))

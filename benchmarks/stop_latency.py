@@ -1,50 +1,51 @@
-"""Milliseconds from a stop to the controller's stop command on the wire: ``python
-benchmarks/stop_latency.py [STOPS]``.
+"""Time from a call of `stop` to the stop command on the controller's line, in the real driver of
+the SMC100. Its emulated controller takes 10 ms over each answer on a line of 57600 baud, while
+another thread asks for position and state every 50 ms. The stops come at random moments of a move;
+a command has arrived with its last byte.
 
-The real driver of the SMC100 on an emulated controller whose line carries 57600 baud and which
-thinks 10 ms about each answer, while another thread reads position and state every 50 ms. A stop
-comes at a random moment of a move; its command has arrived with its last byte.
+    python -m benchmarks stop_latency [STOPS]
 """
 
 from __future__ import annotations
 
-import datetime
-import platform
 import random
-import statistics
 import sys
 import threading
 import time
-from pathlib import Path
+from collections import defaultdict
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
+from benchmarks.report import Report
 from drivers.actuator_newport import Smc100
-from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError
+from drivers.scene import Scene
 from drivers.settings import ActuatorSettings
 
+SUBJECT = "Stopping the actuator"
 POLL_S = 0.05
+BYTE_S, THINK_S = 10 / 57600, 0.01
 
 
-def measure(wire: str, stops: int) -> dict[str, list[float]]:
-    """Seconds of each kind, one per stop; "dead line" once."""
-    line = SerialLine(Controller(FreeStage()), wire, byte_s=10 / 57600, think_s=0.01)
-    driver = Smc100(ActuatorSettings(port=line.start()), SampleClock(1000.0))
+def opened(line: SerialLine) -> Smc100:
+    """The driver on a line."""
+    driver = Smc100(ActuatorSettings(port=line.start()), Scene())
     driver.open()
-    is_over, times = (
-        threading.Event(),
-        {name: [] for name in ("poll", "stop on the wire", "stop returns", "dead line is told")},
-    )
+    return driver
+
+
+def stop_often(wire: str, stops: int) -> dict[str, list[float]]:
+    """Seconds of each step, one value per stop; the failure of the line happens once."""
+    line = SerialLine(Controller(FreeStage()), wire, byte_s=BYTE_S, think_s=THINK_S)
+    driver = opened(line)
+    is_over, times = threading.Event(), defaultdict(list)
 
     def poll() -> None:
         while not is_over.wait(POLL_S):
             began = time.monotonic()
             driver.position_m(), driver.is_moving()
-            times["poll"].append(time.monotonic() - began)
+            times["position and state"].append(time.monotonic() - began)
 
     polling = threading.Thread(target=poll)
     polling.start()
@@ -53,8 +54,8 @@ def measure(wire: str, stops: int) -> dict[str, list[float]]:
         time.sleep(random.uniform(0.0, 2 * POLL_S))
         began = time.monotonic()
         driver.stop()
-        times["stop returns"].append(time.monotonic() - began)
-        times["stop on the wire"].append(
+        times["return of stop()"].append(time.monotonic() - began)
+        times["stop command on the line"].append(
             next(when for when, what in line.arrivals if when > began and what == b"1ST") - began
         )
         while driver.is_moving():
@@ -67,24 +68,16 @@ def measure(wire: str, stops: int) -> dict[str, list[float]]:
     try:
         driver.is_moving()
     except DeviceError:
-        times["dead line is told"].append(time.monotonic() - began)
+        times["error on a cut line"].append(time.monotonic() - began)
     try:
         driver.close()
-    except DeviceError:  # it says that the stage may still move
+    except DeviceError:  # its message says that the stage may still move
         return times
-    raise AssertionError("a dead line was closed without a word")
+    raise AssertionError("closing the driver on a cut line raised no error")
 
 
-def main(stops: int) -> None:
-    """Measure over each wire there is, and print."""
-    print(f"{platform.machine()}, {platform.system()}, {datetime.date.today()}; {stops} stops, ms")
-    for wire in ("pty", "tcp") if platform.system() != "Windows" else ("tcp",):
-        for name, seconds in measure(wire, stops).items():
-            print(
-                f"{wire}  {name:20s} median {1e3 * statistics.median(seconds):6.2f}, worst"
-                f" {1e3 * max(seconds):6.2f}"
-            )
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2] or ["100"]))
+def measure(report: Report, stops: int = 100) -> None:
+    """Measure over a pseudo-terminal, where there is one, and over a network port."""
+    for wire in ("tcp",) if sys.platform == "win32" else ("pty", "tcp"):
+        for name, seconds in stop_often(wire, stops).items():
+            report.times(f"{name} ({wire})", seconds)

@@ -2,9 +2,8 @@
 the images of a run.
 
 ================================  ============================================================
-paper, section 2.3.2 and Fig. 4   `DirectTracker`: direct correlation, 2D Gaussian, warm start
-beyond the paper                  `open_tracker`: that, IC-GN and shared passes behind one `Tracker`;
-`strain`
+paper, section 2.3.2 and Fig. 4   ``Correlation(method="direct")``: direct correlation, 2D Gaussian
+beyond the paper                  the methods ``shared`` and ``icgn``; `strain`
 ================================  ============================================================
 """
 
@@ -13,14 +12,12 @@ from analysis.dic.field import Field, Tracker
 from analysis.dic.grid import Grid
 from analysis.dic.status import Status
 from analysis.dic.strain import Strain, strain
-from analysis.dic.tracker import DirectTracker
 from analysis.settings import INTERPOLANTS, METHODS, Correlation
 
 __all__ = [
     "INTERPOLANTS",
     "METHODS",
     "Correlation",
-    "DirectTracker",
     "Field",
     "Grid",
     "Status",

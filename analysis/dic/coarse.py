@@ -1,20 +1,19 @@
-"""Where the boxes have gone to, roughly: a search in images reduced four and two times."""
+"""Roughly where the boxes have moved to: a search in images reduced four and two times."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.dic.field import filled
+from analysis.arrays import F64, Array, Bool
 from analysis.dic.grid import Grid
-from analysis.dic.tracker import DirectTracker
+from analysis.dic.neighbours import filled
+from analysis.dic.searching import DirectSearch
+from analysis.dic.status import LOW_CONTRAST
+from analysis.dic.tracker import Reference
 
-F64 = NDArray[np.float64]
 BOX, STEP = 16, 8  # of the reduced images
-FACTORS = (4, 2, 1)  # the search is tried in this order, until it finds something
+FACTORS = (4, 2, 1)  # tried in this order, until one of them finds the points
 ENOUGH = 0.5  # share of the points with contrast that must be found
 
 
@@ -23,78 +22,71 @@ class CoarseSearch:
 
     Parameters
     ----------
-    reference : ndarray, shape (rows, columns)
-    grid : Grid
-        The points that are asked for.
+    reference : Reference
+        Its grid has the points that are wanted.
     search : int
         Largest displacement along each axis that must be found, px.
-    threads : int
     """
 
-    def __init__(self, reference: NDArray[Any], grid: Grid, search: int, threads: int) -> None:
-        self._reference, self._grid, self._search, self._threads = reference, grid, search, threads
-        self._levels: dict[int, DirectTracker] = {}
+    def __init__(self, reference: Reference, search: int) -> None:
+        self._reference, self._search = reference, search
+        self._levels: dict[int, tuple[Grid, DirectSearch]] = {}
 
-    def find(self, image: NDArray[Any]) -> F64:
-        """Displacement of every point of the grid, shape (2, ny, nx), px, right to a fraction of a
-        pixel where it is right.
+    def find(self, image: Array) -> F64:
+        """Displacement of every point of the grid, shape (2, ny, nx), px: right to a fraction of a
+        pixel, or wrong altogether where nothing was recognised; 0 if that is everywhere.
         """
         for factor in FACTORS:
-            tracker = self._level(factor)
-            if tracker is None:
+            if not self._is_possible(factor):
                 continue
-            tracker.reset()
-            field = tracker.track(_reduced(image, factor))
-            found, textured = field.status == 0, field.status != 1
-            if found.sum() >= ENOUGH * max(1, textured.sum()):
+            grid, u, ok, textured = self._searched(image, factor, None)
+            if ok.sum() >= ENOUGH * max(1, textured.sum()):
                 break
         else:
-            return np.zeros((2, *self._grid.shape))
-        finer = self._level(2)
-        if factor > 2 and finer is not None:
-            start = 2 * _at(
-                tracker.grid,
-                np.array([field.ux_px, field.uy_px], np.float64),
-                found,
-                finer.grid,
-                2 / factor,
-            )
-            finer.start_from(*start)
-            field, tracker, factor = finer.track(_reduced(image, 2)), finer, 2
-            found = field.status == 0
-        return factor * _at(
-            tracker.grid,
-            np.array([field.ux_px, field.uy_px], np.float64),
-            found,
-            self._grid,
-            1 / factor,
-        )
+            return np.zeros((2, *self._reference.grid.shape))
+        if factor > 2:
+            finer, _ = self._level(2)
+            start = 2 * _at(grid, u, ok, finer, 2 / factor)
+            grid, u, ok, _ = self._searched(image, 2, start)
+            factor = 2
+        return factor * _at(grid, u, ok, self._reference.grid, 1 / factor)
 
-    def close(self) -> None:
-        """End the threads. May be called twice."""
-        for tracker in self._levels.values():
-            tracker.close()
+    def _searched(
+        self, image: Array, factor: int, start: F64 | None
+    ) -> tuple[Grid, F64, Bool, Bool]:
+        """Grid and displacement of the reduced images, which points are OK, and which have
+        contrast.
+        """
+        grid, method = self._level(factor)
+        method.start_from(start)
+        found = method.measure(_reduced(image, factor))
+        return grid, found.u.astype(np.float64), found.is_ok, found.status != LOW_CONTRAST
 
-    def _level(self, factor: int) -> DirectTracker | None:
-        """The tracker for images reduced by a factor; None where they would be too small."""
+    def _box(self, factor: int) -> int:
+        return BOX if factor > 1 else self._reference.grid.box_px
+
+    def _is_possible(self, factor: int) -> bool:
+        """Whether the reduced images are large enough for a few boxes."""
+        boxes = 4 if factor > 1 else 1
+        rows, columns = self._reference.image.shape
+        return bool(min(rows, columns) // factor >= boxes * self._box(factor) + 2)
+
+    def _level(self, factor: int) -> tuple[Grid, DirectSearch]:
+        """The search in images reduced by a factor."""
         if factor not in self._levels:
-            reduced = _reduced(self._reference, factor)
-            box = BOX if factor > 1 else self._grid.box_px
-            if min(reduced.shape) < (4 if factor > 1 else 1) * box + 2:
-                return None
+            reduced = _reduced(self._reference.image, factor)
+            step = STEP if factor > 1 else self._reference.grid.step_px
+            grid = Grid.cover(reduced.shape, self._box(factor), step)
             search = min(max(3, -(-self._search // factor)), 32 if factor > 1 else 16)
-            self._levels[factor] = DirectTracker(
-                reduced,
-                box,
-                STEP if factor > 1 else self._grid.step_px,
-                search=search,
-                threads=self._threads,
-                uncertainty=False,
+            level = Reference(reduced, grid, self._reference.threads)
+            self._levels[factor] = (
+                grid,
+                DirectSearch(level, search=search, states_uncertainty=False),
             )
         return self._levels[factor]
 
 
-def _reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
+def _reduced(image: Array, factor: int) -> Array:
     """The image averaged over factor x factor pixels; rows and columns that do not fill a pixel are
     left out.
     """
@@ -105,19 +97,14 @@ def _reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
     return np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA))
 
 
-def _at(grid: Grid, field: F64, valid: NDArray[np.bool_], other: Grid, scale: float) -> F64:
+def _at(grid: Grid, field: F64, valid: Bool, other: Grid, scale: float) -> F64:
     """A field, shape (2, ny, nx), read linearly at the points of another grid, whose pixels are
     `scale` of its own wide.
     """
-    u = filled(field, valid)
     x, y = (
         (((p + 0.5) * scale - 0.5) - q[0]) / grid.step_px
         for p, q in ((other.x_px, grid.x_px), (other.y_px, grid.y_px))
     )
     map_x, map_y = (m.astype(np.float32) for m in np.meshgrid(x, y))
-    return np.stack(
-        [
-            cv2.remap(plane, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            for plane in u
-        ]
-    )
+    edges = {"interpolation": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
+    return np.stack([cv2.remap(plane, map_x, map_y, **edges) for plane in filled(field, valid)])

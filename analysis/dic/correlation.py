@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.field import Tracker
 from analysis.dic.grid import Grid
-from analysis.dic.interpolation import CLASSICAL
+from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
-from analysis.dic.refining import RefiningTracker
-from analysis.dic.tracker import DirectTracker
+from analysis.dic.refining import Refinement
+from analysis.dic.searching import DirectSearch
+from analysis.dic.threads import Threads
+from analysis.dic.tracker import Method, Reference, ReferenceTracker, checked
 from analysis.dic.updating import UpdatingTracker
 from analysis.settings import Correlation
 
@@ -30,7 +32,7 @@ def open_tracker(
     usable: NDArray[np.bool_] | None = None,
     roi: tuple[int, int, int, int] | None = None,
 ) -> Tracker:
-    """A tracker against `reference`; `usable` pixels and `roi` as for `RefiningTracker`.
+    """A tracker against `reference`; `usable` pixels and `roi` as for `Refinement`.
 
     Raises
     ------
@@ -59,51 +61,40 @@ def _open(
     usable: NDArray[np.bool_] | None,
     roi: tuple[int, int, int, int] | None,
 ) -> Tracker:
-    common: dict[str, Any] = {
-        "search": correlation.search,
-        "min_correlation": correlation.min_correlation,
-        "min_contrast": correlation.min_contrast,
-        "threads": correlation.threads,
-    }
+    image = np.array(checked(reference, "reference"), order="C")
+    if usable is not None and usable.shape != image.shape:
+        raise ValueError(
+            f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of"
+            " its size"
+        )
+    grid = Grid.cover(image.shape, correlation.box, correlation.step)
+    prepared = Reference(image, grid, Threads(correlation.threads), usable)
+    method: Method
     if correlation.method == "direct":
         if usable is not None or roi is not None:
             raise ValueError(
                 "correlation: a mask or region asked of method 'direct'; use method 'shared' or"
                 " 'icgn'"
             )
-        grid = Grid.cover(
-            (reference.shape[0], reference.shape[1]), correlation.box, correlation.step
-        )
-        coarse = CoarseSearch(np.array(reference), grid, correlation.search, correlation.threads)
-        # further away, reduced images are searched first
         near = min(correlation.search, DIRECT_SEARCH)
-        guess = coarse.find if correlation.search > near else None
-        return DirectTracker(
-            reference,
-            correlation.box,
-            correlation.step,
-            **{**common, "search": near},
-            first_guess=guess,
-        )
-    interpolant = CLASSICAL.get(correlation.interpolant)
-    if correlation.method == "shared":
-        make: Any = partial(
-            SharedPasses, interpolant=interpolant, tolerance_px=correlation.tolerance or 0.06
+        # further away, reduced images are searched first
+        is_far = correlation.search > near
+        method = DirectSearch(
+            prepared,
+            search=near,
+            min_correlation=correlation.min_correlation,
+            min_contrast=correlation.min_contrast,
+            first_guess=CoarseSearch(prepared, correlation.search).find if is_far else None,
         )
     else:
-        options: dict[str, Any] = {
-            "order": correlation.order,
-            "precision": correlation.precision,
-            "tolerance_px": correlation.tolerance or 1e-3,
-        }
-        make = partial(SeparatePoints, interpolant=interpolant, **options)
-    common |= {
-        "max_saturated": correlation.max_saturated,
-        "full_scale": correlation.full_scale or None,
-    }
-    return RefiningTracker(
-        reference, correlation.box, correlation.step, make, **common, usable=usable, roi=roi
-    )
+        if correlation.method == "shared":
+            make: Any = partial(SharedPasses, tolerance_px=correlation.tolerance or 0.06)
+        else:
+            options: Any = {"order": correlation.order, "precision": correlation.precision}
+            make = partial(SeparatePoints, tolerance_px=correlation.tolerance or 1e-3, **options)
+        interpolant = CLASSICAL.get(correlation.interpolant)
+        method = Refinement(prepared, correlation, partial(make, interpolant=interpolant), roi)
+    return ReferenceTracker(prepared, method)
 
 
 def compile_kernels(correlation: Correlation | None = None, dtype: Any = np.uint8) -> None:

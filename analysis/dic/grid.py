@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from analysis.arrays import F64, I64, Array, Bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,21 +17,21 @@ class Grid:
     Attributes
     ----------
     box_px, step_px : int
-        Side lambda of a box and distance between neighbouring centres.
+        Side of a box and distance between neighbouring centres.
     x_px : ndarray, shape (nx,), float64
-        Centres along x. The box covers the pixels from ``x - (box - 1) / 2`` to ``x + (box - 1) /
-        2``, so the centre of an even box lies between two pixels.
+        Centres along x. A box covers the pixels from ``x - (box - 1) / 2`` to
+        ``x + (box - 1) / 2``, so that the centre of an even box lies between two pixels.
     y_px : ndarray, shape (ny,), float64
         Centres along y (down).
     """
 
     box_px: int
     step_px: int
-    x_px: NDArray[np.float64]
-    y_px: NDArray[np.float64]
+    x_px: F64
+    y_px: F64
 
     @classmethod
-    def cover(cls, shape: tuple[int, int], box: int, step: int) -> Grid:
+    def cover(cls, shape: tuple[int, ...], box: int, step: int) -> Grid:
         """The largest grid in an image of `shape` (rows, columns), centred in it.
 
         One pixel is left free all round, so that a point which has not moved has its eight
@@ -42,8 +44,8 @@ class Grid:
         """
         if box < 2 or step < 1:
             raise ValueError(
-                f"grid: box {box} px and step {step} px asked; use a box of 2 px or more and a step"
-                " of 1 px or more"
+                f"grid: a box of {box} px and a step of {step} px were requested; use a box of 2 px"
+                " or more and a step of 1 px or more"
             )
         if min(shape) < box + 2:
             raise ValueError(
@@ -59,27 +61,32 @@ class Grid:
         return len(self.y_px), len(self.x_px)
 
     @property
-    def left(self) -> NDArray[np.int64]:
+    def left(self) -> I64:
         """First pixel column of the boxes, shape (nx,)."""
         return np.rint(self.x_px - (self.box_px - 1) / 2).astype(np.int64)
 
     @property
-    def top(self) -> NDArray[np.int64]:
+    def top(self) -> I64:
         """First pixel row of the boxes, shape (ny,)."""
         return np.rint(self.y_px - (self.box_px - 1) / 2).astype(np.int64)
 
-    def is_inside(self, u_px: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """Whether a box displaced by u, shape (2, ny, nx), lies wholly in an image of `shape`
+    def is_inside(self, u_px: F64, shape: tuple[int, ...]) -> Bool:
+        """Whether each box, displaced by u of shape (2, ny, nx), lies wholly in an image of `shape`
         (rows, columns).
         """
         x, y = self.left + u_px[0], self.top[:, None] + u_px[1]
-        inside: NDArray[np.bool_] = (
-            (x >= 0) & (y >= 0) & (x <= shape[1] - self.box_px) & (y <= shape[0] - self.box_px)
-        )
-        return inside
+        fits_x = (x >= 0) & (x <= shape[1] - self.box_px)
+        return np.asarray(fits_x & (y >= 0) & (y <= shape[0] - self.box_px))
+
+    def box_sums(self, plane: Array) -> F64:
+        """Sums of an image, shape (rows, columns), over the pixels of each box, shape (ny, nx)."""
+        total = cv2.integral(plane, sdepth=cv2.CV_64F)
+        top, left, box = self.top[:, None], self.left, self.box_px
+        below = total[top + box, left + box] - total[top, left + box]
+        return np.asarray(below - total[top + box, left] + total[top, left])
 
 
-def _centres(size: int, box: int, step: int) -> NDArray[np.float64]:
+def _centres(size: int, box: int, step: int) -> F64:
     intervals, spare = divmod(size - 2 - box, step)
     first = 1 + spare // 2
     return first + (box - 1) / 2 + step * np.arange(intervals + 1, dtype=np.float64)

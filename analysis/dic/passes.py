@@ -6,23 +6,20 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.dic import shared
+from analysis.arrays import F32, F64, I64, Array, Bool
+from analysis.dic import shared, strips
 from analysis.dic.grid import Grid
-from analysis.dic.interpolation import Interpolant
-from analysis.dic.refining import Estimate, Share
-from analysis.dic.shared import BLOCK, COEFFICIENTS, MARGIN, PLANES, ROWS, TAPS
+from analysis.dic.interpolants import Interpolant
 from analysis.dic.smoothing import smooth, widen
-from analysis.dic.spectrum import BEYOND, Texture, gradient, interpolation
+from analysis.dic.spectrum import BEYOND, Texture, interpolation, slopes
+from analysis.dic.status import NOT_CONVERGED, OK
+from analysis.dic.strips import BLOCK, MARGIN, PLANES, ROWS, TAPS
+from analysis.dic.threads import Rows
+from analysis.dic.tracker import Estimate, Reference
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 SMOOTHING = 2.5  # width of the moving average over the prediction, in boxes
 # a grey level further from the expected one than so many times the mean difference is not used ...
 BELIEVABLE = 3.5
@@ -42,14 +39,9 @@ class SharedPasses:
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns), float32
-        The reference.
-    usable : ndarray of bool, shape (rows, columns), or None
-        Pixels that may be used; None: all.
-    share : callable
-        ``share(work, bands)`` calls ``work(band)`` for every band, on as many threads as there are.
-    bands : int
-        Into how many bands a field is cut.
+    reference : Reference
+    texture : Texture
+        Of the reference.
     interpolant : Interpolant or None
         How the images are read between their pixels; None: the least-squares interpolation of the
         reference's texture.
@@ -63,90 +55,75 @@ class SharedPasses:
 
     def __init__(
         self,
-        image: NDArray[Any],
+        reference: Reference,
         texture: Texture,
-        grid: Grid,
-        usable: NDArray[np.bool_] | None,
-        share: Share,
-        bands: int,
         *,
         interpolant: Interpolant | None = None,
         tolerance_px: float = 0.06,
         max_passes: int = 5,
     ) -> None:
-        self._grid, self._share, self._max_passes = grid, share, max_passes
+        self._threads, self._max_passes = reference.threads, max_passes
+        self._grid = grid = reference.grid
+        self._layout = _layout(grid)
+        self._splines, self._pad = _splines(grid, self._layout)
+        self._width = max(1, round((SMOOTHING * grid.box_px / grid.step_px - 1) / 2) * 2 + 1)
+        self._interpolant = interpolant or interpolation(texture.power_x)
+        self._prepared, self.pixels, self.contrast = self._prepare(reference, texture, interpolant)
+        self._cells = np.zeros(
+            (shared.SUMS, self._layout.row_edges.size - 1, self._layout.column_edges.size - 1)
+        )
+        nothing = np.array([1.0, 0.0, UNLIMITED], np.float32)[:, None, None]
+        self._grey = np.broadcast_to(nothing, (3, *grid.shape)).copy()
+        self._criteria = shared.Criteria(
+            ALIKE, MOST_ODD, BELIEVABLE, LEAST_BELIEVABLE, UNLIMITED, float(tolerance_px)
+        )
+        self._result = shared.PassResult.empty(*grid.shape)
+
+    def _prepare(
+        self, reference: Reference, texture: Texture, interpolant: Interpolant | None
+    ) -> tuple[shared.Prepared, F64, F64]:
+        """What the kernels need of the reference; usable pixels and contrast of each box."""
+        image, usable, grid = reference.image, reference.usable, self._grid
         scale = 1 / max(texture.contrast, 1e-6)
         is_8_bit = image.dtype == np.uint8
         level = 128.0 if is_8_bit else float(image.mean(dtype=np.float64))
         f = (image.astype(np.float32) - np.float32(level)) * np.float32(scale)
-        slope_x = cv2.filter2D(f, -1, gradient(texture.power_x, texture.noise_share)[None, :])
-        slope_y = cv2.filter2D(f, -1, gradient(texture.power_y, texture.noise_share)[:, None])
         w = np.ones_like(f) if usable is None else usable.astype(np.float32)
-        planes = w * np.stack([f, slope_x, slope_y])
         planes, units = _quantised(
-            planes, w > 0, 127 if is_8_bit else 32000, scale if is_8_bit else None
-        )
-        self.layout = _layout(grid)
-        self.splines, self._pad = _splines(grid, self.layout)
-        self._interpolant = interpolant or interpolation(texture.power_x)
-        weights = (
-            _eight_taps(self._interpolant),
-            _eight_taps(interpolant or interpolation(texture.power_y)),
+            w * np.stack([f, *slopes(f, texture)]),
+            w > 0,
+            127 if is_8_bit else 32000,
+            scale if is_8_bit else None,
         )
         normal = self._normal_matrices(np.stack([w, *(w * planes * units[:, None, None])]))
-        self.pixels = normal[:, :, 0, 0]
-        variance = (
-            normal[:, :, 1, 1] / self.pixels.clip(1)
-            - (normal[:, :, 0, 1] / self.pixels.clip(1)) ** 2
-        )
-        self.contrast = np.sqrt(variance.clip(0)) / scale
+        pixels = normal[:, :, 0, 0]
+        mean, squares = (normal[:, :, k, 1] / pixels.clip(1) for k in range(2))
+        contrast = np.sqrt((squares - mean**2).clip(0)) / scale
         inverse = np.full((*grid.shape, 13), np.nan)
         size = np.sqrt(np.einsum("...ii->...i", normal))
         with np.errstate(invalid="ignore", divide="ignore"):
             regular = np.linalg.det(normal / (size[..., :, None] * size[..., None, :])) > SINGULAR
         inverse[regular, :10] = np.linalg.inv(normal[regular])[:, *np.triu_indices(4)]
-        inverse[..., 10] = self.pixels
-        self._width = max(1, round((SMOOTHING * grid.box_px / grid.step_px - 1) / 2) * 2 + 1)
+        inverse[..., 10] = pixels
         inverse[..., 11:] = np.sqrt(inverse[..., [7, 9]]) * _amplification(grid, self._width)
-        rounding = 0.0 if image.dtype == np.float32 else scale**2 / 12
-        self.reference = shared.Reference(
-            _cut(planes, self.layout),
-            units,
-            float(np.iinfo(planes.dtype).min),
-            *weights,
-            0.0 if interpolant else BEYOND,
-            inverse,
-            rounding,
-            level,
-            scale,
+        across = interpolant or interpolation(texture.power_y)
+        prepared = shared.Prepared(
+            planes=_cut(planes, self._layout),
+            units=units,
+            unusable=float(np.iinfo(planes.dtype).min),
+            weights_x=self._interpolant.padded(TAPS, np.float32),
+            weights_y=across.padded(TAPS, np.float32),
+            beyond=0.0 if interpolant else BEYOND,
+            inverse=inverse,
+            rounding=0.0 if image.dtype == np.float32 else scale**2 / 12,
+            level=level,
+            scale=scale,
         )
-        self._cells = np.zeros(
-            (shared.SUMS, self.layout.row_edges.size - 1, self.layout.column_edges.size - 1)
-        )
-        ny, nx = grid.shape
-        self._grey = np.stack(
-            [np.full(grid.shape, value, np.float32) for value in (1.0, 0.0, UNLIMITED)]
-        )
-        self._limits = shared.Limits(
-            ALIKE, MOST_ODD, BELIEVABLE, LEAST_BELIEVABLE, UNLIMITED, float(tolerance_px)
-        )
-        self._result = shared.Result(
-            u=np.empty((2, ny, nx)),
-            step=np.empty((ny, nx)),
-            zncc=np.empty((ny, nx)),
-            std=np.empty((2, ny, nx)),
-            odd=np.empty((ny, nx)),
-            expected=np.empty((3, ny, nx), np.float32),
-            wrong=np.empty(ny, np.int64),
-            restless=np.empty(ny, np.int64),
-        )
-        self._cell_bands, self._box_bands = (
-            _bands(n, bands) for n in (self._cells.shape[1], grid.shape[0])
-        )
+        return prepared, pixels, contrast
 
-    def refine(self, image: NDArray[Any], start: F64, wanted: NDArray[np.bool_]) -> Estimate:
-        """The displacement of every point, wanted or not, from a guess, shape (2, ny, nx), px:
-        passes until it hardly changes.
+    def refine(self, image: Array, start: F64, wanted: Bool) -> Estimate:
+        """See `Refiner`: passes until the displacement hardly changes, of every point, wanted or
+        not.
         """
         u, grey = start, self._grey
         if self._interpolant.spline:
@@ -155,18 +132,17 @@ class SharedPasses:
         while not is_last:
             last = self._pass(image, u, grey)
             n, few = n + 1, RESTLESS * last.step.size
-            is_settled = last.wrong.sum() <= few and _typical(
-                last.expected[2]
-            ) > SETTLED * _typical(grey[2])
+            least = SETTLED * _typical(grey[2])
+            is_settled = last.wrong.sum() <= few and _typical(last.expected[2]) > least
             is_last = n == self._max_passes or (is_settled and last.restless.sum() <= few)
             u, grey = last.u.copy(), last.expected.copy()
         self._grey = grey
         at_rest = (last.step <= AT_REST) & (last.odd <= MOST_ODD)
-        return Estimate(
-            u, last.zncc.copy(), last.std.copy(), at_rest, np.full(self._grid.shape, n, np.uint8)
-        )
+        status = np.where(at_rest, OK, NOT_CONVERGED).astype(np.uint8)
+        passes = np.full(self._grid.shape, n, np.uint8)
+        return Estimate(u, last.zncc.copy(), last.std.copy(), status, passes)
 
-    def _pass(self, image: NDArray[Any], u: F64, grey: F32) -> shared.Result:
+    def _pass(self, image: Array, u: F64, grey: F32) -> shared.PassResult:
         """One pass: the field that is left after the image is deformed back by the smoothed field
         `u`, added to it.
 
@@ -177,35 +153,28 @@ class SharedPasses:
         grey : ndarray, shape (3, ny, nx), float32
             Expected gain and offset, and largest believable difference of a grey level.
         """
-        layout, reference, splines, cells, result = (
-            self.layout,
-            self.reference,
-            self.splines,
-            self._cells,
-            self._result,
-        )
+        layout, prepared, cells, result = self._layout, self._prepared, self._cells, self._result
         n, (ny, nx), shape = self._pad, self._grid.shape, (image.shape[0], image.shape[1])
         control, centre = np.empty((5, ny + 2 * n, nx + 2 * n), np.float32), np.empty((2, ny, nx))
         guess = shared.Guess(control, grey, u, centre)
 
-        def predict(fields: tuple[int, int]) -> None:
+        def predict(fields: Rows) -> None:
             for k in range(*fields):
                 if k < 2:
                     smooth(u[k], self._width, n, control[k], centre[k])
                 else:
                     widen(grey[k - 2], n, control[k])
 
-        self._share(predict, [(0, 1), (1, 2), (2, 5)])
-        self._share(
-            lambda rows: shared.sum_cells(image, layout, reference, splines, guess, rows, cells),
-            self._cell_bands,
-        )
-        self._share(
-            lambda rows: shared.solve_boxes(
-                cells, layout, reference, guess, self._limits, shape, rows, result
-            ),
-            self._box_bands,
-        )
+        def sum_cells(rows: Rows) -> None:
+            strips.sum_cells(image, layout, prepared, self._splines, guess, rows, cells)
+
+        def solve(rows: Rows) -> None:
+            limits = self._criteria, shape
+            shared.solve_boxes(cells, layout, prepared, guess, *limits, rows, result)
+
+        self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
+        self._threads.share(sum_cells, self._threads.bands(cells.shape[1]))
+        self._threads.share(solve, self._threads.bands(ny))
         return result
 
     def _normal_matrices(self, planes: F32) -> F64:
@@ -213,16 +182,7 @@ class SharedPasses:
         out = np.empty((*self._grid.shape, 4, 4))
         for i in range(4):
             for k in range(i, 4):
-                sums = cv2.integral((planes[i] * planes[k]), sdepth=cv2.CV_64F)
-                low_x, low_y = self._grid.left, self._grid.top
-                high_x, high_y = low_x + self._grid.box_px, low_y + self._grid.box_px
-                box = (
-                    sums[np.ix_(high_y, high_x)]
-                    - sums[np.ix_(low_y, high_x)]
-                    - sums[np.ix_(high_y, low_x)]
-                    + sums[np.ix_(low_y, low_x)]
-                )
-                out[:, :, i, k] = out[:, :, k, i] = box
+                out[:, :, i, k] = out[:, :, k, i] = self._grid.box_sums(planes[i] * planes[k])
         return out
 
 
@@ -238,35 +198,31 @@ def _layout(grid: Grid) -> shared.Layout:
 
     column_edges, first_column, last_column = cut(grid.left)
     row_edges, first_row, last_row = cut(grid.top)
-    strips: list[tuple[int, int]] = []
+    strip_rows: list[tuple[int, int]] = []  # first row of each strip, and how many
     begins = [0]
     for low, high in pairwise(row_edges.tolist()):
-        # else it lies between the boxes
-        if ((grid.top <= low) & (low < grid.top + grid.box_px)).any():
+        if ((grid.top <= low) & (low < grid.top + grid.box_px)).any():  # not between the boxes
             n = math.ceil((high - low) / ROWS)
             at = [low + (high - low) * k // n for k in range(n + 1)]
-            strips += [(a, b - a) for a, b in pairwise(at)]
-        begins.append(len(strips))
-    tops, rows = (np.array(column, np.int64) for column in zip(*strips, strict=True))
+            strip_rows += [(a, b - a) for a, b in pairwise(at)]
+        begins.append(len(strip_rows))
     return shared.Layout(
-        grid.left,
-        grid.top,
-        grid.box_px,
-        column_edges,
-        row_edges,
-        first_column,
-        last_column,
-        first_row,
-        last_row,
-        np.array(begins, np.int64),
-        tops,
-        rows,
+        left=grid.left,
+        top=grid.top,
+        box=grid.box_px,
+        column_edges=column_edges,
+        row_edges=row_edges,
+        first_column=first_column,
+        last_column=last_column,
+        first_row=first_row,
+        last_row=last_row,
+        strip_cell=np.array(begins, np.int64),
+        strip_top=np.array([top for top, _ in strip_rows], np.int64),
+        strip_rows=np.array([rows for _, rows in strip_rows], np.int64),
     )
 
 
-def _quantised(
-    planes: F32, usable: NDArray[np.bool_], most: int, grey: float | None
-) -> tuple[NDArray[Any], F32]:
+def _quantised(planes: F32, usable: Bool, most: int, grey: float | None) -> tuple[Array, F32]:
     """The planes as whole numbers up to `most`, and their units; the unit of the grey levels may be
     given.
 
@@ -275,21 +231,15 @@ def _quantised(
     """
     highest = np.abs(planes).max(axis=(1, 2))
     usual = 6 * np.sqrt((planes**2).mean(axis=(1, 2)))
-    units = (
-        np.array([grey or highest[0] / most, *(np.minimum(highest, usual)[1:] / most)])
-        .clip(1e-9)
-        .astype(np.float32)
-    )
-    whole = (
-        np.rint(planes / units[:, None, None])
-        .clip(-most, most)
-        .astype(np.int8 if most < 128 else np.int16)
-    )
+    units = np.array([grey or highest[0] / most, *(np.minimum(highest, usual)[1:] / most)])
+    units = units.clip(1e-9).astype(np.float32)
+    whole = np.rint(planes / units[:, None, None]).clip(-most, most)
+    whole = whole.astype(np.int8 if most < 128 else np.int16)
     whole[0, ~usable] = np.iinfo(whole.dtype).min
     return whole, units
 
 
-def _cut(planes: NDArray[Any], layout: shared.Layout) -> NDArray[Any]:
+def _cut(planes: Array, layout: shared.Layout) -> Array:
     """The planes in the order in which they are read: strip, block, row, plane, column; what fills
     them up is not usable.
     """
@@ -319,12 +269,9 @@ def _splines(grid: Grid, layout: shared.Layout) -> tuple[shared.Splines, int]:
     whole = np.floor(place).astype(np.int64)
     weights = np.array([_cubic(3 - k + place - whole) for k in range(4)])
     weights[:, 1] /= step
-    return shared.Splines(
-        basis.astype(np.float32),
-        begin - int(layout.left[0]),
-        whole - 1,
-        weights.transpose(1, 0, 2).astype(np.float32),
-    ), pad
+    row_weights = weights.transpose(1, 0, 2).astype(np.float32)
+    start = begin - int(layout.left[0])
+    return shared.Splines(basis.astype(np.float32), start, whole - 1, row_weights), pad
 
 
 def _cubic(t: F64) -> tuple[F64, F64]:
@@ -337,7 +284,7 @@ def _cubic(t: F64) -> tuple[F64, F64]:
 
 
 def _amplification(grid: Grid, width: int) -> float:
-    """How much passes without end amplify the noise that one box has.
+    """How much passes without end amplify the noise of a single box.
 
     A pass gives u = S u' + e - K S u', with S the smoothing, K the average over a box and e the
     boxes' noise, whose correlation is their overlap; hence u = e / (1 - S + K S), here for every
@@ -355,15 +302,3 @@ def _amplification(grid: Grid, width: int) -> float:
     gain = 1 / (1 - np.outer(s, s) + np.outer(ks, ks))
     weight = np.outer(overlap, overlap)
     return float(np.sqrt((gain**2 * weight).sum() / weight.sum()))
-
-
-def _eight_taps(interpolant: Interpolant) -> F32:
-    taps, coefficients = interpolant.weights.shape
-    out = np.zeros((TAPS, COEFFICIENTS), np.float32)
-    out[(TAPS - taps) // 2 : (TAPS + taps) // 2, :coefficients] = interpolant.weights
-    return out
-
-
-def _bands(n: int, bands: int) -> list[tuple[int, int]]:
-    edges = [n * k // bands for k in range(bands + 1)]
-    return [(a, b) for a, b in pairwise(edges) if b > a]

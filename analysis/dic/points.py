@@ -1,92 +1,68 @@
-"""IC-GN as a method of a refining tracker: every box for itself."""
+"""IC-GN as a way to refine displacements: every box by itself."""
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.dic.grid import Grid
-from analysis.dic.icgn import PARAMETERS, IcgnSolver, Result
-from analysis.dic.interpolation import Interpolant
-from analysis.dic.refining import Estimate, Share
-from analysis.dic.spectrum import Texture, gradient, interpolation
-from analysis.dic.status import Status
-
-F64 = NDArray[np.float64]
+from analysis.arrays import F64, Array, Bool
+from analysis.dic.icgn import PARAMETERS, IcgnSolver, Solution
+from analysis.dic.interpolants import Interpolant
+from analysis.dic.spectrum import Texture, interpolation, slopes
+from analysis.dic.status import NOT_CONVERGED, OK
+from analysis.dic.tracker import Estimate, Reference
 
 
 class SeparatePoints:
-    """The reference prepared for inverse-compositional Gauss-Newton of each box; see
-    `analysis.dic.icgn.IcgnSolver`.
+    """The reference prepared for inverse-compositional Gauss-Newton iterations of each box.
 
     Parameters
     ----------
-    image, texture, grid, usable, share, bands
-        See `analysis.dic.passes.SharedPasses`.
-    order, precision, tolerance_px, max_iterations
-        See `IcgnSolver`.
-    interpolant : Interpolant or None
-        None: the least-squares interpolation of the reference's texture, the same along x and y.
+    reference, texture, interpolant
+        See `analysis.dic.passes.SharedPasses`; the matched interpolation is the same along x and y.
+    order, precision, tolerance_px
+        See `analysis.dic.icgn.IcgnSolver`.
     """
 
     is_shared = False
 
     def __init__(
         self,
-        image: NDArray[Any],
+        reference: Reference,
         texture: Texture,
-        grid: Grid,
-        usable: NDArray[np.bool_] | None,
-        share: Share,
-        bands: int,
         *,
-        order: int = 1,
+        order: Literal[0, 1, 2] = 1,
         interpolant: Interpolant | None = None,
         precision: Literal["single", "double"] = "single",
         tolerance_px: float = 1e-3,
-        max_iterations: int = 20,
     ) -> None:
-        f = image.astype(np.float64)
-        slope_x = cv2.filter2D(f, -1, gradient(texture.power_x, texture.noise_share)[None, :])
-        slope_y = cv2.filter2D(f, -1, gradient(texture.power_y, texture.noise_share)[:, None])
+        f = reference.image.astype(np.float64)
         self._solver = IcgnSolver(
             f,
-            slope_x,
-            slope_y,
-            grid,
+            slopes(f, texture),
+            reference.grid,
             order=order,
             interpolant=interpolant or interpolation(texture.power),
-            weights=usable,
+            usable=reference.usable,
             precision=precision,
             tolerance_px=tolerance_px,
-            max_iterations=max_iterations,
         )
         self.contrast, self.pixels = self._solver.contrast, self._solver.pixels
-        self._grid, self._share, self._order = grid, share, order
-        edges = [grid.shape[0] * k // bands for k in range(bands + 1)]
-        self._bands = [(a, b) for a, b in pairwise(edges) if b > a]
-        self._last = np.zeros((PARAMETERS[order], *grid.shape))
+        self._shape, self._threads, self._order = reference.grid.shape, reference.threads, order
+        self._last = np.zeros((PARAMETERS[order], *self._shape))
 
-    def refine(self, image: NDArray[Any], start: F64, wanted: NDArray[np.bool_]) -> Estimate:
-        """The displacement of the wanted points from a guess, shape (2, ny, nx), px, and the
-        gradients found last.
-        """
+    def refine(self, image: Array, start: F64, wanted: Bool) -> Estimate:
+        """See `Refiner`; the gradients start from those of the last solution."""
         parameters = self._last.copy()
         parameters[:2] = start
         parameters[:, ~wanted] = np.nan
-        result = Result.empty(self._order, self._grid.shape)
+        found = Solution.empty(self._order, self._shape)
         self._solver.load(image)
-        self._share(lambda rows: self._solver.solve(rows, parameters, result), self._bands)
-        ok = result.status == Status.OK
-        self._last[:, wanted] = np.where(ok, result.parameters, 0.0)[:, wanted]
-        return Estimate(
-            np.where(ok, result.parameters[:2], start),
-            result.zncc,
-            result.std,
-            ok,
-            result.iterations,
-        )
+        bands = self._threads.bands(self._shape[0])
+        self._threads.share(lambda rows: self._solver.solve(rows, parameters, found), bands)
+        ok = found.status == OK
+        self._last[:, wanted] = np.where(ok, found.parameters, 0.0)[:, wanted]
+        u = np.where(ok, found.parameters[:2], start)
+        status = np.where(ok, OK, NOT_CONVERGED).astype(np.uint8)
+        return Estimate(u, found.zncc, found.std, status, found.iterations)

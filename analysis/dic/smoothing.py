@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from analysis.arrays import F32, F64
 
 
 @njit(cache=True, nogil=True)
@@ -52,16 +50,9 @@ def smooth(u: F64, width: int, pad: int, control: F32, centre: F64) -> None:
     down = averaged(extended(u, pad + width // 2), width)
     points = averaged(extended(np.ascontiguousarray(down.T), pad + width // 2), width)
     control[:] = points.T
-    rows = (
-        points[pad - 1 : -pad - 1]
-        + 4.0 * points[pad:-pad]
-        + points[pad + 1 : points.shape[0] - pad + 1]
-    )
-    values = (
-        rows[:, pad - 1 : -pad - 1]
-        + 4.0 * rows[:, pad:-pad]
-        + rows[:, pad + 1 : rows.shape[1] - pad + 1]
-    )
+    end, last = points.shape[0] - pad + 1, points.shape[1] - pad + 1
+    rows = points[pad - 1 : -pad - 1] + 4.0 * points[pad:-pad] + points[pad + 1 : end]
+    values = rows[:, pad - 1 : -pad - 1] + 4.0 * rows[:, pad:-pad] + rows[:, pad + 1 : last]
     centre[:] = values.T / 36.0
 
 

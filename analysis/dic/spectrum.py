@@ -1,10 +1,10 @@
 """What a speckle image is made of: its noise, the size of its grains, and the filters that read it
 best between the pixels.
 
-The power spectrum of the reference tells how its grey levels are correlated at any distance, whole
-pixels or not. From that correlation follow, by linear least squares, the weights that predict the
-grey level (or its gradient) at any place from the pixels around it: of all filters of that length
-the ones with the smallest error for this very texture.
+The power spectrum of the reference determines how its grey levels are correlated at any distance,
+whole pixels or not. From that correlation follow, by linear least squares, the weights that predict
+the grey level (or its gradient) at any place from the pixels around it: of all filters of that
+length the ones with the smallest error for this very texture.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
-from analysis.dic.interpolation import Interpolant
+from analysis.arrays import F32, F64, Array
+from analysis.dic.interpolants import Interpolant
 
-F64 = NDArray[np.float64]
 TAPS = 8
 DEGREE = 6  # of the polynomials for the weights of a tap
 BEYOND = 0.3  # how far outside 0 to 1 the fraction of a pixel may lie
@@ -58,8 +58,7 @@ class Texture:
         """The mean of both spectra, at the frequencies of `power_x`."""
         place = np.linspace(0.0, 1.0, self.power_x.size), np.linspace(0.0, 1.0, self.power_y.size)
         other = np.interp(*place, self.power_y)
-        mean: F64 = (self.power_x + other / other.sum()) / 2
-        return mean
+        return np.asarray((self.power_x + other / other.sum()) / 2)
 
     @property
     def noise_share(self) -> float:
@@ -67,7 +66,7 @@ class Texture:
         return (self.noise / self.contrast) ** 2 if self.contrast else 1.0
 
 
-def texture(image: NDArray[np.float32], *, is_noisy: bool = True) -> Texture:
+def texture(image: F32, *, is_noisy: bool = True) -> Texture:
     """Noise, contrast and spectra of an image, shape (rows, columns), from the periodogram of its
     middle under a Hann window.
 
@@ -82,29 +81,24 @@ def texture(image: NDArray[np.float32], *, is_noisy: bool = True) -> Texture:
     spectrum = rfft2(((image - image.mean(dtype=np.float64)) * window).astype(np.float32))
     power = spectrum.real.astype(np.float64) ** 2 + spectrum.imag.astype(np.float64) ** 2
     corner = power[np.ix_(np.abs(np.fft.fftfreq(rows)) > CORNER, np.fft.rfftfreq(columns) > CORNER)]
-    noise = (
-        float(np.median(corner)) / math.log(2) if is_noisy and corner.size else 0.0
-    )  # a periodogram's ordinates are exponentially distributed
+    noise = 0.0
+    if is_noisy and corner.size:  # a periodogram's ordinates are exponentially distributed
+        noise = float(np.median(corner)) / math.log(2)
     signal = np.maximum(power - noise, 0.0)
     if not signal.any():
         signal += 1.0
     # what stands for a negative frequency too
     both = np.where((np.arange(columns // 2 + 1) % (columns // 2)) == 0, 1.0, 2.0)
     variance = float((power @ both).sum()) / (rows * columns)
-    along_x, along_y = signal.sum(axis=0) * both, signal @ both
-    along_y = np.concatenate(
-        [
-            along_y[:1],
-            along_y[1 : rows // 2] + along_y[: rows // 2 : -1],
-            along_y[rows // 2 : rows // 2 + 1],
-        ]
-    )
+    along_x, along_y, half = signal.sum(axis=0) * both, signal @ both, rows // 2
+    folded = along_y[1:half] + along_y[:half:-1]
+    along_y = np.concatenate([along_y[:1], folded, along_y[half : half + 1]])
     return Texture(
-        math.sqrt(noise),
-        math.sqrt(max(0.0, variance - noise)),
-        _grain(signal),
-        along_x / along_x.sum(),
-        along_y / along_y.sum(),
+        noise=math.sqrt(noise),
+        contrast=math.sqrt(max(0.0, variance - noise)),
+        grain_px2=_grain(signal),
+        power_x=along_x / along_x.sum(),
+        power_y=along_y / along_y.sum(),
     )
 
 
@@ -117,13 +111,11 @@ def interpolation(power: F64) -> Interpolant:
     taps = np.arange(TAPS) - (TAPS // 2 - 1)
     t = np.linspace(-BEYOND, 1 + BEYOND, 65)
     normal = np.ones((TAPS + 1, TAPS + 1))  # bordered by the condition that the weights add to 1
-    normal[:TAPS, :TAPS] = _correlation(
-        power, taps[:, None] - taps[None, :]
-    ) + LEAST_POWER * np.eye(TAPS)
+    between = _correlation(power, taps[:, None] - taps[None, :])
+    normal[:TAPS, :TAPS] = between + LEAST_POWER * np.eye(TAPS)
     normal[TAPS, TAPS] = 0.0
-    exact = np.linalg.solve(
-        normal, np.vstack([_correlation(power, taps[:, None] - t[None, :]), np.ones(t.size)])
-    )[:TAPS]
+    right = np.vstack([_correlation(power, taps[:, None] - t[None, :]), np.ones(t.size)])
+    exact = np.linalg.solve(normal, right)[:TAPS]
     return Interpolant("matched", np.polynomial.polynomial.polyfit(t, exact.T, DEGREE).T)
 
 
@@ -138,23 +130,27 @@ def gradient(power: F64, noise_share: float) -> F64:
     taps = np.arange(-4, 5)
     omega = np.linspace(0.0, math.pi, power.size)
     slope = (power[:, None] * omega[:, None] * np.sin(omega[:, None] * taps)).sum(axis=0)
-    normal = _correlation(power, taps[:, None] - taps[None, :]) + (
-        noise_share + LEAST_POWER
-    ) * np.eye(taps.size)
-    weights: F64 = np.linalg.solve(normal, slope)
-    return (weights - weights[::-1]) / 2
+    white = (noise_share + LEAST_POWER) * np.eye(taps.size)
+    weights = np.linalg.solve(_correlation(power, taps[:, None] - taps[None, :]) + white, slope)
+    return np.asarray((weights - weights[::-1]) / 2)
 
 
-def _correlation(power: F64, lag: NDArray[np.generic]) -> F64:
+def slopes(image: Array, texture: Texture) -> tuple[Array, Array]:
+    """Gradients of an image of this texture along x and y, per px, of its shape and type."""
+    along_x = gradient(texture.power_x, texture.noise_share)[None, :]
+    along_y = gradient(texture.power_y, texture.noise_share)[:, None]
+    return cv2.filter2D(image, -1, along_x), cv2.filter2D(image, -1, along_y)
+
+
+def _correlation(power: F64, lag: Array) -> F64:
     """Correlation coefficients, in the shape of `lag` (px), of a texture with this spectrum."""
     omega = np.linspace(0.0, math.pi, power.size)
-    coefficients: F64 = np.tensordot(power, np.cos(np.multiply.outer(omega, lag)), 1)
-    return coefficients
+    return np.asarray(np.tensordot(power, np.cos(np.multiply.outer(omega, lag)), 1))
 
 
 def _grain(signal: F64) -> float:
-    """Sum of the squared correlation coefficients over the lags near zero, px^2, less the chance
-    correlations found further out.
+    """Sum of the squared correlation coefficients over the lags near zero, px^2, less what chance
+    correlations contribute, as they are further out.
     """
     squares = np.fft.fftshift(irfft2(signal.astype(np.float32))) ** 2
     row, column = (size // 2 for size in squares.shape)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from analysis.arrays import I64, U8, Array
 
 
 class Status(IntEnum):
@@ -18,10 +17,9 @@ class Status(IntEnum):
     LOW_CONTRAST = 1  # the box is too uniform to be recognised, in the reference or in the image
     OUT_OF_IMAGE = 2  # the displaced box, or one of the eight around it, leaves the image
     DECORRELATED = 3  # the best correlation stays below the limit, or no neighbour agrees with it
-    NOT_CONVERGED = 4  # no peak inside the search, or the iteration did not come to rest
-    # too many pixels of the box, in the reference or in the image, are at the end of the grey scale
-    SATURATED = 5
-    MASKED = 6  # the point was not asked for, or too few pixels of its box may be used
+    NOT_CONVERGED = 4  # there is no peak within the search, or the iteration did not converge
+    SATURATED = 5  # too many pixels of the box are at full scale, in the reference or in the image
+    MASKED = 6  # the point was not requested, or too few pixels of its box may be used
 
     @property
     def label(self) -> str:
@@ -29,25 +27,26 @@ class Status(IntEnum):
         return self.name.lower()
 
 
-OK, LOW_CONTRAST, SATURATED = int(Status.OK), int(Status.LOW_CONTRAST), int(Status.SATURATED)
+# plain integers, which kernels take as constants
+OK, LOW_CONTRAST, OUT_OF_IMAGE, DECORRELATED, NOT_CONVERGED, SATURATED, MASKED = map(int, Status)
 
 
 @njit(cache=True, nogil=True)
 def explain(
-    image: NDArray[Any],
-    left: NDArray[np.int64],
-    top: NDArray[np.int64],
+    image: Array,
+    left: I64,
+    top: I64,
     box: int,
     min_contrast: float,
     full_scale: float,
     max_saturated: float,
-    status: NDArray[np.uint8],
+    status: U8,
 ) -> None:
-    """Set the status of points that are OK to LOW_CONTRAST or SATURATED if the boxes at `left`,
-    `top`, shape (ny, nx), are.
+    """Set OK points whose boxes lack contrast to LOW_CONTRAST, or are overexposed to SATURATED.
 
-    `min_contrast` is the least standard deviation of the grey levels, `max_saturated` the largest
-    number of pixels at `full_scale` or above.
+    The corners `left` and `top` of the boxes, and `status`, have shape (ny, nx). `min_contrast` is
+    the least standard deviation of the grey levels, `max_saturated` the largest number of pixels
+    at `full_scale` or above.
     """
     rows, columns = image.shape
     for i in range(status.shape[0]):

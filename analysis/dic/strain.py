@@ -5,15 +5,13 @@ the displacement's own makes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from analysis.arrays import F64, Array, Bool
 from analysis.dic.grid import Grid
 
-F64 = NDArray[np.float64]
 # ratio of the extreme eigenvalues of a fit's normal matrix; points on one line have 0, a quarter
 # window 1e-5
 UNDETERMINED = 1e-9
@@ -71,18 +69,18 @@ class Strain:
     @property
     def exy_std(self) -> F64:
         """Standard uncertainty of `exy`; the errors of u_x and u_y are taken for independent."""
-        return np.asarray(np.hypot(self.dux_dy_std, self.duy_dx_std) / 2)
+        return np.hypot(self.dux_dy_std, self.duy_dx_std) / 2
 
 
 def strain(
     grid: Grid,
-    ux_px: NDArray[Any],
-    uy_px: NDArray[Any],
+    ux_px: Array,
+    uy_px: Array,
     *,
     window: int = 5,
     order: int = 1,
-    ux_std_px: NDArray[Any] | None = None,
-    uy_std_px: NDArray[Any] | None = None,
+    ux_std_px: Array | None = None,
+    uy_std_px: Array | None = None,
     correlation_px: float | None = None,
 ) -> Strain:
     """Gradient and strain of a field, from a plane or a quadratic fitted to the points of a window
@@ -107,8 +105,8 @@ def strain(
         Standard uncertainties of the displacement, both or none; points where either is NaN are
         left out.
     correlation_px : float, optional
-        Side of the squares over which noise is shared, 0 for independent points; the grid's box if
-        not given.
+        Side of the squares over which noise is shared, 0 for independent points; default the grid's
+        box.
 
     Raises
     ------
@@ -120,19 +118,15 @@ def strain(
     if order not in (1, 2) or window % 2 == 0 or window < 1 + 2 * order or not 0 <= reach < np.inf:
         raise ValueError(
             f"strain: order {order}, a window of {window} points and a correlation of {reach:g} px"
-            " asked; "
-            "use order 1 or 2, an odd window of 3 points or more (5 for order 2) and 0 px or more"
+            " were requested; use order 1 or 2, an odd window of 3 points or more (5 for order 2)"
+            " and 0 px or more"
         )
-    if (ux_std_px is None) != (uy_std_px is None):
+    given = [field for field in (ux_px, uy_px, ux_std_px, uy_std_px) if field is not None]
+    if len(given) == 3:
         raise ValueError(
-            "strain: the uncertainty of one component only found; give those of u_x and u_y, or"
-            " none"
+            "strain: the uncertainty of only one component was given; give those of u_x and u_y,"
+            " or none"
         )
-    given = (
-        [ux_px, uy_px]
-        if ux_std_px is None or uy_std_px is None
-        else [ux_px, uy_px, ux_std_px, uy_std_px]
-    )
     for field in given:
         if np.shape(field) != grid.shape:
             raise ValueError(
@@ -140,9 +134,8 @@ def strain(
                 " fields of this grid"
             )
     half = window // 2
-    fields = np.pad(
-        np.array(given, np.float64), ((0, 0), (half, half), (half, half)), constant_values=np.nan
-    )
+    margins = (0, 0), (half, half), (half, half)
+    fields = np.pad(np.array(given, np.float64), margins, constant_values=np.nan)
     known = np.isfinite(fields).all(axis=0)
     fields[:, ~known] = 0
     near = sliding_window_view(fields, (window, window), (-2, -1))
@@ -155,15 +148,17 @@ def strain(
     out = np.full((2, 2, 2, *grid.shape), np.nan)  # value or uncertainty, component, along x or y
     for row in range(grid.shape[0]):  # one row at a time bounds the memory
         n = at[row].sum((-2, -1))
-        ask = at[row, :, half, half] & (n >= 2 * len(basis))
-        if ask.any():
-            inside = near[:, row, ask].reshape(len(given), -1, window**2)
-            out[..., row, ask] = _fit(inside, at[row, ask].reshape(-1, window**2), basis, shared)
+        wanted = at[row, :, half, half] & (n >= 2 * len(basis))
+        if wanted.any():
+            inside = near[:, row, wanted].reshape(len(given), -1, window**2)
+            out[..., row, wanted] = _fit(
+                inside, at[row, wanted].reshape(-1, window**2), basis, shared
+            )
     value, spread = out / (half * grid.step_px)
     return Strain(*value.reshape(4, *grid.shape), *spread.reshape(4, *grid.shape))
 
 
-def _fit(fields: F64, known: NDArray[np.bool_], basis: F64, shared: F64) -> F64:
+def _fit(fields: F64, known: Bool, basis: F64, shared: F64) -> F64:
     """Slopes and their uncertainties, shape (2, 2, 2, n), of n windows of m points: fields (2 or 4,
     n, m), known (n, m), basis (p, m).
     """
@@ -185,7 +180,6 @@ def _fit(fields: F64, known: NDArray[np.bool_], basis: F64, shared: F64) -> F64:
         correlated = averaged(estimator)
         freedom = known.sum(-1) - (correlated * basis * known[:, None]).sum((1, 2))
         residual = (fields - coefficients @ basis) * known
-        variance = ((residual**2).sum(-1) / freedom)[..., None] * (estimator * correlated)[
-            :, 1:3
-        ].sum(-1)
+        noise = (residual**2).sum(-1) / freedom
+        variance = noise[..., None] * (estimator * correlated)[:, 1:3].sum(-1)
     return np.stack([coefficients[..., 1:3], np.sqrt(variance)]).transpose(0, 1, 3, 2)

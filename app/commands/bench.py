@@ -48,7 +48,7 @@ def cameras(producer: str, as_json: bool) -> int:
         return DONE
     for driver, found in findings.items():
         if found:
-            print_rows(f'camera.source = "{driver}"', found)
+            print_rows(f'camera.source = "{driver}"', [(f.label, f.symbol, f.value) for f in found])
     if not producer:
         output().print("cameras of other vendors: slipscope cameras --producer PRODUCER.cti")
     return DONE
@@ -69,5 +69,5 @@ def doctor(as_json: bool) -> int:
         )
     else:
         for heading, group in findings.items():
-            print_rows(heading, group)
+            print_rows(heading, [(f.label, f.symbol, f.value) for f in group])
     return DONE if is_able else FAILED

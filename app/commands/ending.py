@@ -4,13 +4,14 @@ session.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from app.commands.terminal import output, print_rows, say
 from app.errors import UserError
 from app.outputs import new_file
-from app.results import Outcome
+from app.records import Outcome
 from app.session.files import picture_of
 
 
@@ -81,15 +82,14 @@ def _draw(session: Path, as_json: bool) -> Path | None:
     """Draw the picture of a session from what is on disk; None, with the reason on the terminal, if
     there is nothing to draw.
     """
-    from app.report.figures import experiment_picture, numbered_instants
-    from app.results import without_fields
+    from app.report.figures import experiment_figure, numbered_instants, write_picture
     from app.session.reader import SessionReader
 
     path = picture_of(session)
     try:
         with SessionReader(session) as reader:
-            snapshots = [without_fields(snapshot) for snapshot in reader.snapshots()]
-            summary = reader.summary()
+            snapshots = [replace(snapshot, field=None) for snapshot in reader.snapshots()]
+            summary, header = reader.outcome.summary, reader.header
             instants = numbered_instants(snapshots, summary)
             if not instants:
                 if not as_json:
@@ -97,17 +97,17 @@ def _draw(session: Path, as_json: bool) -> Path | None:
                 return None
             for i in instants:
                 snapshots[i] = reader.snapshot(i)
-            with new_file(path, overwrite=True) as unfinished:
-                experiment_picture(
-                    snapshots,
-                    reader.contact(),
-                    summary,
-                    reader.grid_x_px,
-                    reader.grid_y_px,
-                    reader.pixel_m,
-                    unfinished,
-                    title=session.name,
-                )
+            figure = experiment_figure(
+                snapshots,
+                reader.contact(),
+                summary,
+                header.grid_x_px,
+                header.grid_y_px,
+                header.pixel_m,
+                title=session.name,
+            )
+        with new_file(path, overwrite=True) as unfinished:
+            write_picture(figure, unfinished)
     except (UserError, OSError) as error:
         if not as_json:
             say(f"no picture: {error}")

@@ -17,7 +17,7 @@ from app.commands.names import mark_of, new_session_name, next_free, parse_pace
 from app.commands.terminal import DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
-from app.results import Health, Outcome
+from app.records import Health, Outcome
 from app.session.files import check_new_session
 
 POLL_S = 0.1
@@ -166,8 +166,8 @@ def replay(
     problem = window_problem(headless)
     is_reanalysis = output is not None or bool(overrides)
     speed = parse_pace(pace or ("1" if problem is None and not is_reanalysis else "max"))
-    from app.reanalysis import Reanalysis
-    from app.replay import make_replay
+    from app.offline.reanalysis import Reanalysis
+    from app.offline.replay import Replay
 
     made: list[Any] = []
 
@@ -176,7 +176,7 @@ def replay(
         replace anything.
         """
         if not is_reanalysis:
-            return make_replay(session, pace=speed)
+            return Replay(session, pace=speed)
         path, may_replace = output, overwrite
         if path is None or made:
             path = next_free(output or session.with_stem(f"{session.stem}-analysis"))

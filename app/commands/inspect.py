@@ -24,65 +24,62 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
 
     receipt, fault = _read_back(session) if verify else (None, "")
     with SessionReader(session) as reader:
-        config = from_record(reader.config_toml, f"{session}: settings")
-        summary, counts, shape = reader.summary(), reader.counts(), reader.frame_shape
+        header, outcome, ended = reader.header, reader.outcome, reader.ended
+        config = from_record(header.config_toml, f"{session}: settings")
+        version = reader.format
         phases = [
-            {"phase": e.text, "sample": e.sample, "time_s": e.sample / reader.sample_rate_hz}
+            {"phase": e.text, "sample": e.sample, "time_s": e.sample / header.sample_rate_hz}
             for e in reader.events()
             if e.kind == "phase"
         ]
+    analyses = [path.name for path in analyses_of(session)]
+    changed = changed_settings(config)
+    if as_json:
         data = {
             "session": str(session),
-            "format": reader.format,
-            "state": reader.state,
-            "reason": reader.reason,
-            "started": reader.started,
-            "ended": reader.ended,
-            "frame_shape": shape,
-            "counts": counts,
+            "format": version,
+            "state": outcome.state,
+            "reason": outcome.reason,
+            "started": header.started,
+            "ended": ended,
+            "frame_shape": header.frame_shape,
+            "counts": outcome.counts,
             "phases": phases,
-            "changed_settings": changed_settings(config),
-            "summary": summary,
-            "resources": reader.resources,
-            "versions": reader.versions,
+            "changed_settings": changed,
+            "summary": outcome.summary,
+            "resources": outcome.resources,
+            "versions": header.versions,
             "has_journal": has_journal(session),
-            "source": reader.source,
-            "analyses": [path.name for path in analyses_of(session)],
+            "source": header.source,
+            "analyses": analyses,
         }
-    if as_json:
         print_json(plain(data | ({"receipt": receipt, "fault": fault} if verify else {})))
         return FAILED if fault else DONE
-    images = f"{shape[1]} x {shape[0]} px"
-    images += f", in {reader.source.session}" if reader.source else ""
-    rows = [
-        Row("format", "", f"SlipScope session, version {data['format']}"),
-        Row("state", "", f"{data['state']}" + (f": {data['reason']}" if data["reason"] else "")),
-        Row("started", "", str(data["started"])),
-        Row("ended", "", str(data["ended"]) or "not closed in good order"),
-        Row("images", "", images),
-        *([Row("further analyses", "", ", ".join(data["analyses"]))] if data["analyses"] else []),  # type: ignore[arg-type]
-        *counts_rows(counts),
-        Row(
-            "phases",
-            "",
-            ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases) or "none",
-        ),
-        *(
-            summary_rows(summary)
-            if summary
-            else [Row("summary", "", "none: the run did not come to its end")]
-        ),
-        *resources_rows(data["resources"]),  # type: ignore[arg-type]
+    rows, columns = header.frame_shape
+    kept_in = f", in {header.source.session}" if header.source else ""
+    spans = ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases)
+    about = [
+        Row("format", "", f"SlipScope session, version {version}"),
+        Row("state", "", outcome.state + (f": {outcome.reason}" if outcome.reason else "")),
+        Row("started", "", header.started),
+        Row("ended", "", ended or "not closed in good order"),
+        Row("images", "", f"{columns} x {rows} px{kept_in}"),
     ]
-    print_rows(str(session), rows)
-    for note in summary.notes if summary else ():
+    if analyses:
+        about.append(Row("further analyses", "", ", ".join(analyses)))
+    about += [*counts_rows(outcome.counts), Row("phases", "", spans or "none")]
+    if outcome.summary:
+        about += summary_rows(outcome.summary)
+    else:
+        about.append(Row("summary", "", "none: the run did not come to its end"))
+    print_rows(str(session), about + resources_rows(outcome.resources))
+    for note in outcome.summary.notes if outcome.summary else ():
         output().print(f"note: {note}")
-    changed = changed_settings(config)
     print_rows(
         "settings other than the defaults",
         [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")],
     )
-    if data["has_journal"]:
+    if has_journal(session):
         output().print(
             f"`slipscope repair {session} -o REPAIRED.h5` brings back what its journal holds"
         )

@@ -24,7 +24,8 @@ from app.exchange.inverting import (
     write_tractions,
 )
 from app.outputs import check_output
-from app.report.summary import measured_text, plain
+from app.report.quantities import measured_text
+from app.report.summary import plain
 from app.settings import ContactSettings, InversionSettings, flag
 
 SHOWN = 40  # lines of the table

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.options import quantity
-from app.results import Phase
+from app.records import Phase
 from app.settings import Config
 
 TOUCH_FRACTION = 0.05  # P above this share of its target means that the contact is made

@@ -6,32 +6,16 @@ from __future__ import annotations
 
 import threading
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.results import Phase
+from app.records import Conditions, Phase
 
 # full-rate forces kept for frames still to be analysed; far longer than any queue before the
 # analysis
 KEPT_SECONDS = 60.0
 MOST_MEANS = 4096  # an even number; twice the points of a plot
-
-
-@dataclass(frozen=True, slots=True)
-class Conditions:
-    """The state of the bench during one exposure.
-
-    `time_s` is the middle of the exposure from the start of the drive (NaN before it); forces are
-    means over the exposure.
-    """
-
-    phase: Phase
-    time_s: float
-    normal_force_n: float
-    shear_force_n: float
-    travel_m: float
 
 
 class History:

@@ -13,6 +13,7 @@ from app.engine.experiment import Measured
 from app.engine.history import History
 from app.engine.pipeline import sensor_chain
 from app.engine.recorder import Recorder
+from app.records import Gap, Position, Samples
 from app.settings import Config
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock
@@ -83,10 +84,10 @@ class Intake:
         volts = block.volts if isinstance(block, SampleBlock) else np.full((block.count, 2), np.nan)
         forces = self._chain.forces(volts)
         if isinstance(block, SampleBlock):
-            recorder.samples(block.first, volts, forces)
+            recorder.append(Samples(block.first, volts, forces))
         else:
             self.samples_lost += block.count
-            recorder.gap(block)
+            recorder.append(Gap(block.first, block.count, block.reason))
         now, position, moving = block.end, math.nan, False
         try:
             stage = self._bench.actuator.position_m(), self._bench.actuator.is_moving()
@@ -94,7 +95,7 @@ class Intake:
             now = max(now, self.now())
             position, moving = stage
         finally:  # an actuator that fails, or a board that goes away after the block, costs no sample
-            recorder.position(now, position)
+            recorder.append(Position(now, position))
             self._history.append(block.first, forces, position, now)
         if isinstance(block, LostSamples):
             if self._config.forces.on_overflow == "end":

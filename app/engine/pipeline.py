@@ -6,28 +6,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.calibration.forces import SensorChain
 from analysis.contact.apparent import apparent_contact
-from analysis.contact.rings import central_value, ring_means
+from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Grid, Tracker, open_tracker
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.engine.history import Conditions
+from app.config import to_toml
 from app.engine.tractions import Tractions, local_law
-from app.results import ContactResult, Phase, Snapshot, Summary
+from app.records import (
+    Conditions,
+    ContactResult,
+    DisplacementField,
+    Header,
+    Motion,
+    Phase,
+    RingProfile,
+    Snapshot,
+    Stick,
+    Summary,
+    series_of,
+)
 from app.settings import Config
 
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
-_NO_FIELD = np.empty((0, 0), np.float32)
-_NO_STATUS = np.empty((0, 0), np.uint8)
-_NO_RINGS = np.empty(0)
 
 
 def sensor_chain(config: Config) -> SensorChain:
@@ -58,6 +66,30 @@ def full_slip_stress(config: Config, amplitude: float) -> float:
     return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
 
 
+def grid_of(config: Config) -> Grid:
+    """The boxes in which the displacement is measured."""
+    return Grid.cover(config.camera.shape, config.dic.box, config.dic.step)
+
+
+def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) -> Header:
+    """What a session of these settings begins with."""
+    grid = grid_of(config)
+    return Header(
+        frame_shape=config.camera.shape,
+        frame_dtype="uint8" if config.camera.dtype == np.uint8 else "uint16",
+        versions=versions,
+        config_toml=to_toml(config),
+        sample_rate_hz=float(config.forces.sample_rate),
+        first_trigger=first_trigger,
+        divisor=config.camera.divisor,
+        exposure_samples=config.exposure_samples,
+        pixel_m=config.camera.pixel,
+        grid_x_px=grid.x_px,
+        grid_y_px=grid.y_px,
+        compression="gzip" if config.recording.compression == "gzip" else "none",
+    )
+
+
 class Pipeline:
     """Background, reference, displacement field, ring means, stick radius: the state of the
     analysis of one session.
@@ -67,9 +99,9 @@ class Pipeline:
     of its uncertainty. The same frames give the same bits.
     """
 
-    def __init__(self, config: Config, image_shape: tuple[int, int]) -> None:
+    def __init__(self, config: Config) -> None:
         self.config = config
-        self.grid = Grid.cover(image_shape, config.dic.box, config.dic.step)
+        self.grid = grid_of(config)
         self.contact: ContactResult | None = None
         self.reference_frame: int | None = None
         self.notes: list[str] = []
@@ -106,9 +138,8 @@ class Pipeline:
             self._background = image
         elif now.phase is Phase.REFERENCE and self._tracker is None:
             self._take_reference(index, image, now)
-        if self._tracker is None:
-            return _nothing_yet(index, sample, now)
-        return self._measure(index, sample, image, now)
+        measured = Snapshot(index, sample, now)
+        return measured if self._tracker is None else self._measure(measured, image)
 
     def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
         self._tracker = open_tracker(self.config.correlation, image)
@@ -131,8 +162,9 @@ class Pipeline:
                 "contact: no background image was taken, so a is not measured and rings are drawn"
                 " about the picture's middle"
             )
+            nothing = np.empty(0)
             self.contact = ContactResult(
-                middle, math.nan, math.nan, (math.nan, math.nan), _NO_RINGS, _NO_RINGS
+                middle, math.nan, math.nan, (math.nan, math.nan), nothing, nothing
             )
             return
         found = apparent_contact(self._background, image)
@@ -160,65 +192,61 @@ class Pipeline:
         except ValueError as error:
             self.notes.append(f"no shear traction was computed: {error}")
 
-    def _measure(
-        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
-    ) -> Snapshot:
+    def _measure(self, snapshot: Snapshot, image: NDArray[np.generic]) -> Snapshot:
         assert self._tracker is not None
         assert self.contact is not None
+        now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
         field = self._tracker.track(image)
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
         lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
-        ux_m = field.ux_px * np.float64(self._pixel_m)
+        ux_m = field.ux_px * pixel_m
         centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
         # distances from the lens where the material is now, not where it was at t = 0
         x = self._x_m + ux_m - centre_x - lens_m
-        y = self._y_m + field.uy_px * np.float64(self._pixel_m) - centre_y
+        y = self._y_m + field.uy_px * pixel_m - centre_y
         r = np.hypot(x, y)
         sliding_ux = ux_m - lens_m
-        rings = ring_means(
-            r,
-            sliding_ux,
-            self.config.dic.step * self._pixel_m,
-            self._whole_rings_m(),
-            theta=np.arctan2(y, x),
-        )
+        width = self.config.dic.step * self._pixel_m
+        rings = ring_means(r, sliding_ux, width, self._whole_rings_m(), theta=np.arctan2(y, x))
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
-        inner_m = CENTRE_SHARE * (
-            self.contact.apparent_radius_m
-            if math.isfinite(self.contact.apparent_radius_m)
-            else hertz_m
-        )
-        sheared: dict[str, Any] = {}
+        apparent_m = self.contact.apparent_radius_m
+        inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
+        stick, traction, stress, stress_field = None, None, None, None
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
-            box, width = (
-                self.config.dic.averaging_box_px * self._pixel_m,
-                self.config.dic.step * self._pixel_m,
-            )
-            fit = fit_stick_radius(
-                rings.radius, rings.mean, rings.standard_error, hertz_m, box=box, width=width
-            )
-            sheared = {"stick_radius_m": fit.stick_radius, "stick_radius_sd_m": fit.stick_radius_sd}
-            sheared["full_slip_pa"] = full_slip_stress(self.config, fit.amplitude)
+            stick = self._stick(rings, hertz_m)
             if self._tractions is not None:
-                sheared |= self._tractions.of(rings) | self._tractions.field(
-                    sliding_ux, field.ux_std_px * np.float64(self._pixel_m)
-                )
+                traction, stress = self._tractions.of(rings)
+                stress_field = self._tractions.field(sliding_ux, field.ux_std_px * pixel_m)
         return replace(
-            _nothing_yet(index, sample, now),
-            lens_m=lens_m,
-            ux_px=field.ux_px,
-            uy_px=field.uy_px,
-            ux_std_px=field.ux_std_px,
-            uy_std_px=field.uy_std_px,
-            zncc=field.zncc,
-            status=field.status,
-            ring_radius_m=rings.radius,
-            ring_ux_m=rings.mean,
-            ring_sd_m=rings.standard_error,
-            centre_ux_m=float(central_value(r, sliding_ux, inner_m)),
-            **sheared,
+            snapshot,
+            motion=Motion(lens_m, float(central_value(r, sliding_ux, inner_m))),
+            field=DisplacementField(
+                field.ux_px,
+                field.uy_px,
+                field.ux_std_px,
+                field.uy_std_px,
+                field.zncc,
+                field.status,
+            ),
+            rings=RingProfile(rings.radius, rings.mean, rings.standard_error),
+            stick=stick,
+            traction=traction,
+            stress=stress,
+            stress_field_pa=stress_field,
         )
+
+    def _stick(self, rings: Rings, hertz_m: float) -> Stick | None:
+        """The profile that fits the rings of a frame; None where none stands out of the noise."""
+        box = self.config.dic.averaging_box_px * self._pixel_m
+        width = self.config.dic.step * self._pixel_m
+        fit = fit_stick_radius(
+            rings.radius, rings.mean, rings.standard_error, hertz_m, box=box, width=width
+        )
+        if math.isnan(fit.stick_radius):
+            return None
+        full_slip_pa = full_slip_stress(self.config, fit.amplitude)
+        return Stick(fit.stick_radius, fit.stick_radius_sd, full_slip_pa)
 
     def _whole_rings_m(self) -> float:
         """Radius of the largest ring about the contact's centre that lies inside the grid: cut
@@ -230,46 +258,20 @@ class Pipeline:
         return max(0.0, float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy))) * self._pixel_m
 
 
-def _nothing_yet(index: int, sample: int, now: Conditions) -> Snapshot:
-    """The snapshot of a frame on which no displacement could be measured."""
-    return Snapshot(
-        frame=index,
-        sample=sample,
-        phase=now.phase,
-        time_s=now.time_s,
-        normal_force_n=now.normal_force_n,
-        shear_force_n=now.shear_force_n,
-        travel_m=now.travel_m,
-        lens_m=math.nan,
-        ux_px=_NO_FIELD,
-        uy_px=_NO_FIELD,
-        ux_std_px=_NO_FIELD,
-        uy_std_px=_NO_FIELD,
-        zncc=_NO_FIELD,
-        status=_NO_STATUS,
-        ring_radius_m=_NO_RINGS,
-        ring_ux_m=_NO_RINGS,
-        ring_sd_m=_NO_RINGS,
-        centre_ux_m=math.nan,
-        stick_radius_m=math.nan,
-        stick_radius_sd_m=math.nan,
-    )
-
-
 def summarise(
     config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]
 ) -> Summary:
     """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
     drive.
     """
-    drive = [s for s in snapshots if s.phase is Phase.DRIVE]
+    drive = [s for s in snapshots if s.conditions.phase is Phase.DRIVE]
     time, centre, shear, normal = (
-        np.array([getattr(s, name) for s in drive], dtype=np.float64)
+        series_of(drive, name)
         for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n")
     )
     force = float(normal.mean()) if drive else math.nan
     onset = sliding_onset(time, centre, shear, normal)
-    law, law_notes = local_law(config, drive)
+    law, modulus = local_law(config, drive)
     return Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
@@ -283,7 +285,12 @@ def summarise(
         mu_d=onset.mu_d,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
+        notes=(*notes, *onset.notes, *law.notes, *modulus.notes),
+        law_mu=law.mu,
+        law_mu_sd=law.mu_sd,
+        law_length_m=law.L,
+        law_length_sd_m=law.L_sd,
+        young_modulus_pa=modulus.E,
+        young_modulus_sd_pa=modulus.E_sd,
         calibration_sd=math.hypot(*sensor_chain(config).relative_uncertainty()),
-        notes=(*notes, *onset.notes, *law_notes),
-        **law,
     )

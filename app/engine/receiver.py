@@ -13,6 +13,7 @@ from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.history import History
 from app.engine.recorder import Recorder
+from app.records import LostTrigger, ReceivedFrame
 from drivers.errors import DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
 
@@ -111,11 +112,11 @@ class Receiver:
     def _deliver(self, answer: Frame | LostFrame) -> None:
         if isinstance(answer, LostFrame):
             self.lost += 1
-            self._recorder.lost_frame(answer)
+            self._recorder.append(LostTrigger(answer.index, answer.sample, answer.reason))
             return
         self.received += 1
         self.latest_image = answer.image
         self._hands_over = True
-        self._recorder.frame(answer)
+        self._recorder.append(ReceivedFrame(answer.index, answer.sample, answer.image))
         self._to_analysis.put(answer)
         self._hands_over = False

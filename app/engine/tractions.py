@@ -10,19 +10,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.contact.rings import Rings
-from analysis.friction.local_law import fit_local_law
-from analysis.friction.modulus import balance_modulus
+from analysis.friction.local_law import LocalLaw, fit_local_law
+from analysis.friction.modulus import Modulus, balance_modulus
 from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem
-from app.results import Snapshot
+from app.records import F32, F64, Snapshot, StressProfile, Traction, series_of
 from app.settings import Config
-
-F64 = NDArray[np.float64]
 
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
 ITERATIONS = 5
@@ -102,15 +99,15 @@ class Tractions:
             )
         return said
 
-    def field(self, ux_m: F64, sd_m: F64) -> dict[str, Any]:
+    def field(self, ux_m: F64, sd_m: F64) -> F32 | None:
         """The traction of every grid point from u_x on the material grid, lens compliance removed;
-        nothing where it was not asked for.
+        None where the settings do not ask for it, or the field does not allow it.
 
         Five conjugate gradients from the last field's solution: detail that one field's noise hides
         lags by a few frames.
         """
         if self._problem is None:
-            return {}
+            return None
         places = as_seen(ux_m, self._pitch)
         try:
             found = conjugate_gradient(
@@ -121,40 +118,27 @@ class Tractions:
                 iterations=ITERATIONS,
             )
         except ValueError:
-            return {}
+            return None
         self._last = found.sigma
-        return {"stress_field_pa": found.sigma.astype(np.float32)}
+        return found.sigma.astype(np.float32)
 
-    def of(self, rings: Rings) -> dict[str, Any]:
-        """What a snapshot says of the shear traction, by its names there; nothing where the rings
-        do not allow an inversion.
-        """
+    def of(self, rings: Rings) -> tuple[Traction, StressProfile] | tuple[None, None]:
+        """The traction under the rings of a frame, None where they do not allow an inversion."""
         self._frames += 1
         try:
             found = self._profile.solve(rings)
         except ValueError as error:
             self._refused, self._refusal = self._refused + 1, self._refusal or str(error)
-            return {}
+            return None, None
         self._uncovered += not found.is_covered
         self._doubtful += not found.is_converged
         inside = found.radius < self._profile.mask_radius
+        radius, sigma = found.radius[inside], found.sigma[inside]
         peak = stress_peak(
-            found.radius[inside],
-            found.sigma[inside],
-            found.covariance[np.ix_(inside, inside)],
-            reach=self._reach,
+            radius, sigma, found.covariance[np.ix_(inside, inside)], reach=self._reach
         )
-        return {
-            "peak_radius_m": peak.radius,
-            "peak_radius_sd_m": peak.radius_sd,
-            "block_m": found.D,
-            "block_sd_m": found.D_sd,
-            "stress_force_n": found.Q,
-            "stress_force_sd_n": found.Q_sd,
-            "stress_radius_m": found.radius[inside],
-            "stress_pa": found.sigma[inside],
-            "stress_sd_pa": found.sigma_sd[inside],
-        }
+        traction = Traction(peak.radius, peak.radius_sd, found.D, found.D_sd, found.Q, found.Q_sd)
+        return traction, StressProfile(radius, sigma, found.sigma_sd[inside])
 
 
 def as_seen(ux_m: F64, pitch_m: float) -> tuple[Any, Any]:
@@ -182,37 +166,29 @@ def _at(values: F64, places: tuple[Any, Any]) -> F64:
     return np.asarray(seen + typical, np.float64)
 
 
-def local_law(
-    config: Config, drive: Sequence[Snapshot]
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """What the summary of a drive says of the local friction law and of Young's modulus, by its
-    names there, and notes.
+def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[LocalLaw, Modulus]:
+    """The local friction law and Young's modulus from the tractions of a drive; NaN where there are
+    none.
     """
-    measured = [s for s in drive if math.isfinite(s.stress_force_n)]
+    measured = [s for s in drive if s.traction is not None]
     if not measured:
-        return {}, ()
+        return LocalLaw(), Modulus()
     sample, pixel_m = config.sample, config.camera.pixel
     P, Q, integral, integral_sd = (
-        np.array([getattr(s, name) for s in measured])
+        series_of(measured, name)
         for name in ("normal_force_n", "shear_force_n", "stress_force_n", "stress_force_sd_n")
     )
-    noise = (
-        float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6))
-        if len(Q) > 8
-        else FORCE_NOISE_N
-    )
+    noise = FORCE_NOISE_N
+    if len(Q) > 8:
+        noise = float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6))
     noise = max(noise, 0.01 * FORCE_NOISE_N)
-    # a long series keeps the rings of some
-    is_ringed = np.array([s.ring_radius_m.size > 0 for s in measured])
-    n = max(len(s.ring_radius_m) for s in measured)
+    # a long series keeps the rings of some frames
+    rings = [s.rings for s in measured if s.rings is not None]
+    is_ringed = np.array([s.rings is not None for s in measured])
+    n = max(len(one.radius_m) for one in rings)
     radii, ux, sd = (
-        np.array(
-            [
-                np.pad(getattr(s, name), (0, n - len(getattr(s, name))), constant_values=np.nan)
-                for s in measured
-            ]
-        )[is_ringed]
-        for name in ("ring_radius_m", "ring_ux_m", "ring_sd_m")
+        np.array([np.pad(row, (0, n - len(row)), constant_values=np.nan) for row in rows])
+        for rows in zip(*((one.radius_m, one.ux_m, one.sd_m) for one in rings), strict=True)
     )
     law = fit_local_law(
         np.nanmedian(radii, axis=0),
@@ -228,13 +204,4 @@ def local_law(
         box=config.dic.averaging_box_px * pixel_m,
         width=config.dic.step * pixel_m,
     )
-    modulus = balance_modulus(integral, integral_sd, Q, sample.young_modulus, Q_sd=noise)
-    found = {
-        "law_mu": law.mu,
-        "law_mu_sd": law.mu_sd,
-        "law_length_m": law.L,
-        "law_length_sd_m": law.L_sd,
-        "young_modulus_pa": modulus.E,
-        "young_modulus_sd_pa": modulus.E_sd,
-    }
-    return found, (*law.notes, *modulus.notes)
+    return law, balance_modulus(integral, integral_sd, Q, sample.young_modulus, Q_sd=noise)

@@ -6,16 +6,16 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol, TextIO
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dic import Status
+from analysis.dic import Field, Status
 from app.config import from_record
 from app.errors import UserError
 from app.exchange.tables import LENGTH, NUMBER, Table, read_table
-from app.results import Phase
+from app.records import DisplacementField, Phase
 from app.session.fields import is_session, read_fields_file
 from app.session.reader import SessionReader
 
@@ -131,17 +131,13 @@ def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -
 
 def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
     with SessionReader(path) as session:
-        config = from_record(session.config_toml, f"{path}: settings")
+        config = from_record(session.header.config_toml, f"{path}: settings")
         contact = session.contact()
-        drive = [
-            (row, s.frame, s.normal_force_n)
-            for row, s in enumerate(session.snapshots())
-            if s.phase is Phase.DRIVE and s.ux_px.size
-        ]
-        if not drive:
+        results = session.results()
+        rows = np.flatnonzero((results["phase"] == Phase.DRIVE) & session.have_fields()).tolist()
+        if not rows:
             raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
-        x_px, y_px = session.grid_x_px, session.grid_y_px
-    rows, frames, forces = zip(*drive, strict=True)
+        x_px, y_px = session.header.grid_x_px, session.header.grid_y_px
     sample, dic, pixel = config.sample, config.dic, pixel_m or config.camera.pixel
 
     centre = None
@@ -151,21 +147,25 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
     def fields() -> Iterator[tuple[int, F64, F64]]:
         with SessionReader(path) as session:
             for row in rows:
-                s = session.snapshot(row)
-                ux, sd = (np.float64(pixel) * plane for plane in (s.ux_px, s.ux_std_px))
-                yield s.frame, ux - s.lens_m, sd
+                found = session.snapshot(row)
+                assert found.field is not None
+                assert found.motion is not None
+                ux, sd = (np.float64(pixel) * p for p in (found.field.ux_px, found.field.ux_std_px))
+                yield found.frame, ux - found.motion.lens_m, sd
 
     return FieldSeries(
         path,
         x_px * pixel,
         y_px * pixel,
-        frames,
+        tuple(results["frame"][rows].tolist()),
         fields,
         dic.averaging_box_px * pixel,
         dic.box * pixel,
         centre,
         {
-            "normal_force": float(np.median(forces[:: max(1, len(forces) // 20)])),
+            "normal_force": float(
+                np.median(results["normal_force_n"][rows[:: max(1, len(rows) // 20)]])
+            ),
             "modulus": sample.young_modulus,
             "poisson": sample.poisson,
             "radius": sample.lens_radius,
@@ -251,23 +251,6 @@ def _axis(path: Path, name: str, values: F64) -> tuple[F64, NDArray[np.intp]]:
     )
 
 
-class _Correlated(Protocol):
-    """What correlation gives for one image, each of shape (ny, nx)."""
-
-    @property
-    def ux_px(self) -> NDArray[np.float32]: ...
-    @property
-    def uy_px(self) -> NDArray[np.float32]: ...
-    @property
-    def ux_std_px(self) -> NDArray[np.float32]: ...
-    @property
-    def uy_std_px(self) -> NDArray[np.float32]: ...
-    @property
-    def zncc(self) -> NDArray[np.float32]: ...
-    @property
-    def status(self) -> NDArray[np.uint8]: ...
-
-
 class FieldTable:
     """Writes displacement fields as a table with one line per point, the columns of `COLUMNS`.
 
@@ -292,7 +275,7 @@ class FieldTable:
         self._places = [f"{x:.1f},{y:.1f}" for y in y_px for x in x_px]
         file.write(",".join([COLUMNS, *more]) + "\n")
 
-    def append(self, frame: int, field: _Correlated) -> None:
+    def append(self, frame: int, field: Field | DisplacementField) -> None:
         """Write the field of a frame."""
         planes = (field.ux_px, field.uy_px, field.status, field.zncc, field.ux_std_px)
         numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px)]

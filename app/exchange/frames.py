@@ -45,7 +45,7 @@ class Sources:
 
 
 @dataclass(slots=True)
-class Trigger:
+class ImportedTrigger:
     """A trigger of the camera: the file of its image, or the reason why there is none.
 
     `sample` and `phase_sample` are -1 until they are known.
@@ -84,7 +84,7 @@ def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]
     return sources, files
 
 
-def numbered(files: list[Path], remarks: list[str]) -> list[Trigger]:
+def numbered(files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
     """A trigger for each file, by the last number in its name if these numbers count the images."""
     found = [re.search(r"(\d+)\D*$", path.stem) for path in files]
     steps = [int(b[1]) - int(a[1]) for a, b in pairwise(found) if a and b]
@@ -95,7 +95,7 @@ def numbered(files: list[Path], remarks: list[str]) -> list[Trigger]:
     if counts and sum(steps) // step < (MOST_LOST + 1) * len(files):
         numbers = [int(name[1]) for name in found if name]
         return [
-            Trigger((number - numbers[0]) // step, path=path)
+            ImportedTrigger((number - numbers[0]) // step, path=path)
             for number, path in zip(numbers, files, strict=True)
         ]
     if len(files) > 1:
@@ -103,10 +103,10 @@ def numbered(files: list[Path], remarks: list[str]) -> list[Trigger]:
             "the names of the images do not count them: each is taken to follow the one before"
             " without a loss"
         )
-    return [Trigger(index, path=path) for index, path in enumerate(files)]
+    return [ImportedTrigger(index, path=path) for index, path in enumerate(files)]
 
 
-def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Trigger]:
+def listed(table: Table, files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
     """A trigger for each row of the metadata."""
     numbers = table.numbers.get("frame", np.arange(table.rows, dtype=np.float64))
     if not (
@@ -138,7 +138,7 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Trigger]
         numbers, names, reasons, phases, begins, strict=True
     ):
         path = by_name.pop(name, table.path.parent / name)
-        trigger = Trigger(int(number), reason=reason, phase=phase, phase_sample=int(began))
+        trigger = ImportedTrigger(int(number), reason=reason, phase=phase, phase_sample=int(began))
         if name and os.path.isfile(path):  # False also for a name that no disk can hold
             trigger.path = path
         elif not reason:
@@ -154,7 +154,7 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Trigger]
     return triggers
 
 
-def with_lost(triggers: list[Trigger]) -> list[Trigger]:
+def with_lost(triggers: list[ImportedTrigger]) -> list[ImportedTrigger]:
     """The triggers, and between them those that have neither an image nor a row."""
     whole = triggers[:1]
     for trigger in triggers[1:]:
@@ -162,12 +162,12 @@ def with_lost(triggers: list[Trigger]) -> list[Trigger]:
         for index in range(before.index + 1, trigger.index):
             share = (index - before.index) / (trigger.index - before.index)
             sample = before.sample + round(share * (trigger.sample - before.sample))
-            whole.append(Trigger(index, sample, reason="no image of it was given"))
+            whole.append(ImportedTrigger(index, sample, reason="no image of it was given"))
         whole.append(trigger)
     return whole
 
 
-def first_image(triggers: list[Trigger]) -> NDArray[Any]:
+def first_image(triggers: list[ImportedTrigger]) -> NDArray[Any]:
     """The first image that there is: the others must be like it.
 
     Raises
@@ -189,7 +189,7 @@ def first_image(triggers: list[Trigger]) -> NDArray[Any]:
     return image
 
 
-def image_or_reason(trigger: Trigger, first: NDArray[Any]) -> NDArray[Any] | str:
+def image_or_reason(trigger: ImportedTrigger, first: NDArray[Any]) -> NDArray[Any] | str:
     """The image of a trigger, or why there is none that is like the first."""
     if trigger.path is None:
         return trigger.reason

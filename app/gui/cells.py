@@ -1,72 +1,113 @@
-"""The words and numbers around the plots: readouts, the operator's sentence, the account of frames,
-settings and results.
+"""The words and numbers around the plots, as plain values.
+
+They are the readouts, the sentence for the operator, the counts, the settings and the result.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import StrEnum
 
-from analysis.options import Section, quantity
-from app.gui.numbers import NOT_KNOWN, Cell, Tone, disk_text, grouped, measured, number
-from app.results import Counts, Health, Outcome, Phase, Snapshot, Summary
+from analysis.options import quantity
+from app.records import Counts, Health, Outcome, Phase, Summary
+from app.report.quantities import summary_quantities
 from app.settings import Config
 
-QUEUE_WARNS = 0.5  # share of the recorder's queue from which the operator is told
+DASH = "–"  # stands for a value that is not known
+QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use
+DISK_WARNS_S, DISK_ALARMS_S = 600.0, 60.0  # seconds of 8-bit images for which there is room
+LEAST_LOAD_N = 0.02  # a ratio Q/P of less is noise
+RESULTS = ("a", "Q_s", "mu_s", "mu_d", "t_s")  # the quantities for which the window has room
+
+NAN = math.nan
+UNMEASURED = Summary(*(NAN,) * 10, mu_d_range=(NAN, NAN), sliding_velocity_m_s=NAN)
 
 
-def readouts(normal_n: float, shear_n: float, newest: Snapshot | None) -> tuple[Cell, ...]:
-    """The numbers of this instant: P, Q, Q/P, delta, c."""
-    ratio = shear_n / normal_n if normal_n > 0.02 else math.nan
-    travel_um = newest.travel_m * 1e6 if newest else math.nan
-    stick_mm = newest.stick_radius_m * 1e3 if newest else math.nan
+class Tone(StrEnum):
+    """How a value or a state is coloured."""
+
+    NEUTRAL = "neutral"
+    GOOD = "good"
+    BUSY = "busy"
+    WARN = "warn"
+    BAD = "bad"
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A named value with its unit; `detail` is its uncertainty or range."""
+
+    name: str
+    value: str
+    unit: str = ""
+    detail: str = ""
+    tone: Tone = Tone.NEUTRAL
+
+
+def typeset(text: str) -> str:
+    """A number, a unit or a symbol with a true minus sign, Greek letters, and a dash for a range."""
+    for plain, proper in (("-", "−"), ("mu", "μ"), ("um", "µm"), (" to ", "–")):
+        text = text.replace(plain, proper)
+    return text
+
+
+def number(value: float, decimals: int) -> str:
+    """`value` with a true minus sign, or a dash for NaN."""
+    return typeset(f"{value:.{decimals}f}") if math.isfinite(value) else DASH
+
+
+def grouped(count: int) -> str:
+    """`count` with narrow spaces between its thousands."""
+    return f"{count:,}".replace(",", "\u202f")
+
+
+def readouts(normal_n: float, shear_n: float, travel_m: float, stick_m: float) -> tuple[Cell, ...]:
+    """The numbers of this instant: P, Q, Q/P, delta and c."""
+    ratio = shear_n / normal_n if normal_n > LEAST_LOAD_N else NAN
     return (
         Cell("normal force P", number(normal_n, 3), "N"),
         Cell("shear force Q", number(shear_n, 3), "N"),
-        Cell("Q / P", number(ratio, 3), ""),
-        Cell("travel δ", number(travel_um, 1), "µm"),
-        Cell("stick radius c", number(stick_mm, 2), "mm"),
+        Cell("Q / P", number(ratio, 3)),
+        Cell("travel δ", number(travel_m * 1e6, 1), "µm"),
+        Cell("stick radius c", number(stick_m * 1e3, 2), "mm"),
     )
 
 
 def operator_sentence(
-    health: Health,
-    outcome: Outcome | None,
-    normal_n: float,
-    newest: Snapshot | None,
-    config: Config,
+    health: Health, outcome: Outcome | None, normal_n: float, travel_m: float, config: Config
 ) -> str:
-    """One sentence: what goes on now, or why it ended."""
-    reason = outcome.reason if outcome is not None else health.reason
-    if outcome is None and health.state == "running" and health.queue_fill > QUEUE_WARNS:
-        behind = f"the recorder is {queue_cell(health).value} s behind"
+    """One sentence that says what goes on now, or why the run ended."""
+    run, is_running = config.run, health.state == "running"
+    if outcome is None and is_running and health.queue_fill > QUEUE_WARNS:
         return (
-            f"The disk is slower than the data: {behind}; with a full queue the run can not go on."
+            f"The disk is slower than the data: {queue_cell(health).value} s of data wait to be"
+            " recorded; the run ends when the queue is full."
         )
-    if reason:
+    if reason := (outcome or health).reason:
         return reason[0].upper() + reason[1:]
-    if health.state != "running":
-        return {
-            "idle": "Ready. Start (F5) begins the run.",
-            "armed": "The bench is being made ready.",
-        }.get(health.state, "")
-    travel = number(newest.travel_m * 1e6 if newest else math.nan, 0)
-    return {
-        Phase.BACKGROUND: "The block hangs free: images without contact are taken.",
-        Phase.CONTACT: (
-            f"Press the contact to P = {config.run.normal_force:.3f} N; now {number(normal_n, 3)}"
-            " N."
-        ),
-        Phase.REFERENCE: "At rest under load: the reference image is taken.",
-        Phase.DRIVE: (
-            f"The actuator pulls at {_setting(config.run, 'velocity')}: {travel} of"
-            f" {_setting(config.run, 'travel')}."
-        ),
-    }.get(Phase(health.phase) if health.phase in set(Phase) else Phase.END, "")
+    match health.phase if is_running else health.state:
+        case "idle":
+            return "Ready. Start (F5) begins the run."
+        case "armed":
+            return "The bench is being made ready."
+        case Phase.BACKGROUND:
+            return "The block hangs free: images without contact are taken."
+        case Phase.CONTACT:
+            target = f"P = {run.normal_force:.3f} N"
+            return f"Press the contact to {target}; now {number(normal_n, 3)} N."
+        case Phase.REFERENCE:
+            return "At rest under load: the reference image is taken."
+        case Phase.DRIVE:
+            velocity, travel = (typeset(quantity(run, name)) for name in ("velocity", "travel"))
+            return f"The actuator pulls at {velocity}: {number(travel_m * 1e6, 0)} of {travel}."
+    return ""
 
 
-def health_cells(counts: Counts) -> tuple[Cell, ...]:
-    """The account of triggers, frames and samples; a loss is red, an analysis that skips more than
-    half of the frames amber.
+def count_cells(counts: Counts) -> tuple[Cell, ...]:
+    """The account of triggers, frames and samples.
+
+    Losses are red; an analysis that skips more than half of the frames is amber.
     """
     lost = Tone.BAD if counts.frames_lost else Tone.NEUTRAL
     samples_lost = Tone.BAD if counts.samples_lost else Tone.NEUTRAL
@@ -89,57 +130,32 @@ def health_cells(counts: Counts) -> tuple[Cell, ...]:
 
 
 def result_cells(summary: Summary | None) -> tuple[Cell, ...]:
-    """a, Q_s, mu_s, mu_d, t_s with their uncertainties; a dash where the run did not go far enough."""
-    if summary is None:
-        return tuple(
-            Cell(name, NOT_KNOWN)
-            for name in (
-                "apparent radius a",
-                "static force Q_s",
-                "μ_s",
-                "μ_d",
-                "onset of sliding t_s",
-            )
-        )
-    low, high = summary.mu_d_range
-    spread = f"{low:.3f} to {high:.3f}" if math.isfinite(low) and math.isfinite(high) else ""
-    return (
-        measured(
-            "apparent radius a",
-            summary.apparent_radius_m * 1e3,
-            summary.apparent_radius_sd_m * 1e3,
-            2,
-            "mm",
-        ),
-        Cell("static force Q_s", number(summary.static_force_n, 3), unit="N"),
-        measured("μ_s", summary.mu_s, summary.mu_s_sd, 3),
-        Cell("μ_d", number(summary.mu_d, 3), detail=spread),
-        measured("onset of sliding t_s", summary.onset_time_s, summary.onset_time_sd_s, 2, "s"),
-    )
+    """The main results with their uncertainties; a dash where the run did not go far enough."""
+    measured = {quantity.symbol: quantity for quantity in summary_quantities(summary or UNMEASURED)}
+    cells = []
+    for symbol in RESULTS:
+        value, spread = map(typeset, measured[symbol].rounded)
+        name = f"{measured[symbol].name} {typeset(symbol)}"
+        cells.append(Cell(name, value or DASH, typeset(measured[symbol].unit), spread))
+    return tuple(cells)
 
 
 def setting_cells(config: Config) -> tuple[Cell, ...]:
-    """The settings of the run, in the place where its result will be."""
+    """The settings of the run, shown until there is a result."""
+    run, dic = config.run, config.dic
+    cells = []
+    for name, key in (("normal force P", "normal_force"), ("velocity",) * 2, ("travel",) * 2):
+        value, _, unit = typeset(quantity(run, key)).partition(" ")
+        cells.append(Cell(name, value, unit))
     return (
-        _setting_cell("normal force P", config.run, "normal_force"),
-        _setting_cell("velocity", config.run, "velocity"),
-        _setting_cell("travel", config.run, "travel"),
+        *cells,
         Cell("images", f"{config.frame_rate_hz:.3g}", "per s"),
-        Cell("box / step", f"{config.dic.box} / {config.dic.step}", "px"),
+        Cell("box / step", f"{dic.box} / {dic.step}", "px"),
     )
 
 
-def _setting_cell(label: str, section: Section, name: str) -> Cell:
-    value, unit = _setting(section, name).split()
-    return Cell(label, value, unit)
-
-
-def _setting(section: Section, name: str) -> str:
-    return quantity(section, name).replace("um", "µm")
-
-
 def state_tone(state: str) -> Tone:
-    """The colour of the state badge."""
+    """The colour of the state's badge."""
     tones = {
         "running": Tone.BUSY,
         "armed": Tone.WARN,
@@ -152,28 +168,19 @@ def state_tone(state: str) -> Tone:
 
 def queue_cell(health: Health) -> Cell:
     """How full the recorder's queue is, in seconds of data."""
-    tone = (
-        Tone.BAD
-        if health.queue_fill > 0.8
-        else Tone.WARN
-        if health.queue_fill > QUEUE_WARNS
-        else Tone.GOOD
-    )
-    return Cell(
-        "recorder queue",
-        f"{health.queue_fill * health.queue_seconds:.1f} of {health.queue_seconds:.1f}",
-        "s",
-        tone=tone,
-    )
+    fill = health.queue_fill
+    tone = Tone.BAD if fill > QUEUE_ALARMS else Tone.WARN if fill > QUEUE_WARNS else Tone.GOOD
+    waiting = f"{fill * health.queue_seconds:.1f} of {health.queue_seconds:.1f}"
+    return Cell("recorder queue", waiting, "s", tone=tone)
 
 
 def disk_cell(health: Health, config: Config) -> Cell:
-    """The space left; amber below ten minutes of 8-bit images, red below one."""
-    per_second = config.camera.width * config.camera.height * config.frame_rate_hz
-    seconds = health.disk_free_bytes / per_second
-    tone = Tone.BAD if seconds < 60 else Tone.WARN if seconds < 600 else Tone.NEUTRAL
-    return Cell(
-        "disk left",
-        disk_text(health.disk_free_bytes),
-        tone=tone if health.disk_free_bytes >= 0 else Tone.NEUTRAL,
-    )
+    """The free space; a dash where nothing is recorded, for which it is negative."""
+    free, camera = health.disk_free_bytes, config.camera
+    if free < 0:
+        return Cell("disk left", DASH)
+    scale, unit = (1e12, "TB") if free >= 1e12 else (1e9, "GB") if free >= 1e9 else (1e6, "MB")
+    left_s = free / (camera.width * camera.height * config.frame_rate_hz)
+    tone = Tone.BAD if left_s < DISK_ALARMS_S else Tone.WARN if left_s < DISK_WARNS_S else None
+    text = f"{free / scale:.0f}" if unit == "MB" else f"{free / scale:.3g}"
+    return Cell("disk left", f"{text} {unit}", tone=tone or Tone.NEUTRAL)

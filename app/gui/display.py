@@ -1,5 +1,6 @@
-"""Whether a window can be opened here, found out without loading Qt: Qt itself would end the
-process.
+"""Whether a window can be opened on this machine.
+
+This is checked without loading Qt, which would end the process where it can not open one.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ import ctypes
 import os
 import sys
 
-# library -> Debian package; what the Qt wheels expect of the system
+# libraries that the Qt wheels expect of the system -> the Debian package of each
 _BASE = {
     "libglib-2.0.so.0": "libglib2.0-0",
     "libEGL.so.1": "libegl1",
@@ -32,8 +33,7 @@ def display_problem() -> str | None:
     """Why no window can be opened on this machine, in one sentence; None where one can.
 
     Windows and macOS always have a display. On Linux a display must be named and reachable
-    (``QT_QPA_PLATFORM=offscreen`` counts as one) and the libraries Qt expects of the system must
-    load.
+    (``QT_QPA_PLATFORM=offscreen`` counts as one), and the libraries that Qt expects must load.
     """
     if not sys.platform.startswith("linux"):
         return None
@@ -43,7 +43,8 @@ def display_problem() -> str | None:
             "no window: neither DISPLAY nor WAYLAND_DISPLAY is set; log in to a desktop, use ssh"
             " -X, or run with --headless"
         )
-    missing = _missing(_BASE | _XCB if platform == "xcb" else _BASE)
+    needed = _BASE | _XCB if platform == "xcb" else _BASE
+    missing = {library: package for library, package in needed.items() if not _loads(library)}
     if missing:
         packages = " ".join(dict.fromkeys(missing.values()))
         return (
@@ -59,20 +60,14 @@ def display_problem() -> str | None:
 
 
 def _platform() -> str:
-    """The Qt platform that would be used: "xcb", "wayland", another one asked for by name, or ""
-    for none.
-    """
-    asked = os.environ.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
+    """The platform that Qt would use: "xcb", "wayland", another one named in QT_QPA_PLATFORM, or ""."""
+    named = os.environ.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
     has_x, has_wayland = bool(os.environ.get("DISPLAY")), bool(os.environ.get("WAYLAND_DISPLAY"))
-    if asked == "xcb":
+    if named == "xcb":
         return "xcb" if has_x else ""
-    if asked.startswith("wayland"):
+    if named.startswith("wayland"):
         return "wayland" if has_wayland else ""
-    return asked or ("wayland" if has_wayland else "xcb" if has_x else "")
-
-
-def _missing(libraries: dict[str, str]) -> dict[str, str]:
-    return {library: package for library, package in libraries.items() if not _loads(library)}
+    return named or ("wayland" if has_wayland else "xcb" if has_x else "")
 
 
 def _loads(library: str) -> bool:

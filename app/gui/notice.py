@@ -1,25 +1,25 @@
-"""The line in which the window says what is wrong, or asks a question without standing in the way."""
+"""The line in which the window says what is wrong, or asks a question without getting in the way."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton
 
 from app.gui import theme
-from app.gui.numbers import Tone
+from app.gui.cells import Tone
+from app.gui.widgets import Panel, row
 
 
-class Notice(QFrame):
+class Notice(Panel):
     """A sentence across the window, hidden while there is nothing to say.
 
     An alarm stays until it is dismissed or a new run begins; other sentences give way to newer
     ones.
     """
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setObjectName("panel")
+    def __init__(self) -> None:
+        super().__init__()
         self.text = QLabel("")
         self.text.setWordWrap(True)
         self.yes, self.no = QPushButton(""), QPushButton("Dismiss")
@@ -27,26 +27,19 @@ class Notice(QFrame):
         self._on_yes: Callable[[], object] = self.clear
         self.yes.clicked.connect(self._agree)
         self.no.clicked.connect(self.clear)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(14, 4, 10, 4)
-        row.addWidget(self.text, 1)
-        row.addWidget(self.yes)
-        row.addWidget(self.no)
+        self.setLayout(row((self.text, 1), self.yes, self.no, margins=(14, 4, 10, 4)))
         self.clear()
 
     def say(self, sentence: str, *, is_alarm: bool = False) -> None:
-        """Show `sentence`, unless an alarm or a question is standing."""
-        if (self.is_alarm or self.is_question) and not is_alarm:
-            return
-        self._show(sentence, Tone.BAD if is_alarm else Tone.WARN)
-        self.is_alarm = is_alarm
+        """Show `sentence`; an alarm or a question in its place gives way to an alarm only."""
+        if is_alarm or not (self.is_alarm or self.is_question):
+            self._show(sentence, Tone.BAD if is_alarm else Tone.WARN)
+            self.is_alarm = is_alarm
 
     def ask(self, sentence: str, yes: str, on_yes: Callable[[], object]) -> None:
-        """Ask for a decision; the window stays in use meanwhile."""
-        self._show(
-            f"{self.text.text()}  {sentence}" if self.is_alarm else sentence,
-            Tone.BAD if self.is_alarm else Tone.WARN,
-        )
+        """Ask for a decision, beside an alarm that stands; the window stays in use meanwhile."""
+        alarm = f"{self.text.text()}  " if self.is_alarm else ""
+        self._show(alarm + sentence, Tone.BAD if self.is_alarm else Tone.WARN)
         self.is_question = True
         self._on_yes = on_yes
         self.yes.setText(yes)
@@ -54,7 +47,7 @@ class Notice(QFrame):
         self.no.setText("Keep running")
 
     def clear(self) -> None:
-        """Nothing to say."""
+        """Show nothing any more."""
         self._show("", Tone.NEUTRAL)
         self.is_alarm = False
         self.hide()
@@ -72,8 +65,8 @@ class Notice(QFrame):
         self.yes.hide()
         self.no.setText("Dismiss")
         self.text.setText(sentence)
+        colour = theme.TONES[tone]
         self.setStyleSheet(
-            f"QFrame#panel {{ border: 1px solid {theme.TONES[tone]}; }} QLabel {{ color:"
-            f" {theme.TONES[tone]}; }}"
+            f"QFrame#panel {{ border: 1px solid {colour}; }} QLabel {{ color: {colour}; }}"
         )
         self.show()

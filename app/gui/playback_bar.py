@@ -1,4 +1,4 @@
-"""The bar under a replay: play and pause, one frame on, the pace, and a slider to any frame."""
+"""The bar under a replay: play and pause, single frames, the pace, and a slider to any frame."""
 
 from __future__ import annotations
 
@@ -6,96 +6,77 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QPushButton, QSlider, QStyle
+from PySide6.QtWidgets import QComboBox, QPushButton, QSlider, QStyle
 
 from app.gui.source import PlaybackSource
+from app.gui.widgets import Panel, label, row
 
 PACES: dict[str, float | None] = {
-    "0.1 x": 0.1,
-    "0.25 x": 0.25,
-    "0.5 x": 0.5,
-    "1 x": 1.0,
-    "2 x": 2.0,
-    "5 x": 5.0,
-    "10 x": 10.0,
-    "max": None,
-}
+    f"{pace:g} x": pace for pace in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
+} | {"max": None}
 
 
 class FrameSlider(QSlider):
-    """A slider that goes where it is pressed."""
+    """A slider that jumps to where it is pressed."""
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Go to the place under the pointer, and follow it from there."""
+        """Jump to the place under the pointer, and follow it from there."""
         if event.button() is Qt.MouseButton.LeftButton:
-            self.setValue(
-                QStyle.sliderValueFromPosition(
-                    self.minimum(), self.maximum(), int(event.position().x()), self.width()
-                )
-            )
+            x = int(event.position().x())
+            lowest, highest = self.minimum(), self.maximum()
+            self.setValue(QStyle.sliderValueFromPosition(lowest, highest, x, self.width()))
         super().mousePressEvent(event)
 
 
-class PlaybackBar(QFrame):
-    """What the operator does to a replay. `acted` tells that what is shown has changed."""
+class PlaybackBar(Panel):
+    """Controls of a replay; `acted` is emitted when another frame is to be shown."""
 
     acted = Signal()
 
     def __init__(self) -> None:
         super().__init__()
-        self.setObjectName("panel")
         self._source: PlaybackSource | None = None
-        self.play, self.forward, self.back = (
-            QPushButton("Pause"),
-            QPushButton("▸|"),
-            QPushButton("|◂"),
-        )
-        self.pace, self.slider, self.place = (
-            QComboBox(),
-            FrameSlider(Qt.Orientation.Horizontal),
-            QLabel(""),
-        )
-        self.play.setToolTip("Space")
-        self.forward.setToolTip(
-            "the next frame (right arrow); while it stands at the newest one, that is analysed"
-        )
-        self.back.setToolTip("the frame before (left arrow)")
-        self.pace.addItems(list(PACES))
-        self.pace.setToolTip("seconds of the experiment per second")
-        self.slider.setToolTip("any recorded frame, with the results it was recorded with")
-        self.place.setObjectName("muted")
+        self.play = QPushButton("Pause")
+        self.forward, self.back = QPushButton("▸|"), QPushButton("|◂")
+        self.pace, self.slider = QComboBox(), FrameSlider(Qt.Orientation.Horizontal)
+        self.place = label("", "muted")
         self.place.setMinimumWidth(190)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(12, 6, 12, 6)
-        for widget in (self.play, self.back, self.forward, self.pace):
-            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            row.addWidget(widget)
-        row.addWidget(self.slider, 1)
-        row.addWidget(self.place)
-        self.slider.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.pace.addItems(list(PACES))
+        self.play.setToolTip("Space")
+        self.forward.setToolTip("Next frame (right arrow). After the newest one, replays one more.")
+        self.back.setToolTip("Previous frame (left arrow)")
+        self.pace.setToolTip("Seconds of the experiment per second")
+        self.slider.setToolTip("Any recorded frame, with the results recorded with it")
+        for widget in (self.play, self.back, self.forward, self.pace, self.slider):
+            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # the keys belong to the window
+        self.setLayout(
+            row(
+                *(self.play, self.back, self.forward, self.pace, (self.slider, 1), self.place),
+                margins=(12, 6, 12, 6),
+            )
+        )
         self.play.clicked.connect(self.toggle)
         self.forward.clicked.connect(self.go_forward)
         self.back.clicked.connect(self.go_back)
         self.pace.textActivated.connect(
             lambda text: self._do(lambda source: source.playback.set_pace(PACES[text]))
         )
-        self.slider.valueChanged.connect(self._moved)
+        self.slider.valueChanged.connect(self._show_frame)
         self.hide()
 
     def attach(self, source: object) -> None:
-        """Serve this source, if it can be played back; else go away."""
+        """Control `source`; hide where it is not a replay."""
         self._source = source if isinstance(source, PlaybackSource) else None
         self.setVisible(self._source is not None)
         if self._source is not None:
             self.slider.setRange(0, self._source.frame_count - 1)
             pace = self._source.playback.pace
-            self.pace.setCurrentText(
-                next((text for text, value in PACES.items() if value == pace), "1 x")
-            )
+            names = [name for name, value in PACES.items() if value == pace]
+            self.pace.setCurrentText(names[0] if names else "1 x")
             self.refresh()
 
     def toggle(self) -> None:
-        """Stand, or go on with the replay."""
+        """Pause the replay, or go on with it."""
 
         def act(source: PlaybackSource) -> None:
             if source.playback.is_paused:
@@ -107,15 +88,15 @@ class PlaybackBar(QFrame):
         self._do(act)
 
     def go_forward(self) -> None:
-        """Show the next frame; from the newest one on, by playing it."""
+        """Show the next frame; after the newest one, by replaying one more."""
         self._go(1)
 
     def go_back(self) -> None:
-        """Show the frame before."""
+        """Show the previous frame."""
         self._go(-1)
 
     def refresh(self) -> None:
-        """Put slider and words where the replay is."""
+        """Show where the replay is."""
         source = self._source
         if source is None:
             return
@@ -126,20 +107,20 @@ class PlaybackBar(QFrame):
             self.slider.blockSignals(True)
             self.slider.setValue(source.place)
             self.slider.blockSignals(False)
-        looks = "recorded frame" if source.is_browsing else "replayed frame"
-        self.place.setText(f"{looks} {source.place + 1} of {source.frame_count}")
+        kind = "recorded" if source.is_browsing else "replayed"
+        self.place.setText(f"{kind} frame {source.place + 1} of {source.frame_count}")
 
-    def _go(self, way: int) -> None:
+    def _go(self, frames: int) -> None:
         def act(source: PlaybackSource) -> None:
             source.playback.pause()
-            if way > 0 and not source.is_browsing:
+            if frames > 0 and not source.is_browsing:
                 source.playback.step()
             elif source.can_browse:
-                source.browser.show(min(max(source.place + way, 0), source.frame_count - 1))
+                source.browser.show(min(max(source.place + frames, 0), source.frame_count - 1))
 
         self._do(act)
 
-    def _moved(self, number: int) -> None:
+    def _show_frame(self, number: int) -> None:
         def act(source: PlaybackSource) -> None:
             source.playback.pause()
             source.browser.show(number)

@@ -1,4 +1,4 @@
-"""The curves of a loading experiment: Q(delta), c(Q), and P and Q against time."""
+"""The curves of a loading experiment: Q(delta), c(Q), sigma(r), and P and Q against time."""
 
 from __future__ import annotations
 
@@ -9,175 +9,145 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QWidget
 
-from analysis.options import as_written
 from app.gui import theme
-from app.gui.view_state import Curves, ForceView, Scene, StressView, ViewState
-from app.results import F64, Summary
+from app.gui.frame_results import TractionProfile
+from app.gui.run_curves import ForceStrips, model_curve
+from app.gui.source import Setup
+from app.gui.view_state import ViewState
+from app.gui.widgets import Panel, column, label
+from app.records import F64
 
-STRIP_STEP_S = 0.2
+STRIP_STEP_S = 0.2  # the strips are redrawn for so much more: they take most of a redraw's time
+NOTHING: F64 = np.empty(0)
 
 
-def cattaneo_mindlin(summary: Summary, points: int = 200) -> tuple[F64, F64]:
-    """Q (newtons) and the stick radius c (mm) that Cattaneo and Mindlin's model gives with mu P =
-    Q_s; empty where Q_s is unknown.
+class Band:
+    """A band of one standard uncertainty on either side of a curve in `plot`."""
 
-    References
-    ----------
-    Prevost et al. 2013, section 4: c = a_H (1 - Q / (mu P))^(1/3).
-    """
-    if not (math.isfinite(summary.static_force_n) and math.isfinite(summary.hertz_radius_m)):
-        return np.empty(0), np.empty(0)
-    share = 1 - np.linspace(1.0, 0.0, points) ** 3  # evenly spaced in c
-    return summary.static_force_n * share, summary.hertz_radius_m * 1e3 * np.cbrt(1 - share)
+    def __init__(self, plot: Any, colour: str) -> None:
+        self.low, self.high = pg.PlotCurveItem(pen=None), pg.PlotCurveItem(pen=None)
+        faint = pg.mkColor(colour)
+        faint.setAlpha(70)
+        between = pg.FillBetweenItem(self.low, self.high, brush=pg.mkBrush(faint))
+        for item in (self.low, self.high, between):
+            plot.addItem(item, ignoreBounds=True)
+
+    def show(self, x: F64, y: F64, sd: F64) -> None:
+        """Draw the band about y(x)."""
+        self.low.setData(x, y - sd)
+        self.high.setData(x, y + sd)
 
 
 class CurvesView(QWidget):
     """Loading curve and stick radius above the shear traction and the two force strips."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._loading: Curves | None = None
-        self._curves: Curves | None = None
-        self._forces: ForceView | None = None
-        self._stress: StressView | None = None
-        self.loading = theme.plot_widget("travel δ (µm)", "shear force Q (N)")
-        self.loading_curve = self.loading.plot(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True)
-        self.static_line = _guide(self.loading, 0, "Qₛ")
-        self.sticking = theme.plot_widget("shear force Q (N)", "stick radius c (mm)")
+    def __init__(self) -> None:
+        super().__init__()
+        # what is drawn
+        self._loading: F64 | None = None
+        self._sticking: F64 | None = None
+        self._forces: ForceStrips | None = None
+        self._profile: TractionProfile | None = None
+        self._build_loading()
         self._build_sticking()
-        self.stress = theme.plot_widget("distance from the centre r (mm)", "shear traction σ (kPa)")
-        self._build_stress()
-        self.normal = theme.plot_widget("", "P (N)")
-        self.normal_curve = self.normal.plot(pen=pg.mkPen(theme.NORMAL, width=1))
-        self.shear = theme.plot_widget("time (s)", "Q (N)")
-        self.shear_curve = self.shear.plot(pen=pg.mkPen(theme.SHEAR, width=1))
-        self.onset_line = _guide(self.shear, 90, "tₛ")
-        self.shear.setXLink(self.normal)
-        for strip in (self.normal, self.shear):
-            strip.getPlotItem().getAxis("left").setWidth(58)
-        self.normal.getPlotItem().getAxis("bottom").setStyle(showValues=False)
+        self._build_traction()
+        self._build_strips()
         self._build_layout()
 
-    def show_scene(self, scene: Scene) -> None:
-        """Empty the curves for a new run; the travel axis spans the travel asked for."""
-        self._loading = self._curves = self._forces = None
+    def show_setup(self, setup: Setup) -> None:
+        """Empty the curves for a new run; the travel axis spans the travel of the drive."""
+        self._loading = self._sticking = self._forces = None
         for curve in (
             self.loading_curve,
             self.stick_curve,
-            self.stick_low,
-            self.stick_high,
             self.peak_curve,
             self.model_curve,
+            self.normal_curve,
+            self.shear_curve,
         ):
             curve.setData([], [])
-        for curve in (self.normal_curve, self.shear_curve):
-            curve.setData([], [])
-        self._empty_stress()
+        self.stick_band.show(NOTHING, NOTHING, NOTHING)
+        self._show_profile(None)
         for line in (self.static_line, self.onset_line, self.apparent_line):
             line.hide()
         self.sticking.enableAutoRange(y=True)
-        self.loading.setXRange(0, as_written(scene.config.run)["travel"], padding=0.03)
-
-    def _empty_stress(self) -> None:
-        self._stress = None
-        for curve in (self.stress_low, self.stress_high, self.stress_curve, self.stress_model):
-            curve.setData([], [])
-        for line in (self.stick_line, self.peak_line):
-            line.hide()
-        self.stress_caption.setText("")
+        self.loading.setXRange(0, setup.config.run.travel * 1e6, padding=0.03)
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """What draws each plot, where it changed since its last call; one after the other, so that
-        a key need not wait for all.
+        """One function for each plot, which draws it if it has changed.
+
+        They are called one by one, so that a key need not wait for all of them.
         """
-        return self._show_loading, self._show_sticking, self._show_traction, self._show_strips
+        return self._draw_loading, self._draw_sticking, self._draw_traction, self._draw_strips
 
-    def _show_loading(self, view: ViewState) -> None:
-        if view.curves is not self._loading:
-            self._loading = view.curves
-            self.loading_curve.setData(view.curves.travel_um, view.curves.shear_n)
+    def _draw_loading(self, view: ViewState) -> None:
+        if view.curves.loading is not self._loading:
+            self._loading = view.curves.loading
+            self.loading_curve.setData(*view.curves.loading.T)
         if view.summary is not None:
-            _show_line(self.static_line, view.summary.static_force_n)
+            _move_line(self.static_line, view.summary.static_force_n)
 
-    def _show_sticking(self, view: ViewState) -> None:
-        if view.curves is not self._curves:
-            self._show_curves(view.curves)
-        if math.isfinite(view.apparent_mm) and not self.apparent_line.isVisible():
-            _show_line(self.apparent_line, view.apparent_mm)
-            self.sticking.setYRange(0, 1.15 * view.apparent_mm, padding=0)
+    def _draw_sticking(self, view: ViewState) -> None:
+        curves, apparent_mm = view.curves, view.circles.apparent_mm
+        if curves.sticking is not self._sticking:
+            self._sticking = curves.sticking
+            order = np.argsort(curves.sticking[:, 0], kind="stable")
+            shear_n, stick_mm, sd_mm = curves.sticking[order].T
+            self.stick_curve.setData(shear_n, stick_mm)
+            self.stick_band.show(shear_n, stick_mm, sd_mm)
+            self.peak_curve.setData(*curves.peaks.T)
+        if math.isfinite(apparent_mm) and not self.apparent_line.isVisible():
+            _move_line(self.apparent_line, apparent_mm)
+            self.sticking.setYRange(0, 1.15 * apparent_mm, padding=0)
         if view.summary is not None:
-            self.model_curve.setData(*cattaneo_mindlin(view.summary))
+            self.model_curve.setData(*model_curve(view.summary))
 
-    def _show_traction(self, view: ViewState) -> None:
-        if view.stress is self._stress:
-            return
-        if view.stress is not None:
-            self._show_stress(view.stress)
-            return
-        self._empty_stress()
+    def _draw_traction(self, view: ViewState) -> None:
+        profile = view.frame.profile if view.frame else None
+        if profile is not self._profile:
+            self._show_profile(profile)
 
-    def _show_strips(self, view: ViewState) -> None:
-        if view.ended or self._strips_are_old(view.forces):
-            self._show_forces(view.forces)
-        if view.summary is not None:
-            _show_line(self.onset_line, view.summary.onset_time_s)
-
-    def _show_curves(self, curves: Curves) -> None:
-        self._curves = curves
-        order = np.argsort(curves.stick_shear_n, kind="stable")
-        shear, stick, sd = (
-            curves.stick_shear_n[order],
-            curves.stick_mm[order],
-            curves.stick_sd_mm[order],
-        )
-        self.stick_curve.setData(shear, stick)
-        self.stick_low.setData(shear, stick - sd)
-        self.stick_high.setData(shear, stick + sd)
-        self.peak_curve.setData(curves.peak_shear_n, curves.peak_mm)
-
-    def _show_stress(self, stress: StressView) -> None:
-        self._stress = stress
-        r, sigma, sd = stress.radius_mm, stress.stress_kpa, np.nan_to_num(stress.sd_kpa)
+    def _show_profile(self, profile: TractionProfile | None) -> None:
+        self._profile = profile
+        r = sigma = sd = model = NOTHING
+        if profile is not None:
+            r, sigma, model = profile.radius_mm, profile.stress_kpa, profile.model_kpa
+            sd = np.nan_to_num(profile.sd_kpa)
         self.stress_curve.setData(r, sigma)
-        self.stress_low.setData(r, sigma - sd)
-        self.stress_high.setData(r, sigma + sd)
-        self.stress_model.setData(r, stress.model_kpa, connect="finite")
-        for line, value in ((self.stick_line, stress.stick_mm), (self.peak_line, stress.peak_mm)):
-            line.setVisible(math.isfinite(value))
-            if math.isfinite(value):
-                line.setValue(value)
-        self.stress_caption.setText(stress.caption)
+        self.stress_band.show(r, sigma, sd)
+        self.stress_model.setData(r, model, connect="finite")
+        _move_line(self.stick_line, profile.stick_mm if profile else math.nan)
+        _move_line(self.peak_line, profile.peak_mm if profile else math.nan)
+        self.traction_caption.setText(profile.caption if profile else "")
 
-    def _strips_are_old(self, forces: ForceView) -> bool:
-        """Whether the strips lag enough to be worth drawing; the two of them are the dearest part
-        of a refresh.
-        """
+    def _draw_strips(self, view: ViewState) -> None:
+        if view.ended or self._strips_are_old(view.forces):
+            self._forces = view.forces
+            self.normal_curve.setData(view.forces.time_s, view.forces.normal_n)
+            self.shear_curve.setData(view.forces.time_s, view.forces.shear_n)
+            axis = self.shear.getPlotItem().getAxis("bottom")
+            if axis.labelText != view.forces.time_label:
+                axis.setLabel(view.forces.time_label)
+                axis.resizeEvent()  # centres the new label
+        if view.summary is not None:
+            _move_line(self.onset_line, view.summary.onset_time_s)
+
+    def _strips_are_old(self, forces: ForceStrips) -> bool:
         shown = self._forces
         if shown is None or not len(shown.time_s) or shown.time_label != forces.time_label:
             return bool(len(forces.time_s))
         return bool(forces.time_s[-1] - shown.time_s[-1] >= STRIP_STEP_S)
 
-    def _show_forces(self, forces: ForceView) -> None:
-        self._forces = forces
-        self.normal_curve.setData(forces.time_s, forces.normal_n)
-        self.shear_curve.setData(forces.time_s, forces.shear_n)
-        axis = self.shear.getPlotItem().getAxis("bottom")
-        if axis.labelText != forces.time_label:
-            axis.setLabel(forces.time_label)
-            axis.resizeEvent()  # puts the longer label back in the middle
+    def _build_loading(self) -> None:
+        self.loading = theme.plot_widget("travel δ (µm)", "shear force Q (N)")
+        self.loading_curve = self.loading.plot(pen=pg.mkPen(theme.SHEAR, width=2), antialias=True)
+        self.static_line = _guide(self.loading, 0, "Qₛ")
 
     def _build_sticking(self) -> None:
-        colour = pg.mkColor(theme.STICK)
-        self.stick_low = pg.PlotCurveItem(pen=None)
-        self.stick_high = pg.PlotCurveItem(pen=None)
-        band = pg.FillBetweenItem(
-            self.stick_low,
-            self.stick_high,
-            brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70),
-        )
+        self.sticking = theme.plot_widget("shear force Q (N)", "stick radius c (mm)")
         self.stick_curve = pg.PlotDataItem(
             pen=None,
             symbol="o",
@@ -195,47 +165,42 @@ class CurvesView(QWidget):
             symbolPen=theme.SHEAR,
             name="largest σ",
         )
-        self.model_curve = pg.PlotDataItem(
-            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, μP = Qₛ"
-        )
+        self.model_curve = _model_curve("Cattaneo–Mindlin, μP = Qₛ")
         self.apparent_line = _guide(self.sticking, 0, "a")
-        legend = self.sticking.addLegend(
-            offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt"
-        )
-        for item in (self.stick_low, self.stick_high, band):
-            self.sticking.addItem(item, ignoreBounds=True)
-        for item in (self.peak_curve, self.stick_curve, self.model_curve):
-            self.sticking.addItem(item)
+        _add_legend(self.sticking)
+        self.stick_band = Band(self.sticking, theme.STICK)
+        for curve in (self.peak_curve, self.stick_curve, self.model_curve):
+            self.sticking.addItem(curve)
         self.model_curve.setZValue(-1)
-        legend.setBrush(pg.mkBrush(28, 32, 39, 200))
         self.sticking.getPlotItem().getViewBox().setLimits(yMin=0)
 
-    def _build_stress(self) -> None:
-        colour = pg.mkColor(theme.SHEAR)
-        self.stress_low, self.stress_high = pg.PlotCurveItem(pen=None), pg.PlotCurveItem(pen=None)
-        band = pg.FillBetweenItem(
-            self.stress_low,
-            self.stress_high,
-            brush=pg.mkBrush(colour.red(), colour.green(), colour.blue(), 70),
+    def _build_traction(self) -> None:
+        self.traction = theme.plot_widget(
+            "distance from the centre r (mm)", "shear traction σ (kPa)"
         )
-        self.stress_curve = pg.PlotDataItem(
-            pen=pg.mkPen(theme.SHEAR, width=2), antialias=True, name="inverted ± sd"
-        )
-        self.stress_model = pg.PlotDataItem(
-            pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name="Cattaneo–Mindlin, c of uₓ"
-        )
-        legend = self.stress.addLegend(
-            offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt"
-        )
-        legend.setBrush(pg.mkBrush(28, 32, 39, 200))
-        for item in (self.stress_low, self.stress_high, band):
-            self.stress.addItem(item, ignoreBounds=True)
-        for item in (self.stress_curve, self.stress_model):
-            self.stress.addItem(item)
-        self.stick_line, self.peak_line = (
-            _guide(self.stress, 90, "c"),
-            _guide(self.stress, 90, "max σ"),
-        )
+        _add_legend(self.traction)
+        pen = pg.mkPen(theme.SHEAR, width=2)
+        self.stress_curve = pg.PlotDataItem(pen=pen, antialias=True, name="inverted ± sd")
+        self.stress_model = _model_curve("Cattaneo–Mindlin, c of uₓ")
+        self.stress_band = Band(self.traction, theme.SHEAR)
+        for curve in (self.stress_curve, self.stress_model):
+            self.traction.addItem(curve)
+        self.stick_line = _guide(self.traction, 90, "c")
+        self.peak_line = _guide(self.traction, 90, "max σ")
+        self.traction_caption = label("", "muted")
+        # a long caption is cut short instead of making the plot wider
+        self.traction_caption.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+
+    def _build_strips(self) -> None:
+        self.normal = theme.plot_widget("", "P (N)")
+        self.normal_curve = self.normal.plot(pen=pg.mkPen(theme.NORMAL, width=1))
+        self.shear = theme.plot_widget("time (s)", "Q (N)")
+        self.shear_curve = self.shear.plot(pen=pg.mkPen(theme.SHEAR, width=1))
+        self.onset_line = _guide(self.shear, 90, "tₛ")
+        self.shear.setXLink(self.normal)
+        for strip in (self.normal, self.shear):
+            strip.getPlotItem().getAxis("left").setWidth(58)
+        self.normal.getPlotItem().getAxis("bottom").setStyle(showValues=False)
 
     def _build_layout(self) -> None:
         grid = QGridLayout(self)
@@ -243,54 +208,52 @@ class CurvesView(QWidget):
         grid.setSpacing(8)
         grid.addWidget(_titled("Loading curve Q(δ)", self.loading), 0, 0)
         grid.addWidget(_titled("Stick radius c(Q)", self.sticking), 0, 1)
-        self.stress_caption = QLabel("")
-        grid.addWidget(
-            _titled("Shear traction σ(r)", self.stress, caption=self.stress_caption), 1, 0
-        )
+        traction = _titled("Shear traction σ(r)", self.traction, caption=self.traction_caption)
+        grid.addWidget(traction, 1, 0)
         grid.addWidget(_titled("Forces", self.normal, self.shear), 1, 1)
         for k in (0, 1):
             grid.setRowStretch(k, 1)
             grid.setColumnStretch(k, 1)
 
 
-def _show_line(line: Any, value: float) -> None:
-    if math.isfinite(value):
-        line.setValue(value)
-        line.show()
+def _model_curve(name: str) -> Any:
+    return pg.PlotDataItem(pen=pg.mkPen(theme.MODEL, width=1.5), antialias=True, name=name)
+
+
+def _add_legend(plot: Any) -> None:
+    """A legend in the lower left corner, for the curves that are added to `plot` from now on."""
+    legend = plot.addLegend(offset=(8, -8), labelTextColor=theme.MUTED, labelTextSize="8.5pt")
+    legend.setBrush(pg.mkBrush(28, 32, 39, 200))
 
 
 def _guide(plot: Any, angle: int, text: str) -> Any:
-    """A hidden dashed line across `plot`, named in the margin."""
+    """A dashed line across `plot` with its name beside it, hidden until it is moved."""
+    place = {"position": 0.06 if angle == 0 else 0.3, "anchors": [(0, 1), (0, 1)]}
     line = pg.InfiniteLine(
         angle=angle,
         pen=pg.mkPen(theme.APPARENT, width=1, style=Qt.PenStyle.DashLine),
         label=text,
-        labelOpts={
-            "position": 0.06 if angle == 0 else 0.3,
-            "color": theme.TEXT,
-            "anchors": [(0, 1), (0, 1)],
-        },
+        labelOpts={"color": theme.TEXT, **place},
     )
     line.hide()
     plot.addItem(line, ignoreBounds=True)
     return line
 
 
-def _titled(title: str, *plots: Any, caption: QLabel | None = None) -> QFrame:
-    frame = QFrame()
-    frame.setObjectName("panel")
-    heading = QLabel(title)
-    heading.setObjectName("heading")
-    layout = QVBoxLayout(frame)
-    layout.setContentsMargins(12, 8, 12, 8)
-    layout.setSpacing(4)
-    layout.addWidget(heading)
+def _move_line(line: Any, value: float) -> None:
+    """Move a guide to `value`; NaN hides it."""
+    line.setVisible(math.isfinite(value))
+    if math.isfinite(value):
+        line.setValue(value)
+
+
+def _titled(title: str, *plots: Any, caption: QLabel | None = None) -> Panel:
+    panel = Panel()
+    rows = column(label(title, "heading"), spacing=4, margins=(12, 8, 12, 8))
     if caption is not None:
-        caption.setObjectName("muted")
-        # a long one is cut, not the plots beside it
-        caption.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        layout.addWidget(caption)
+        rows.addWidget(caption)
     for plot in plots:
         plot.setMinimumHeight(90)
-        layout.addWidget(plot, 1)
-    return frame
+        rows.addWidget(plot, 1)
+    panel.setLayout(rows)
+    return panel

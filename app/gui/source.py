@@ -1,104 +1,46 @@
-"""What the window needs from a run, live or replayed: something to read, and three ways to act on
-it.
-"""
+"""What the window needs of a live run or of a replay."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.results import F64, ContactResult, Health, Outcome, Snapshot
+from app.records import F64, ContactResult, Health, Outcome, Snapshot
 from app.settings import Config
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
-
-
-class Hands(Protocol):
-    """What may be done to a replay while it runs; from any thread, returns at once."""
-
-    pace: float | None
-    is_paused: bool
-
-    def pause(self) -> None: ...
-    def resume(self) -> None: ...
-    def step(self) -> None: ...
-    def set_pace(self, pace: float | None) -> None: ...
-
-
-class Pages(Protocol):
-    """Any recorded frame, to look at; None: back to the newest one."""
-
-    def show(self, number: int | None) -> None: ...
-
-
-@runtime_checkable
-class PlaybackSource(Protocol):
-    """What a replay has beyond a `RunSource`."""
-
-    playback: Hands
-    browser: Pages
-
-    @property
-    def frame_count(self) -> int:
-        """Frames that there are to replay."""
-
-    @property
-    def can_browse(self) -> bool:
-        """Whether any frame can be looked at yet."""
-
-    @property
-    def is_browsing(self) -> bool:
-        """Whether a recorded frame is looked at."""
-
-    @property
-    def place(self) -> int:
-        """Number of the frame that is shown, from 0."""
-
-    def browsed(self) -> Snapshot | None:
-        """Recorded results of the frame that is looked at; None while it is the newest one."""
+Rect = tuple[float, float, float, float]  # left, top, width, height in px
 
 
 class RunSource(Protocol):
-    """A live run or a replay as the window sees it: it reads, and asks to stop.
+    """A live run or a replay: the window starts it, reads it, and asks it to stop.
 
-    Constructing a source touches no device and no file; `start` does. The reads may be called from
-    any one thread.
+    A source opens devices and files in `start`, not when it is constructed. Whatever only reads is
+    called from one thread, which may be any.
+
+    Attributes
+    ----------
+    title : str
+        The name of the run, "simulated bench" or "replay of x.h5".
+    config : Config
+        The settings of this run.
+    grid_x_px, grid_y_px : ndarray, shapes (nx,) and (ny,)
+        Box centres along x and y, one every `config.dic.step`.
     """
 
-    @property
-    def title(self) -> str:
-        """What is being run, e.g. "simulated bench" or "replay of x.h5"."""
-
-    @property
-    def pixel_m(self) -> float:
-        """Size of a pixel on the interface."""
-
-    @property
-    def grid_x_px(self) -> NDArray[Any]:
-        """Box centres along x, shape (nx,), evenly spaced."""
-
-    @property
-    def grid_y_px(self) -> NDArray[Any]:
-        """Box centres along y, shape (ny,), evenly spaced."""
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Rate of the DAQ sample clock."""
-
-    @property
-    def config(self) -> Config:
-        """The settings of this run."""
+    title: str
+    config: Config
+    grid_x_px: F64
+    grid_y_px: F64
 
     def start(self) -> None:
         """Begin; returns at once."""
 
     def stop_motion(self) -> None:
-        """Stop the actuator at once, then end the run.
-
-        From any thread, at any time; a replay just ends.
-        """
+        """Stop the actuator at once, then end the run; from any thread, at any time."""
 
     def request_stop(self, reason: str) -> None:
         """Ask for an orderly end of the run; returns at once."""
@@ -107,19 +49,84 @@ class RunSource(Protocol):
         """The state of the run at a glance."""
 
     def latest_image(self) -> Image | None:
-        """The newest image, shape (rows, cols); None before the first.
+        """The newest image, shape (rows, cols), or None before the first.
 
-        The same object until there is a newer one.
+        It is the same object until there is a newer one.
         """
 
     def snapshots_since(self, n: int) -> list[Snapshot]:
         """All snapshots but the first `n`, in order."""
 
     def contact(self) -> ContactResult | None:
-        """The apparent contact on the reference frame, once it is known."""
+        """The apparent contact on the reference frame; None before the reference."""
 
     def force_history(self, n: int) -> tuple[NDArray[Any], F64, F64]:
         """Sample numbers, P and Q (newtons) of the whole run, thinned to about `n` points."""
 
     def outcome(self) -> Outcome | None:
         """How the run ended; None until then."""
+
+
+class PlaybackControl(Protocol):
+    """Pace and pause of a replay; from any thread, returns at once."""
+
+    pace: float | None  # seconds of the experiment per second; None: as fast as the machine
+    is_paused: bool
+
+    def pause(self) -> None: ...
+    def resume(self) -> None: ...
+    def step(self) -> None: ...
+    def set_pace(self, pace: float | None) -> None: ...
+
+
+class FrameBrowser(Protocol):
+    """Selects the recorded frame to look at, by its number from 0; None: the newest replayed one."""
+
+    def show(self, number: int | None) -> None: ...
+
+
+@runtime_checkable
+class PlaybackSource(Protocol):
+    """What a replay has beyond a `RunSource`."""
+
+    playback: PlaybackControl
+    browser: FrameBrowser
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames to replay."""
+
+    @property
+    def can_browse(self) -> bool:
+        """Whether recorded frames can be shown yet."""
+
+    @property
+    def is_browsing(self) -> bool:
+        """Whether a recorded frame is shown instead of the newest replayed one."""
+
+    @property
+    def place(self) -> int:
+        """Number of the frame that is shown, from 0."""
+
+    def browsed(self) -> Snapshot | None:
+        """Recorded results of the frame that is shown; None while it is the newest replayed one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """What does not change during a run; the rectangle is that of the grid of boxes."""
+
+    title: str
+    pixel_um: float
+    grid_rect_px: Rect
+    sample_rate_hz: float
+    config: Config
+
+
+def setup_of(source: RunSource) -> Setup:
+    """What does not change during the run of `source`."""
+    x, y, config = source.grid_x_px, source.grid_y_px, source.config
+    step = float(config.dic.step)
+    rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
+    rate_hz = float(config.forces.sample_rate)
+    return Setup(source.title, config.camera.pixel * 1e6, rect, rate_hz, config)

@@ -1,4 +1,4 @@
-"""Opening the window, keeping it alive until it is closed, and leaving nothing behind."""
+"""Opens the window, keeps it alive until it is closed, and leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.gui.source import RunSource
 from app.gui.window import MainWindow
-from app.results import Outcome
+from app.records import Outcome
 
 SETTLE_MS = 300  # between the last data and the picture of the window
 
@@ -37,8 +37,7 @@ def run_window(
     on_ready : callable, optional
         Called with the window when it is on the screen.
     screenshot : Path, optional
-        Where to save a picture of the window when the run has ended; the window then closes by
-        itself.
+        File for a picture of the window at the end of the run, which then closes by itself.
     """
     application = QApplication.instance() or QApplication(["slipscope"])
     assert isinstance(application, QApplication)
@@ -50,29 +49,23 @@ def run_window(
         QTimer.singleShot(0, window, window.begin)
     if on_ready is not None:
         QTimer.singleShot(0, window, lambda: on_ready(window))
-    picture = _picture_at_end(window, screenshot) if screenshot is not None else None
+    if screenshot is not None:
+        _picture_at_end(window, screenshot)
+    loop = QEventLoop()
+    window.closed.connect(loop.quit)
     with _interrupt_closes(window):
-        _until_closed(window)
-    if picture is not None:
-        picture.stop()
+        loop.exec()
     outcome = window.outcome() or (window.source.outcome() if window.source else None)
-    # a pyqtgraph window that is still there when the interpreter ends may crash it
+    # pyqtgraph may crash an interpreter that ends while one of its windows still exists
     window.deleteLater()
     application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     application.processEvents()
     return outcome
 
 
-def _until_closed(window: MainWindow) -> None:
-    loop = QEventLoop()
-    window.closed.connect(loop.quit)
-    loop.exec()
-
-
-def _picture_at_end(window: MainWindow, path: Path) -> QTimer:
-    """Watch for the end of the run; then save the picture and close."""
+def _picture_at_end(window: MainWindow, path: Path) -> None:
+    """Save a picture and close the window when the run has ended."""
     timer = QTimer(window)
-    timer.setInterval(SETTLE_MS)
 
     def look() -> None:
         if window.outcome() is not None:
@@ -81,15 +74,12 @@ def _picture_at_end(window: MainWindow, path: Path) -> QTimer:
             window.close()
 
     timer.timeout.connect(look)
-    timer.start()
-    return timer
+    timer.start(SETTLE_MS)
 
 
 @contextmanager
 def _interrupt_closes(window: MainWindow) -> Iterator[None]:
-    """Ctrl-C stops the motion and closes the window; Python sees the signal at the window's next
-    refresh.
-    """
+    """Let Ctrl-C stop the motion and close the window, at the next tick of its timer."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,6 +1,4 @@
-"""The look of the window: dark, since benches stand in dimmed rooms and the image is what must be
-seen.
-"""
+"""The look of the window: dark, because benches are dim and the image must be seen."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ from typing import Any
 
 import pyqtgraph as pg
 
-from app.gui.numbers import Tone
+from app.gui.cells import Tone
 
 WINDOW = "#14171c"
 PANEL = "#1c2027"
@@ -42,43 +40,46 @@ QLabel#value {{ font-size: 20px; font-weight: 600; }}
 QLabel#detail {{ color: {MUTED}; font-size: 12px; }}
 QLabel#count {{ font-size: 14px; font-weight: 600; }}
 QLabel#heading {{ font-size: 13px; font-weight: 600; }}
-QPushButton {{ background: #2a303a; border: 1px solid #3b4350; border-radius: 5px; padding: 8px 16px; }}
+QPushButton {{ background: #2a303a; border: 1px solid #3b4350; border-radius: 5px;
+    padding: 8px 16px; }}
 QPushButton:hover {{ background: #343c48; }}
 QPushButton:focus {{ border-color: #7fb4ec; }}
 QPushButton:disabled {{ color: #626b78; background: #1f242b; border-color: {EDGE}; }}
 QPushButton#start {{ background: #22603f; border-color: #2f8457; font-weight: 600; }}
 QPushButton#start:hover {{ background: #2a744d; }}
 QPushButton#start:disabled {{ background: #1f242b; border-color: {EDGE}; }}
-QPushButton#stop_motion {{ background: #c8202b; border: 2px solid #ff6b6b; border-radius: 6px; color: white;
-    font-size: 20px; font-weight: 700; padding: 6px 24px; }}
+QPushButton#stop_motion {{ background: #c8202b; border: 2px solid #ff6b6b; border-radius: 6px;
+    color: white; font-size: 20px; font-weight: 700; padding: 6px 24px; }}
 QPushButton#stop_motion:hover {{ background: #dd2c37; }}
 QPushButton#stop_motion:pressed {{ background: #8f141d; }}
-QProgressBar {{ background: #12151a; border: 1px solid {EDGE}; border-radius: 4px; height: 12px; text-align: center; }}
+QProgressBar {{ background: #12151a; border: 1px solid {EDGE}; border-radius: 4px; height: 12px; }}
 QProgressBar::chunk {{ background: {TONES[Tone.BUSY]}; border-radius: 3px; }}
 QProgressBar#queue[tone="warn"]::chunk {{ background: {TONES[Tone.WARN]}; }}
 QProgressBar#queue[tone="bad"]::chunk {{ background: {TONES[Tone.BAD]}; }}
 QProgressBar#queue::chunk {{ background: {TONES[Tone.GOOD]}; }}
 QCheckBox {{ spacing: 6px; }}
-QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {MUTED}; border-radius: 3px; background: {WINDOW}; }}
+QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {MUTED}; border-radius: 3px;
+    background: {WINDOW}; }}
 QCheckBox::indicator:checked {{ background: {TONES[Tone.BUSY]}; border-color: {TONES[Tone.BUSY]}; }}
-QComboBox {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE}; border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
-QComboBox QAbstractItemView {{ background: {PANEL}; color: {TEXT}; selection-background-color: {EDGE}; }}
+QComboBox {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE}; border-radius: 3px;
+    padding: 1px 6px; min-width: 34px; }}
+QComboBox QAbstractItemView {{ background: {PANEL}; color: {TEXT};
+    selection-background-color: {EDGE}; }}
 QSlider::groove:horizontal {{ height: 4px; background: {EDGE}; border-radius: 2px; }}
-QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; background: {MUTED}; }}
+QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-radius: 7px;
+    background: {MUTED}; }}
 QSplitter::handle {{ background: {WINDOW}; }}
 QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; padding: 4px; }}
 """
 
 
 def displacement_map() -> Any:
-    """Colours of u_x: blue for negative, near-white at 0, red for positive; equal steps look equal."""
+    """Blue for negative values, near-white for 0, red for positive ones, perceptually uniform."""
     return pg.colormap.get("CET-D1")
 
 
 def plot_widget(bottom: str, left: str) -> Any:
-    """An empty plot with labelled axes, no SI prefixes (the units are in the labels) and software
-    rendering.
-    """
+    """An empty plot with these axis labels, which name the units, drawn in software."""
     widget = pg.PlotWidget(background=PANEL, useOpenGL=False)
     plot = widget.getPlotItem()
     for side, text in (("bottom", bottom), ("left", left)):
@@ -87,8 +88,7 @@ def plot_widget(bottom: str, left: str) -> Any:
         axis.setLabel(text, **{"color": TEXT, "font-size": "9.5pt"})
         axis.setPen(GRID)
         axis.setTextPen(MUTED)
-        # each grid line is blended over the plot: with the minor ones a repaint takes four times
-        # longer
+        # each grid line is blended over the plot: minor ones make a repaint take four times as long
         axis.setStyle(maxTickLevel=0)
     plot.showGrid(x=True, y=True, alpha=0.18)
     plot.setMenuEnabled(False)

@@ -1,17 +1,16 @@
-"""The operator's window: it looks at a run ten times a second, and stops the motion whatever else
-happens.
-"""
+"""The operator's window: it shows a run ten times a second, and can stop the motion at any time."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QMainWindow, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QMainWindow, QSplitter, QWidget
 
 from app.gui import theme
 from app.gui.image_view import InterfaceView
@@ -19,16 +18,17 @@ from app.gui.notice import Notice
 from app.gui.panels import CellRow, HealthStrip, ResultPanel, TopBar
 from app.gui.playback_bar import PlaybackBar
 from app.gui.plots import CurvesView
-from app.gui.reader import Answer, Reader
-from app.gui.source import RunSource
+from app.gui.reader import Answer, ViewReader
+from app.gui.source import RunSource, Setup
 from app.gui.view_state import ViewState
-from app.results import Outcome
+from app.gui.widgets import column
+from app.records import Outcome
 
-TICK_MS = 15  # one part of the window is drawn per tick: a key waits for that part at most
-REFRESH_MS = 100  # the parts begin anew
-# times as long as a redraw took its thread, the next one waits: the analysis needs the core too
+TICK_MS = 15  # one part of the window is drawn per tick, so that a key waits for one part at most
+REFRESH_S = 0.1  # from the beginning of one redraw to the next
+# after a redraw the window rests this many times as long as it took: the analysis needs the core
 RESTS = 2.0
-SILENT_S = 1.0  # a source that has not answered for so long is reported
+SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 
 
@@ -38,7 +38,7 @@ class MainWindow(QMainWindow):
     Parameters
     ----------
     source : RunSource, optional
-        The run, or the replay, that Start begins.
+        The run or the replay that Start begins.
     make_source : callable, optional
         Makes the next run; called at once where there is no `source`, and again by Start when a run
         has ended.
@@ -53,18 +53,19 @@ class MainWindow(QMainWindow):
         self.setWindowTitle("SlipScope")
         self.setStyleSheet(theme.STYLE)
         self._make_source = make_source
-        self._reader: Reader | None = None
         self._source: RunSource | None = None
-        self._started = self._is_fresh = False
+        self._reader: ViewReader | None = None
+        self._started = False  # the source was started
+        self._is_fresh = False  # the source was neither started nor stopped
+        self._setup: Setup | None = None
         self._view: ViewState | None = None
-        self._shown_scene: object = None
-        self._closing_for_ms: int | None = None
+        self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
-        self._reported = False
-        # when the last redraw began, on the clock and in the time of this thread
+        self._reported = False  # the notice shows a trouble with reading or drawing
+        # when the last redraw began, by the clock and in processor time of this thread
         self._drawn = (0.0, 0.0)
-        self._parts: list[Callable[[], None]] = []  # of the redraw under way, still to be drawn
-        self._failures: list[str] = []  # sentences from other threads
+        self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
+        self._failures: deque[str] = deque()  # sentences from other threads
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
@@ -101,11 +102,13 @@ class MainWindow(QMainWindow):
         )
 
     def stop_motion(self) -> None:
-        """Stop the actuator now; in a thread of its own, so that neither the window nor a slow
-        device can hold it up.
+        """Stop the actuator now.
+
+        This is done in a thread of its own, so that neither the window nor a slow device can delay
+        it.
         """
         if self._source is None:
-            self.notice.say("STOP MOTION: no bench is connected, so nothing moves by our command.")
+            self.notice.say("STOP MOTION: no bench is connected, so this program moves nothing.")
             return
         self._is_fresh = False  # a run that was stopped before it began does not begin
         self.notice.say("STOP MOTION was sent to the actuator.")
@@ -113,48 +116,47 @@ class MainWindow(QMainWindow):
         self._in_background(failed, lambda source: source.stop_motion())
 
     def close_after_run(self) -> None:
-        """Stop the motion, wait for the run to put its data in order, then close; a second call
-        closes at once.
+        """Stop the motion, wait until the run has saved its data, then close.
+
+        A second call closes at once.
         """
-        if self._closing_for_ms is not None or not self._is_running():
+        if self._close_by is not None or not self._is_running():
             self._close_now()
             return
-        self._closing_for_ms = 0
+        self._close_by = time.monotonic() + GIVE_UP_S
         self.notice.clear()
         self.stop_motion()
-        self.notice.say("Closing: the motion is stopped and the run is being put in order.")
+        self.notice.say("Closing: the motion is stopped and the run is saving its data.")
 
     def outcome(self) -> Outcome | None:
-        """How the last run ended; None while it has not."""
+        """How the run ended; None until then."""
         return self._view.outcome if self._view else None
 
     @property
     def source(self) -> RunSource | None:
-        """The run this window looks at."""
+        """The run that this window shows."""
         return self._source
 
-    # ------------------------------------------------------------------ looking
+    # ------------------------------------------------------------------ drawing
 
     def _tick(self) -> None:
-        """Draw the next part, or begin anew, unless the last redraw, its painting included, was too
-        dear to follow it up at once.
+        """Draw the next part, or begin a redraw if the last one has been rested from.
+
+        What a redraw has used of this thread's time includes the painting by Qt.
         """
-        used, now = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
+        used, since = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
         if self._parts:
-            self._draw(self._parts.pop(0))
-        elif now >= max(REFRESH_MS * 1e-3, (1 + RESTS) * used):
+            self._draw(self._parts.popleft())
+        elif since >= max(REFRESH_S, (1 + RESTS) * used):
             self._drawn = (time.monotonic(), time.thread_time())
             self._draw(self._look)
-        self._wait_to_close()
-
-    def refresh(self) -> None:
-        """Draw the newest answer of the source, all parts of it, and ask for the next."""
-        self._draw(self._look)
-        while self._parts:
-            self._draw(self._parts.pop(0))
+        if self._close_by is not None and (
+            not self._is_running() or time.monotonic() > self._close_by
+        ):
+            self._close_now()
 
     def _draw(self, part: Callable[[], None]) -> None:
-        """Draw a part; an error becomes a sentence, the window goes on."""
+        """Draw a part; an error becomes a sentence, and the window goes on."""
         try:
             part()
         except Exception as error:
@@ -164,63 +166,68 @@ class MainWindow(QMainWindow):
             )
 
     def _look(self) -> None:
-        self._say_failures()
+        """Take the newest answer of the source, and request the next."""
+        while self._failures:
+            self.notice.say(self._failures.popleft(), is_alarm=True)
+            self._close_by = None  # the window stays, for an alarm must be seen
         if self._reader is None:
             return
-        answer = self._reader.take()
+        answer, silent_s = self._reader.take(), self._reader.silent_s()
         if answer is not None:
             self._show(answer)
-        elif self._reader.silent_s() > SILENT_S:
-            self._report(
-                f"The run has not answered for {self._reader.silent_s():.0f} s; STOP MOTION still"
-                " works."
-            )
-        if self.outcome() is None:  # after that nothing changes
-            self._reader.ask()
+        elif silent_s > SILENT_S:
+            self._report(f"The run has not answered for {silent_s:.0f} s; STOP MOTION still works.")
+        if self.outcome() is None:  # nothing changes any more after the end
+            self._reader.request()
 
     def _show(self, answer: Answer) -> None:
+        """Show what is small at once, and put the plots in line to be drawn."""
         if answer.problem:
             self._report(answer.problem)
         elif self._reported:
             self._reported = False
             self.notice.retract()
-        if answer.scene is not None and answer.scene is not self._shown_scene:
-            self._shown_scene = answer.scene
-            self.top.title.setText(answer.scene.title)
-            self.setWindowTitle(f"{answer.scene.title} – SlipScope")
-            self.interface.show_scene(answer.scene)
-            self.curves.show_scene(answer.scene)
-        if answer.view is None or answer.problem:
+        if answer.setup is not None and answer.setup is not self._setup:
+            self._setup = answer.setup
+            self.top.title.setText(answer.setup.title)
+            self.setWindowTitle(f"{answer.setup.title} – SlipScope")
+            self.interface.show_setup(answer.setup)
+            self.curves.show_setup(answer.setup)
+        view, before = answer.view, self._view
+        if view is None or answer.problem:
             return
-        ended_now = answer.view.ended and not (self._view and self._view.ended)
-        self._view = answer.view
-        self.top.show_state(answer.view.state, answer.view.tone, answer.view.phase)
-        self.top.sentence.setText(answer.view.sentence)
+        self._view = view
+        self.top.show_state(view.state, view.tone, view.phase)
+        self.top.sentence.setText(view.sentence)
         self._show_buttons()
         self.playback.refresh()
-        view = answer.view
         views = (
             self.interface.show_view,
             *self.curves.parts,
             self.result.show_view,
             self.health.show_view,
         )
-        self._parts = [
-            *(partial(show, view) for show in views),
-            partial(self.readouts.show_cells, view.readouts),
-        ]
-        if ended_now and not self.notice.is_alarm:
-            self.notice.clear()  # how it ended stands beside the badge
+        self._parts = deque(partial(show, view) for show in views)
+        self._parts.append(partial(self.readouts.show_cells, view.readouts))
+        if view.ended and not (before and before.ended) and not self.notice.is_alarm:
+            self.notice.clear()  # how the run ended stands beside the badge
 
     def _report(self, sentence: str) -> None:
-        """A trouble with reading or drawing; taken back when it is over."""
+        """Say what is wrong with reading or drawing, until it is over."""
         self._reported = True
         self.notice.say(sentence)
 
-    def _say_failures(self) -> None:
-        while self._failures:
-            self.notice.say(self._failures.pop(0), is_alarm=True)
-            self._closing_for_ms = None  # an alarm must be seen: the window stays
+    def _show_buttons(self) -> None:
+        ended = self._view is not None and self._view.ended
+        is_ready = not self._started or (ended and self._make_source is not None)
+        self.top.start.setEnabled(is_ready and not self._is_running())
+        self.top.stop.setEnabled(self._is_running())
+
+    def _redraw_soon(self) -> None:
+        """Look again at the next tick, because the operator chose another frame."""
+        self._drawn = (0.0, time.thread_time())
+        if self._reader is not None:
+            self._reader.request()
 
     # ------------------------------------------------------------------ the run behind the window
 
@@ -228,7 +235,7 @@ class MainWindow(QMainWindow):
         return self._started and not (self._view is not None and self._view.ended)
 
     def _prepare(self) -> None:
-        """A new source from `make_source`, attached; a sentence where there is none."""
+        """Attach a new source; say why where none can be made."""
         if self._make_source is None:
             return
         try:
@@ -237,13 +244,13 @@ class MainWindow(QMainWindow):
             self.notice.say(f"No run could be prepared: {error}")
 
     def _attach(self, source: RunSource) -> None:
-        """Look at `source` from now on; answers still to come from an earlier one go nowhere."""
+        """Show `source` from now on; late answers of an earlier one are dropped."""
         if self._reader is not None:
             self._reader.close()
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
-        self._reader = Reader(source)
+        self._reader = ViewReader(source)
         self.playback.attach(source)
-        self._reader.ask()
+        self._reader.request()
         self._show_buttons()
 
     def _in_background(self, failed: str, act: Callable[[RunSource], None]) -> None:
@@ -259,23 +266,13 @@ class MainWindow(QMainWindow):
 
         threading.Thread(target=work, name="slipscope-window-stop", daemon=True).start()
 
-    def _show_buttons(self) -> None:
-        ended = self._view is not None and self._view.ended
-        self.top.start.setEnabled(
-            not self._is_running()
-            and (not self._started or (ended and self._make_source is not None))
-        )
-        self.top.stop.setEnabled(self._is_running())
-
     # ------------------------------------------------------------------ closing
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Close at once when nothing runs; else ask in the window itself, where STOP MOTION stays
-        within reach.
-        """
+        """Close at once when nothing runs; else ask in the window, within reach of STOP MOTION."""
         if self._is_running() and not self._must_close:
             event.ignore()
-            if self._closing_for_ms is None:
+            if self._close_by is None:
                 self.notice.ask(
                     "A run is going on.", "Stop the motion and close", self.close_after_run
                 )
@@ -286,13 +283,6 @@ class MainWindow(QMainWindow):
         event.accept()
         self.closed.emit()
 
-    def _wait_to_close(self) -> None:
-        if self._closing_for_ms is None:
-            return
-        self._closing_for_ms += TICK_MS
-        if not self._is_running() or self._closing_for_ms > GIVE_UP_S * 1e3:
-            self._close_now()
-
     def _close_now(self) -> None:
         self._must_close = True
         self.close()
@@ -300,61 +290,42 @@ class MainWindow(QMainWindow):
     # ------------------------------------------------------------------ building
 
     def _build(self) -> None:
-        self.top, self.notice = TopBar(), Notice()
+        self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.result = InterfaceView(), ResultPanel()
         self.readouts, self.curves, self.health = CellRow(), CurvesView(), HealthStrip()
-        self.playback = PlaybackBar()
         split = QSplitter(Qt.Orientation.Horizontal)
         split.setHandleWidth(8)
         split.setChildrenCollapsible(False)
-        for parts in (
-            ((self.interface, 1), (self.result, 0)),
-            ((self.readouts, 0), (self.curves, 1)),
+        for layout in (
+            column((self.interface, 1), self.result, spacing=8),
+            column(self.readouts, (self.curves, 1), spacing=8),
         ):
             side = QWidget()
-            layout = QVBoxLayout(side)
-            layout.setContentsMargins(0, 0, 0, 0)
-            layout.setSpacing(8)
-            for part, stretch in parts:
-                layout.addWidget(part, stretch)
+            side.setLayout(layout)
             split.addWidget(side)
         split.setSizes([880, 720])
         body = QWidget()
         body.setObjectName("body")
-        layout = QVBoxLayout(body)
-        layout.setContentsMargins(8, 8, 8, 8)
-        layout.setSpacing(8)
-        layout.addWidget(self.top)
-        layout.addWidget(self.notice)
-        layout.addWidget(split, 1)
-        layout.addWidget(self.playback)
-        layout.addWidget(self.health)
+        rows = (self.top, self.notice, (split, 1), self.playback, self.health)
+        body.setLayout(column(*rows, spacing=8, margins=(8, 8, 8, 8)))
         self.setCentralWidget(body)
         self.resize(1600, 960)
         self.top.start.clicked.connect(self.begin)
         self.top.stop.clicked.connect(self.end_run)
-        # on the way down: a held button has stopped the motion already
+        # a button acts on the way down: held, it has stopped the motion already
         self.top.stop_motion.pressed.connect(self.stop_motion)
         self._shortcut(Qt.Key.Key_Escape, self.stop_motion)
         self._shortcut(Qt.Key.Key_F5, self.begin)
         self._shortcut("Ctrl+Q", self.close)
-        for key, act in (
-            (Qt.Key.Key_Space, "toggle"),
-            (Qt.Key.Key_Right, "go_forward"),
-            (Qt.Key.Key_Left, "go_back"),
-        ):
-            self._shortcut(key, getattr(self.playback, act)).setAutoRepeat(act != "toggle")
-        self.playback.acted.connect(self._hurry)
+        self._shortcut(Qt.Key.Key_Space, self.playback.toggle)
+        self._shortcut(Qt.Key.Key_Right, self.playback.go_forward, repeats=True)
+        self._shortcut(Qt.Key.Key_Left, self.playback.go_back, repeats=True)
+        self.playback.acted.connect(self._redraw_soon)
 
-    def _hurry(self) -> None:
-        """Look at once: the operator asked to see another frame."""
-        self._drawn = (0.0, time.thread_time())
-        if self._reader is not None:
-            self._reader.ask()
-
-    def _shortcut(self, key: Qt.Key | str, act: Callable[[], object]) -> QShortcut:
+    def _shortcut(
+        self, key: Qt.Key | str, act: Callable[[], object], *, repeats: bool = False
+    ) -> None:
         shortcut = QShortcut(QKeySequence(key), self)
         shortcut.setContext(Qt.ShortcutContext.ApplicationShortcut)
-        shortcut.setAutoRepeat(False)
+        shortcut.setAutoRepeat(repeats)
         shortcut.activated.connect(act)
-        return shortcut

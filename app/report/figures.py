@@ -1,5 +1,8 @@
-"""The picture of a loading experiment: Q(delta), c(Q), u_x(t), and the u_x field at six instants
-(paper, Figs 5, 6, 7 and 14).
+"""The picture of a loading experiment: Q(delta), c(Q), u_x(t), and the u_x field at six instants.
+
+References
+----------
+Prevost et al. 2013, Figs 5, 6, 7 and 14.
 """
 
 from __future__ import annotations
@@ -16,26 +19,21 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
-from app.results import ContactResult, Phase, Snapshot, Summary
+from analysis.mechanics import cattaneo_mindlin
+from app.records import F64, ContactResult, Phase, Snapshot, Summary, series_of
 
-# of t_s: instants 1 to 5; the sixth slides, at 1.4 t_s or the end
-LOADING_SHARES = (0.19, 0.38, 0.57, 0.76, 0.95)
-SLIDING_SHARE = 1.4
-RADII = (0.0, 0.5, 0.75, 1.0)  # of a, as in the paper's Fig. 7
+# five instants on the way to t_s, and one in sliding or at the end, as multiples of t_s
+INSTANTS = (0.19, 0.38, 0.57, 0.76, 0.95, 1.4)
+RADII = (0.0, 0.5, 0.75, 1.0)  # multiples of a, as in the paper's Fig. 7
+RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")
 CUT_HALF_ROWS = 2  # the cut along y = 0 is the mean of this many rows on either side of it
 BLUE, RED, GREY = "#1f5fa8", "#c0392b", "#777777"
-RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")
 STYLE = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.labelsize": 8,
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 7),
+    **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
     "axes.linewidth": 0.6,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
     "legend.fontsize": 6.5,
     "legend.frameon": False,
     "lines.linewidth": 1.0,
@@ -44,45 +42,32 @@ STYLE = {
 
 
 def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) -> list[int]:
-    """Positions in `snapshots` of the six instants to be shown: five on the way to t_s, one in
-    sliding.
+    """Positions in `snapshots` of the six instants that are shown.
 
-    Where t_s is not known the instants share the drive evenly. Fewer than six come out of a drive
-    of fewer frames.
+    Where t_s is not known, or not reached, the instants share the drive evenly. There are fewer
+    than six in a drive of fewer frames.
     """
     drive = [
-        (i, s.time_s)
+        (s.conditions.time_s, i)
         for i, s in enumerate(snapshots)
-        if s.phase is Phase.DRIVE and math.isfinite(s.time_s)
+        if s.conditions.phase is Phase.DRIVE and math.isfinite(s.conditions.time_s)
     ]
     if not drive:
         return []
-    last = drive[-1][1]
-    onset = summary.onset_time_s if summary else math.nan
+    last, onset = drive[-1][0], summary.onset_time_s if summary else math.nan
+    wanted = [last * k / 6 for k in range(1, 7)]
     if 0 < onset < last:
-        wanted = [share * onset for share in LOADING_SHARES] + [min(last, SLIDING_SHARE * onset)]
-    else:
-        wanted = [last * k / 6 for k in range(1, 7)]
-    nearest = (min(drive, key=lambda item: abs(item[1] - t))[0] for t in wanted)
+        wanted = [min(last, share * onset) for share in INSTANTS]
+    nearest = (min(drive, key=lambda item: abs(item[0] - t))[1] for t in wanted)
     return sorted(set(nearest))
-
-
-def stick_radius_cm(
-    shear_force_n: NDArray[np.float64], hertz_radius_m: float, mu: float, normal_force_n: float
-) -> NDArray[np.float64]:
-    """Stick radius of a Cattaneo-Mindlin contact under Q: c = a_H (1 - Q/(mu P))^(1/3), 0 beyond mu
-    P (paper, Eq. for c(Q)).
-    """
-    rest = np.clip(1 - np.asarray(shear_force_n) / (mu * normal_force_n), 0, None)
-    return np.asarray(hertz_radius_m * np.cbrt(rest), dtype=np.float64)
 
 
 def experiment_figure(
     snapshots: Sequence[Snapshot],
     contact: ContactResult | None,
     summary: Summary | None,
-    grid_x_px: NDArray[np.float64],
-    grid_y_px: NDArray[np.float64],
+    grid_x_px: F64,
+    grid_y_px: F64,
     pixel_m: float,
     *,
     title: str = "",
@@ -92,103 +77,79 @@ def experiment_figure(
     Parameters
     ----------
     snapshots : sequence of Snapshot
-        In order; those at `numbered_instants` with their fields, the others may go without.
+        In order; fields are needed of those at `numbered_instants` only.
     contact, summary : optional
-        What was not measured (None, NaN) is not drawn.
+        What was not measured (None or NaN) is not drawn.
     grid_x_px, grid_y_px : ndarray, shapes (nx,) and (ny,)
         Box centres.
     pixel_m : float
         Size of a pixel on the interface.
     """
-    instants = numbered_instants(snapshots, summary)
-    drive = [s for s in snapshots if s.phase is Phase.DRIVE]
+    numbered = [snapshots[i] for i in numbered_instants(snapshots, summary)]
+    drive = [s for s in snapshots if s.conditions.phase is Phase.DRIVE]
+    centre = contact.centre_px if contact else (grid_x_px.mean(), grid_y_px.mean())
+    x_mm, y_mm = (
+        (px - middle) * pixel_m * 1e3
+        for px, middle in zip((grid_x_px, grid_y_px), centre, strict=True)
+    )
+    apparent_m = contact.apparent_radius_m if contact else math.nan
+    hertz_m = summary.hertz_radius_m if summary else math.nan
     with matplotlib.rc_context(STYLE):
-        rows = 1 if len(instants) <= 3 else 2
-        figure = Figure(
-            figsize=(7.2, 2.8 + 1.9 * rows),
-            layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.03),
-        )
+        rows = 1 if len(numbered) <= 3 else 2
+        layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.03)
+        figure = Figure(figsize=(7.2, 2.8 + 1.9 * rows), layout=layout)
         FigureCanvasAgg(figure)
         halves: Any = figure.subfigures(2, 1, height_ratios=(1.0, 0.1 + 0.75 * rows))
         curves, fields = halves
         left, middle, right = curves.subplots(1, 3)
-        _draw_force(left, drive, [snapshots[i] for i in instants], summary)
+        _draw_force(left, drive, numbered, summary)
         _draw_stick_radius(middle, drive, summary)
-        _draw_ring_displacements(right, drive, _contact_radius_m(contact, summary), summary)
-        panels = fields.subplots(rows, 3, sharex=True, sharey=True).ravel()
+        radius_m = apparent_m if math.isfinite(apparent_m) else hertz_m
+        _draw_ring_displacements(right, drive, radius_m, summary)
         fields.suptitle(
             "(d) $u_x$ at the numbered instants. Dashed: $a$; circle: $c$; curve: cut along $y=0$"
             " (mean of 5 rows), read on the colour bar",
             fontsize=8,
         )
-        centre = (
-            contact.centre_px if contact else (float(grid_x_px.mean()), float(grid_y_px.mean()))
-        )
-        x_mm, y_mm = (
-            (grid_x_px - centre[0]) * pixel_m * 1e3,
-            (grid_y_px - centre[1]) * pixel_m * 1e3,
-        )
-        for number, panel in enumerate(panels, 1):
-            if number > len(instants):
-                panel.set_visible(False)
-                continue
-            shot = snapshots[instants[number - 1]]
-            ux_um = (np.asarray(shot.ux_px, np.float64) * pixel_m - shot.lens_m) * 1e6
-            _draw_field(fields, panel, ux_um, x_mm, y_mm, number, shot)
-            _draw_circles(panel, contact, shot)
+        panels = fields.subplots(rows, 3, sharex=True, sharey=True).ravel()
+        for panel in panels[len(numbered) :]:
+            panel.set_visible(False)
+        for number, (panel, shot) in enumerate(zip(panels, numbered, strict=False), 1):
+            assert shot.field is not None
+            assert shot.motion is not None
+            ux_um = (np.asarray(shot.field.ux_px, np.float64) * pixel_m - shot.motion.lens_m) * 1e6
+            _draw_field(panel, ux_um, x_mm, y_mm, has_label=number % 3 == 0)
+            now = shot.conditions
+            when = f"$t$ = {now.time_s:.1f} s,  $Q$ = {now.shear_force_n:.3f} N"
+            panel.set_title(f"{number}:  {when}", pad=3)
+            _draw_circle(panel, apparent_m, ec="#ff5a4d", ls="--")
+            if shot.stick:
+                _draw_circle(panel, shot.stick.stick_radius_m, ec="white")
             panel.label_outer()
         if title:
             figure.suptitle(title, fontsize=8, color=GREY)
     return figure
 
 
-def experiment_picture(
-    snapshots: Sequence[Snapshot],
-    contact: ContactResult | None,
-    summary: Summary | None,
-    grid_x_px: NDArray[np.float64],
-    grid_y_px: NDArray[np.float64],
-    pixel_m: float,
-    path: Path,
-    *,
-    title: str = "",
-) -> None:
-    """Write `experiment_figure` to `path` (the ending tells the format: .png, .pdf, .svg)."""
-    figure = experiment_figure(
-        snapshots, contact, summary, grid_x_px, grid_y_px, pixel_m, title=title
-    )
+def write_picture(figure: Figure, path: Path) -> None:
+    """Write a figure of this module to `path`, whose ending says how: .png, .pdf or .svg."""
     with matplotlib.rc_context(STYLE):
         figure.savefig(path, dpi=200)
-
-
-def _contact_radius_m(contact: ContactResult | None, summary: Summary | None) -> float:
-    """The measured apparent radius, or Hertz's where there is none."""
-    if contact is not None and math.isfinite(contact.apparent_radius_m):
-        return contact.apparent_radius_m
-    return summary.hertz_radius_m if summary else math.nan
-
-
-def _series(snapshots: Sequence[Snapshot], name: str) -> NDArray[np.float64]:
-    return np.array([getattr(s, name) for s in snapshots], dtype=np.float64)
 
 
 def _draw_force(
     axes: Any, drive: Sequence[Snapshot], numbered: Sequence[Snapshot], summary: Summary | None
 ) -> None:
-    """Q(delta) with the six instants (Fig. 5)."""
-    axes.plot(_series(drive, "travel_m") * 1e6, _series(drive, "shear_force_n"), color=BLUE)
+    """Draw Q(delta) with the numbered instants (Fig. 5)."""
+    axes.plot(series_of(drive, "travel_m") * 1e6, series_of(drive, "shear_force_n"), c=BLUE)
     if summary and math.isfinite(summary.static_force_n):
         axes.axhline(summary.static_force_n, color=GREY, lw=0.7, ls=":")
+        place = (0.02, summary.static_force_n)
         axes.annotate(
-            "$Q_s$",
-            (0.02, summary.static_force_n),
-            (0, 2),
-            ("axes fraction", "data"),
-            "offset points",
-            color=GREY,
+            "$Q_s$", place, (0, 2), ("axes fraction", "data"), "offset points", color=GREY
         )
     for number, shot in enumerate(numbered, 1):
-        x, y = shot.travel_m * 1e6, shot.shear_force_n
+        x, y = shot.conditions.travel_m * 1e6, shot.conditions.shear_force_n
         axes.plot([x], [y], "o", ms=8.5, mfc="white", mec=BLUE, mew=0.8, zorder=3)
         axes.annotate(str(number), (x, y), ha="center", va="center_baseline", fontsize=6, zorder=4)
     axes.margins(y=0.12)
@@ -200,16 +161,12 @@ def _draw_force(
 
 
 def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | None) -> None:
-    """Stick radius against Q beside Cattaneo-Mindlin's (Fig. 14)."""
-    c_m, sd_m, force = (
-        _series(drive, name) for name in ("stick_radius_m", "stick_radius_sd_m", "shear_force_n")
-    )
-    told = np.isfinite(c_m)
-    error = np.where(np.isfinite(sd_m[told]), sd_m[told], 0.0)
+    """Draw the stick radius against Q, and Cattaneo and Mindlin's (Fig. 14)."""
+    stuck = [s for s in drive if s.stick]
     axes.errorbar(
-        force[told],
-        c_m[told] * 1e3,
-        error * 1e3,
+        series_of(stuck, "shear_force_n"),
+        series_of(stuck, "stick_radius_m") * 1e3,
+        np.nan_to_num(series_of(stuck, "stick_radius_sd_m") * 1e3),
         fmt="o",
         ms=2,
         color=BLUE,
@@ -218,11 +175,11 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
         label="measured",
         zorder=3,
     )
-    if summary and math.isfinite(summary.mu_d) and math.isfinite(summary.hertz_radius_m):
-        limit = summary.mu_d * summary.normal_force_n
-        q = limit * (1 - np.linspace(1, 0, 200) ** 3)
-        c_cm = stick_radius_cm(q, summary.hertz_radius_m, summary.mu_d, summary.normal_force_n)
-        axes.plot(q, c_cm * 1e3, "--", color=RED, label=r"$a_H\,(1-Q/\mu_d P)^{1/3}$", zorder=2)
+    limit = summary.mu_d * summary.normal_force_n if summary else 0.0
+    if summary and limit > 0 and math.isfinite(summary.hertz_radius_m):
+        q = limit * (1 - np.linspace(1, 0, 200) ** 3)  # evenly spaced in c
+        c_mm = 1e3 * cattaneo_mindlin.stick_radius(q, limit, summary.hertz_radius_m)
+        axes.plot(q, c_mm, "--", color=RED, label=r"$a_H\,(1-Q/\mu_d P)^{1/3}$", zorder=2)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="lower left")
     axes.locator_params(axis="x", nbins=5)
@@ -234,72 +191,37 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
 def _draw_ring_displacements(
     axes: Any, drive: Sequence[Snapshot], radius_m: float, summary: Summary | None
 ) -> None:
-    """u_x at r = 0, a/2, 3a/4 and a against time, and the construction of t_s (Fig. 7)."""
-    time = _series(drive, "time_s")
+    """Draw u_x at r = 0, a/2, 3a/4 and a against time, and how t_s follows from them (Fig. 7)."""
+    time, centre = series_of(drive, "time_s"), series_of(drive, "centre_ux_m")
     for share, colour in zip(RADII, RADII_COLOURS, strict=True):
-        if share == 0:
-            ux = _series(drive, "centre_ux_m")
-        elif math.isfinite(radius_m):
-            ux = np.array([_at_radius(s, share * radius_m) for s in drive])
-        else:
-            continue
-        if not np.isfinite(ux).any():
-            continue
-        name = "r = 0" if share == 0 else "r = a" if share == 1 else f"r = {share:g} a"
-        axes.plot(time, ux * 1e6, color=colour, label=f"${name}$")
+        ux = np.array([_at_radius(s, share * radius_m) for s in drive]) if share else centre
+        if np.isfinite(ux).any():
+            name = "0" if share == 0 else "a" if share == 1 else f"{share:g} a"
+            axes.plot(time, ux * 1e6, color=colour, label=f"$r = {name}$")
     axes.axhline(0, color="black", lw=0.6, ls=":")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="upper left")
-    if (
-        summary
-        and math.isfinite(summary.onset_time_s)
-        and math.isfinite(summary.sliding_velocity_m_s)
-        and len(time)
-    ):
-        ends = np.array([summary.onset_time_s, time[-1]])
-        axes.plot(
-            ends,
-            summary.sliding_velocity_m_s * (ends - ends[0]) * 1e6,
-            "-.",
-            color=GREY,
-            lw=0.9,
-            zorder=3,
-        )
+    if summary and len(time) and math.isfinite(summary.onset_time_s * summary.sliding_velocity_m_s):
+        onset, last = summary.onset_time_s, time[-1]
+        slid_um = summary.sliding_velocity_m_s * (last - onset) * 1e6
+        axes.plot([onset, last], [0, slid_um], "-.", color=GREY, lw=0.9, zorder=3)
         low = axes.get_ylim()[1] * -0.16
-        axes.annotate(
-            "$t_s$",
-            (ends[0], 0),
-            (ends[0], low),
-            ha="center",
-            va="bottom",
-            arrowprops={"arrowstyle": "->", "lw": 0.8},
-        )
+        arrow = {"arrowstyle": "->", "lw": 0.8}
+        axes.annotate("$t_s$", (onset, 0), (onset, low), ha="center", va="bottom", arrowprops=arrow)
         axes.set_ylim(bottom=1.15 * low)
     axes.set(xlabel=r"time $t$ (s)", ylabel=r"$u_x(r)$ (µm)", title=r"(c) $u_x(r)$ in time")
 
 
 def _at_radius(shot: Snapshot, radius_m: float) -> float:
     """Ring mean of u_x at a radius, linear between the rings; NaN outside them."""
-    good = np.isfinite(shot.ring_ux_m)
-    if not good.any():
+    if shot.rings is None or not (good := np.isfinite(shot.rings.ux_m)).any():
         return math.nan
-    return float(
-        np.interp(
-            radius_m, shot.ring_radius_m[good], shot.ring_ux_m[good], left=math.nan, right=math.nan
-        )
-    )
+    r, ux = shot.rings.radius_m[good], shot.rings.ux_m[good]
+    return float(np.interp(radius_m, r, ux, left=math.nan, right=math.nan))
 
 
-def _draw_field(
-    figure: Any,
-    axes: Any,
-    ux_um: NDArray[np.float64],
-    x_mm: NDArray[np.float64],
-    y_mm: NDArray[np.float64],
-    number: int,
-    shot: Snapshot,
-) -> None:
-    """One u_x field in micrometres with its cut along y = 0, read on the colour bar (Fig. 6a)."""
+def _draw_field(axes: Any, ux_um: F64, x_mm: F64, y_mm: F64, *, has_label: bool) -> None:
+    """Draw one u_x field with its cut along y = 0, which is read on the colour bar (Fig. 6a)."""
     good = ux_um[np.isfinite(ux_um)]
     low, high = (float(v) for v in np.percentile(good, (0.5, 99.5))) if good.size else (0.0, 1.0)
     low, high = min(0.0, low), max(high, low + 0.1)
@@ -309,48 +231,23 @@ def _draw_field(
     shown = axes.imshow(
         ux_um, extent=extent, vmin=low, vmax=high, cmap="viridis", interpolation="nearest"
     )
-    # as high as the panel: the cut is read on it
-    bar = figure.colorbar(shown, cax=axes.inset_axes((1.03, 0, 0.05, 1)))
+    # the bar is as high as the panel, so that the cut can be read on it
+    bar = axes.figure.colorbar(shown, cax=axes.inset_axes((1.03, 0, 0.05, 1)))
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(length=2)
-    if number % 3 == 0:
+    if has_label:
         bar.set_label("$u_x$ (µm)", labelpad=1)
     middle = int(np.argmin(np.abs(y_mm)))
     rows = np.ma.masked_invalid(ux_um[max(0, middle - CUT_HALF_ROWS) : middle + CUT_HALF_ROWS + 1])
     cut = rows.mean(axis=0).filled(np.nan)
     heights = extent[2] + (cut - low) / (high - low) * (extent[3] - extent[2])
-    axes.plot(
-        x_mm,
-        heights,
-        color="white",
-        lw=1.0,
-        path_effects=[withStroke(linewidth=2.0, foreground="black")],
-        label="cut",
-        zorder=4,
-    )
+    edge = [withStroke(linewidth=2.0, foreground="black")]
+    axes.plot(x_mm, heights, color="white", lw=1.0, path_effects=edge, label="cut", zorder=4)
     axes.set(xlim=extent[:2], ylim=extent[2:])
-    axes.set_title(
-        f"{number}:  $t$ = {shot.time_s:.1f} s,  $Q$ = {shot.shear_force_n:.3f} N", pad=3
-    )
     axes.set_xlabel("$x$ (mm)")
     axes.set_ylabel("$y$ (mm)", labelpad=1)
 
 
-def _draw_circles(axes: Any, contact: ContactResult | None, shot: Snapshot) -> None:
-    """The apparent contact (dashed) and the stick zone (solid)."""
-    if contact is not None and math.isfinite(contact.apparent_radius_m):
-        axes.add_patch(
-            Circle(
-                (0, 0),
-                contact.apparent_radius_m * 1e3,
-                fill=False,
-                ec="#ff5a4d",
-                ls="--",
-                lw=1.1,
-                zorder=3,
-            )
-        )
-    if math.isfinite(shot.stick_radius_m) and shot.stick_radius_m > 0:
-        axes.add_patch(
-            Circle((0, 0), shot.stick_radius_m * 1e3, fill=False, ec="white", lw=1.1, zorder=3)
-        )
+def _draw_circle(axes: Any, radius_m: float, **style: str) -> None:
+    if radius_m > 0:
+        axes.add_patch(Circle((0, 0), radius_m * 1e3, fill=False, lw=1.1, zorder=3, **style))

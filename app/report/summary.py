@@ -1,129 +1,61 @@
-"""The numbers of a run for people (text with units and uncertainties) and for machines (plain
-values in SI units).
-"""
+"""How a run ended: as rows of text for people, and as plain data in SI units for machines."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from app.results import Counts, Outcome, Summary
-
-NOT_MEASURED = "not measured"
+from app.records import Counts, Outcome, Summary
+from app.report.quantities import summary_quantities
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One line of a summary: what it is, its symbol in the paper, and its value with unit and
-    uncertainty.
-    """
+class Row(NamedTuple):
+    """One line of a table: what it is about, its symbol in the paper, and its value."""
 
     label: str
     symbol: str
     value: str
 
 
-def decimals_for(sd: float) -> int:
-    """Decimals that show a standard uncertainty with two significant digits."""
-    exponent = math.floor(math.log10(sd))
-    if float(f"{sd:.1e}") >= 10 ** (exponent + 1):  # 0.0996 is written 0.10
-        exponent += 1
-    return max(0, 1 - exponent)
-
-
-def measured_text(value: float, sd: float, unit: str = "") -> str:
-    """A value as ``1.853 ± 0.024 mm``: two digits of the uncertainty set the digits of the value.
-
-    Without a usable uncertainty the value has three significant digits; NaN is "not measured".
-    """
-    if not math.isfinite(value):
-        return NOT_MEASURED
-    if not (math.isfinite(sd) and sd > 0):
-        digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
-        return f"{value:.{digits}f} {unit}".rstrip()
-    digits = decimals_for(sd)
-    return f"{value:.{digits}f} ± {sd:.{digits}f} {unit}".rstrip()
-
-
-def range_text(value: float, low: float, high: float, unit: str = "") -> str:
-    """A mean with the least and greatest value, as ``0.930 (0.921 to 0.938)``."""
-    if not math.isfinite(value):
-        return NOT_MEASURED
-    if not (math.isfinite(low) and math.isfinite(high) and high > low):
-        return measured_text(value, math.nan, unit)
-    digits = decimals_for((high - low) / 2)
-    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f}) {unit}".rstrip()
-
-
 def summary_rows(summary: Summary) -> list[Row]:
     """What the experiment comes down to, in the units of the paper."""
-    s = summary
+    common = summary.calibration_sd
     return [
-        Row("normal force", "P", measured_text(s.normal_force_n, math.nan, "N")),
+        *(Row(q.name, q.symbol, str(q)) for q in summary_quantities(summary)),
         Row(
-            "apparent contact radius",
-            "a",
-            measured_text(s.apparent_radius_m * 1e3, s.apparent_radius_sd_m * 1e3, "mm"),
-        ),
-        Row("Hertz contact radius", "a_H", measured_text(s.hertz_radius_m * 1e3, math.nan, "mm")),
-        Row("onset of sliding", "t_s", measured_text(s.onset_time_s, s.onset_time_sd_s, "s")),
-        Row(
-            "shear force at the onset",
-            "Q_s",
-            measured_text(s.static_force_n, s.mu_s_sd * s.normal_force_n, "N"),
-        ),
-        Row("static friction", "mu_s", measured_text(s.mu_s, s.mu_s_sd)),
-        Row("dynamic friction", "mu_d", range_text(s.mu_d, *s.mu_d_range)),
-        Row("friction of the local law", "mu", measured_text(s.law_mu, s.law_mu_sd)),
-        Row(
-            "length of the local law",
-            "L",
-            measured_text(s.law_length_m * 1e6, s.law_length_sd_m * 1e6, "um"),
-        ),
-        Row(
-            "Young's modulus, from the stress",
-            "E",
-            measured_text(s.young_modulus_pa * 1e-6, s.young_modulus_sd_pa * 1e-6, "MPa"),
-        ),
-        Row(
-            "besides, all mu together",
+            "calibration, common to every mu",
             "u(mu)",
-            f"± {100 * s.calibration_sd:.1f} % by the calibration"
-            if s.calibration_sd > 0
-            else "not given",
+            f"± {100 * common:.1f} %" if common > 0 else "not known",
         ),
-        Row("sliding velocity", "v", measured_text(s.sliding_velocity_m_s * 1e6, math.nan, "um/s")),
     ]
 
 
 def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
-    """What two analyses of one experiment come down to, where they differ in what is shown."""
+    """The quantities in which two analyses of one experiment differ in the digits shown."""
     pairs = zip(summary_rows(recorded), summary_rows(now), strict=True)
     rows = [
-        Row(a.label, a.symbol, f"{a.value} -> {b.value}") for a, b in pairs if a.value != b.value
+        Row(old.label, old.symbol, f"{old.value} -> {new.value}")
+        for old, new in pairs
+        if old.value != new.value
     ]
     return rows or [Row("the same in all digits shown", "", "")]
 
 
 def counts_rows(counts: Counts) -> list[Row]:
-    """The fate of every trigger and every sample."""
+    """What became of every trigger and every sample."""
     c = counts
+    frames = f"{c.frames_received} received, {c.frames_recorded} recorded, {c.frames_lost} lost"
     return [
         Row("triggers", "", f"{c.triggers}"),
-        Row(
-            "frames",
-            "",
-            f"{c.frames_received} received, {c.frames_recorded} recorded, {c.frames_lost} lost",
-        ),
+        Row("frames", "", frames),
         Row("frames analysed", "", f"{c.frames_analysed}, {c.frames_skipped} skipped"),
         Row("force samples", "", f"{c.samples} recorded, {c.samples_lost} lost"),
     ]
 
 
 def resources_rows(resources: dict[str, Any]) -> list[Row]:
-    """What the run took of the computer."""
+    """Memory and processor time that the run took, and the receipt of its session."""
     rows = []
     if "peak_memory_mib" in resources:
         rows.append(Row("peak memory", "", f"{resources['peak_memory_mib']:.0f} MiB"))
@@ -137,14 +69,15 @@ def resources_rows(resources: dict[str, Any]) -> list[Row]:
 
 
 def outcome_rows(outcome: Outcome) -> list[Row]:
-    """Everything that is told at the end of a run."""
+    """The whole report at the end of a run."""
     rows = summary_rows(outcome.summary) if outcome.summary else []
     return rows + counts_rows(outcome.counts) + resources_rows(outcome.resources)
 
 
 def plain(value: Any) -> Any:
-    """Any result as JSON can hold it: NaN becomes null, arrays and tuples become lists, paths and
-    enumerations text.
+    """Any result as JSON can hold it.
+
+    NaN becomes null, arrays and tuples become lists, paths and enumerations text.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
@@ -164,6 +97,6 @@ def plain(value: Any) -> Any:
 
 
 def outcome_data(outcome: Outcome) -> dict[str, Any]:
-    """How a run ended, for machines: SI units, named in the keys; null where nothing was measured."""
+    """How a run ended, with SI units named in the keys and null where nothing was measured."""
     data: dict[str, Any] = plain(outcome)
     return data

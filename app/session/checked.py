@@ -18,8 +18,9 @@ import h5py
 import numpy as np
 
 from app.errors import UserError
+from app.schema import TEXT
 from app.session.journal import has_journal
-from app.session.layout import IMAGE, TEXT
+from app.session.layout import IMAGE
 from app.session.texts import read_texts
 
 SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond the size of the file

@@ -1,111 +1,100 @@
-"""Groups, columns and stacks of images in an HDF5 file, made as the layout says, growing by rows
-that are all there or not at all.
+"""Groups and datasets in an HDF5 file, made as the layout says; they grow by rows that are written
+whole or not at all.
 """
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from app.records import Header
+from app.schema import TEXT, Column, values
 from app.session import layout
-from app.session.layout import GROWING, Group, Item
+from app.session.layout import CHUNK_ROWS, FORCES_CHUNK, GROWING, IMAGE
+
+GZIP_LEVEL = 1
+
+
+def stored(*records: Any) -> dict[str, Any]:
+    """The values of records as the file holds them, by the paths of their datasets."""
+    return {c.path: c.stored(value) for record in records for c, value in values(record)}
 
 
 class Table:
-    """The growing columns of one group, which lengthen together.
+    """The columns of one group that grow together.
 
-    Rows wait in memory until `flush`; one that fails leaves them waiting and the columns as they
-    were. A column of shape (rows, width) is as wide as its longest row; shorter ones end in NaN.
+    Rows wait in memory until `flush`; if that fails they go on waiting, and the columns are as they
+    were. A column of shape (rows, width) is as wide as its longest row; shorter rows end in NaN.
     """
 
     def __init__(self, file: h5py.File, group: str) -> None:
-        columns = [
-            item
-            for item in layout.items_of(group)
-            if item.shape and item.shape[0] in GROWING and item.rows > 1
-        ]
-        self._columns = {item.name: file[item.path] for item in columns}
-        self._waiting: dict[str, list[Sequence[Any]]] = {name: [] for name in self._columns}
-        self._written = 0
-        self._length = 0
+        self._columns = {
+            column.path: file[column.path]
+            for column in layout.columns_in(group)
+            if column.shape and column.shape[0] in GROWING and len(column.shape) < 3
+        }
+        self._waiting: dict[str, list[Any]] = {path: [] for path in self._columns}
+        self._written = self._length = 0
 
     def __len__(self) -> int:
         """Rows so far, written or waiting."""
         return self._length
 
-    def append(self, **row: Any) -> None:
-        """Add one row, a value for each column."""
-        self.extend(**{name: [value] for name, value in row.items()})
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add one row; of the values, those for columns of this table are taken."""
+        self.extend({path: [row[path]] for path in self._columns})
 
-    def extend(self, **block: Any) -> None:
-        """Add rows, a sequence of one length for each column."""
-        if block.keys() != self._columns.keys():
-            raise TypeError(
-                f"session: columns {list(self._columns)} are needed, {list(block)} were given"
-            )
-        for name, values in block.items():
-            self._waiting[name].append(values)
-        self._length += len(values)
+    def extend(self, block: Mapping[str, Any]) -> None:
+        """Add as many rows as each column is given values."""
+        for path, waiting in self._waiting.items():
+            waiting.append(block[path])
+        self._length += len(block[path])
 
     def flush(self) -> None:
         """Write the waiting rows."""
         if self._length == self._written:
             return
         try:
-            for name, column in self._columns.items():
-                _lengthen(column, self._written, self._length, self._waiting[name])
+            for path, column in self._columns.items():
+                _lengthen(column, self._written, self._length, self._waiting[path])
         except BaseException:
             for column in self._columns.values():
                 column.resize(self._written, axis=0)
             raise
         self._written = self._length
-        for blocks in self._waiting.values():
-            blocks.clear()
+        for waiting in self._waiting.values():
+            waiting.clear()
 
 
-def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Sequence[Any]]) -> None:
+def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Any]) -> None:
     """Write `blocks` into rows `start` to `end` of a column."""
     if column.ndim == 2:
         rows = [row for block in blocks for row in block]
         width = max(column.shape[1], *(len(row) for row in rows))
-        values = np.full((len(rows), width), np.nan)
+        block = np.full((len(rows), width), np.nan)
         for n, row in enumerate(rows):
-            values[n, : len(row)] = row
+            block[n, : len(row)] = row
         column.resize((end, width))
     elif column.dtype.kind == "O":
-        values = np.array([storable(text) for block in blocks for text in block], dtype=object)
+        block = np.array([storable(text) for block in blocks for text in block], dtype=object)
         column.resize(end, axis=0)
     else:
-        values = np.concatenate(blocks)
+        block = np.concatenate(blocks)
         column.resize(end, axis=0)
-    column[start:end] = values
-
-
-GZIP_LEVEL = 1
-
-
-def stored(dataset: h5py.Dataset, array: NDArray[Any]) -> bytes | NDArray[Any]:
-    """A chunk as it lies in the file: as it is, or deflated where the dataset is compressed."""
-    array = np.ascontiguousarray(array)
-    if dataset.compression is None:
-        return array
-    # most of an image is noise, in which little repeats: to look for it takes longer than all the
-    # rest
-    deflate = zlib.compressobj(GZIP_LEVEL, strategy=zlib.Z_HUFFMAN_ONLY)
-    return deflate.compress(array.data) + deflate.flush()
+    column[start:end] = block
 
 
 def append_image(images: h5py.Dataset, image: NDArray[Any]) -> tuple[int, NDArray[np.uint8]]:
-    """Row at which an image was added, written at once as one chunk, and the bytes of that; on
-    failure it was not added.
+    """Row at which an image was added, written at once as one chunk, and the bytes of that chunk; if
+    it fails the image was not added.
     """
     _check_fits(images, image)
-    row, chunk = int(images.shape[0]), np.frombuffer(stored(images, image), np.uint8)
+    row, chunk = int(images.shape[0]), np.frombuffer(_chunk_of(images, image), np.uint8)
     try:
         images.resize(row + 1, axis=0)
         images.id.write_direct_chunk((row, 0, 0), chunk)
@@ -115,18 +104,30 @@ def append_image(images: h5py.Dataset, image: NDArray[Any]) -> tuple[int, NDArra
     return row, chunk
 
 
-def append_fields(columns: list[h5py.Dataset], fields: list[NDArray[Any]]) -> int:
-    """Row at which the fields were added, one to each dataset; on failure none of them was."""
-    for column, field in zip(columns, fields, strict=True):
-        _check_fits(column, field)
-    row = int(columns[0].shape[0])
+def _chunk_of(images: h5py.Dataset, image: NDArray[Any]) -> bytes | NDArray[Any]:
+    """An image as it lies in the file: as it is, or deflated where the dataset is compressed."""
+    if images.compression is None:
+        return image
+    # most of an image is noise, in which little repeats: searching it for repetitions takes longer
+    # than all the rest
+    deflate = zlib.compressobj(GZIP_LEVEL, strategy=zlib.Z_HUFFMAN_ONLY)
+    return deflate.compress(image.data) + deflate.flush()
+
+
+def append_field(datasets: Mapping[str, h5py.Dataset], arrays: Mapping[str, NDArray[Any]]) -> int:
+    """Row at which the arrays of a field were added, each to the dataset of its path; if one of them
+    fails none was added.
+    """
+    for path, dataset in datasets.items():
+        _check_fits(dataset, arrays[path])
+    row = int(next(iter(datasets.values())).shape[0])
     try:
-        for column, field in zip(columns, fields, strict=True):
-            column.resize(row + 1, axis=0)
-            column[row] = field
+        for path, dataset in datasets.items():
+            dataset.resize(row + 1, axis=0)
+            dataset[row] = arrays[path]
     except BaseException:
-        for column in columns:
-            column.resize(row, axis=0)
+        for dataset in datasets.values():
+            dataset.resize(row, axis=0)
         raise
     return row
 
@@ -134,81 +135,68 @@ def append_fields(columns: list[h5py.Dataset], fields: list[NDArray[Any]]) -> in
 def _check_fits(dataset: h5py.Dataset, array: NDArray[Any]) -> None:
     if array.shape != dataset.shape[1:] or array.dtype != dataset.dtype:
         raise ValueError(
-            f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but {array.shape}"
-            f" {array.dtype} was given"
+            f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but the array is"
+            f" {array.shape} {array.dtype}"
         )
 
 
 def make_group(
-    file: h5py.File,
-    group: Group,
-    sizes: Mapping[str, int],
-    values: Mapping[str, Any],
-    image: np.dtype[Any] | None = None,
-    compression: str = "none",
+    file: h5py.File, path: str, values: Mapping[str, Any], header: Header | None = None
 ) -> None:
-    """Make a group with all its datasets, growing ones empty, the others holding their values;
-    `compression` is that of the images.
+    """Make a group with all its datasets, the growing ones empty, the others with their values.
+
+    `header` is needed where the group has images or fields.
     """
-    made = file.create_group(group.path)
+    group = next(group for group in layout.GROUPS if group.path == path)
+    made = file.create_group(path)
     made.attrs["NX_class"] = group.nx_class
     if group.signal:
         made.attrs["signal"] = group.signal
         made.attrs["axes"] = group.axes
     if group.auxiliary_signals:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
-    for item in layout.items_of(group.path):
-        filters: dict[str, Any] = {}
-        if item.dtype == layout.IMAGE:  # whose checksum is in triggers
-            filters = (
-                {"compression": "gzip", "compression_opts": GZIP_LEVEL}
-                if compression == "gzip"
-                else {}
-            )
-        elif item.dtype != layout.TEXT:
-            filters = {"fletcher32": True}
-        dataset = _make_dataset(file, item, sizes, values, image, filters)
-        dataset.attrs["long_name"] = item.meaning
-        if item.unit:
-            dataset.attrs["units"] = item.unit
-        if item.dtype == layout.IMAGE:
+    for column in layout.columns_in(path):
+        if GROWING.isdisjoint(column.shape):
+            dataset = _make_filled(file, column, values[column.path])
+        else:
+            dataset = _make_empty(file, column, header)
+        dataset.attrs["long_name"] = column.meaning
+        if column.unit:
+            dataset.attrs["units"] = column.unit
+        if column.dtype == IMAGE:
             dataset.attrs["interpretation"] = "image"
 
 
-def _make_dataset(
-    file: h5py.File,
-    item: Item,
-    sizes: Mapping[str, int],
-    values: Mapping[str, Any],
-    image: np.dtype[Any] | None,
-    filters: Mapping[str, Any],
-) -> h5py.Dataset:
-    dtype: Any = (
-        h5py.string_dtype()
-        if item.dtype == layout.TEXT
-        else image
-        if item.dtype == layout.IMAGE
-        else np.dtype(item.dtype)
-    )
-    growing = [side in GROWING for side in item.shape]
-    shape = tuple(
-        0 if grows else side if isinstance(side, int) else sizes[side]
-        for side, grows in zip(item.shape, growing, strict=True)
-    )
-    if not any(growing):
-        value = values[item.path]
-        if item.dtype == layout.TEXT:
-            value = (
-                storable(value)
-                if isinstance(value, str)
-                else np.array([storable(text) for text in value], dtype=object)
-            )
-        return file.create_dataset(item.path, shape, dtype, data=value)
-    maxshape = tuple(None if grows else side for side, grows in zip(shape, growing, strict=True))
-    chunks = (item.rows, *(side or 32 for side in shape[1:]))
-    fill = np.nan if np.issubdtype(dtype, np.floating) else None
+def _make_filled(file: h5py.File, column: Column, value: Any) -> h5py.Dataset:
+    if column.dtype != TEXT:
+        return file.create_dataset(column.path, data=value, dtype=column.dtype)
+    texts = np.array([storable(text) for text in np.atleast_1d(value).tolist()], dtype=object)
     return file.create_dataset(
-        item.path, shape, dtype, maxshape=maxshape, chunks=chunks, fillvalue=fill, **filters
+        column.path, data=texts if column.shape else texts[0], dtype=h5py.string_dtype()
+    )
+
+
+def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.Dataset:
+    sides: dict[str | int, int] = {}
+    dtype: Any = h5py.string_dtype() if column.dtype == TEXT else column.dtype
+    filters: dict[str, Any] = {} if column.dtype == TEXT else {"fletcher32": True}
+    if header is not None:
+        sides = {"nx": len(header.grid_x_px), "ny": len(header.grid_y_px)}
+        sides |= dict(zip(("rows", "columns"), header.frame_shape, strict=True))
+        if column.dtype == IMAGE:  # the checksum of an image is in triggers
+            dtype, filters = header.frame_dtype, {}
+            if header.compression == "gzip":
+                filters = {"compression": "gzip", "compression_opts": GZIP_LEVEL}
+    rows = FORCES_CHUNK if column.shape == ("samples",) else CHUNK_ROWS[len(column.shape)]
+    rest = [0 if side in GROWING else sides[side] for side in column.shape[1:]]
+    return file.create_dataset(
+        column.path,
+        (0, *rest),
+        dtype,
+        maxshape=(None, *(side or None for side in rest)),
+        chunks=(rows, *(side or 32 for side in rest)),
+        fillvalue=np.nan if np.issubdtype(dtype, np.floating) else None,
+        **filters,
     )
 
 

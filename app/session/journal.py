@@ -1,34 +1,88 @@
-"""The journal beside a session while it is recorded: what the writer was told, in order, each
-record with its own checksum.
+"""The journal beside a session while it is recorded: the records that the writer was given, in
+their order, each with its own checksum.
 
-It outlives what HDF5 does not, a power cut in the middle of a write: it only grows, and a record
-that is torn is the last one. Images are named by their place in the session file and their CRC-32;
-the force samples are held themselves. Results are not: the same analysis of the same images gives
+It survives what HDF5 does not, a power cut in the middle of a write: the file only grows, and a
+torn record can only be its last. An image is named by its place in the session file and its CRC-32;
+force samples are held themselves. Results are not in it: the same analysis of the same images gives
 them again. A session that was closed and verified has no journal any more.
 """
 
 from __future__ import annotations
 
 import errno
-import json
 import os
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
 from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from zlib import crc32
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
+
+from app.errors import UserError
+from app.records import (
+    Checksum,
+    Event,
+    Gap,
+    Header,
+    Index,
+    LostTrigger,
+    Position,
+    Samples,
+    SourceFrame,
+)
 
 SUFFIX = ".journal"
-_MAGIC = b"SlipScope journal 1\n"
-_HEAD = struct.Struct("<cII")  # kind, bytes of the payload, CRC-32 of the payload
-_FIRST = struct.Struct("<q")
-_LONGEST_WORDS = 1 << 24  # bytes; the settings and the grid of a session have a hundredth of it
-# a JSON list: what, values...; or a number, volts and newtons in binary
-_WORDS, _SAMPLES = b"W", b"S"
+_MAGIC = b"SlipScope journal 2\n"
+_OLD_MAGIC = b"SlipScope journal 1\n"
+_MARK = b"\xb5rec"  # where a record begins
+_LONGEST = 1 << 24  # bytes of a payload other than samples; the header has a hundredth of it
+_HEAD = struct.Struct("<4sBII")  # mark, type, bytes of the payload, CRC-32 of the payload
+
+
+@dataclass(frozen=True, slots=True)
+class StoredFrame:
+    """The image of a trigger by its place in the session file, its bytes there, and the CRC-32 of
+    the image.
+    """
+
+    index: Index
+    sample: Index
+    place: Index
+    nbytes: Index
+    checksum: Checksum
+
+
+@dataclass(frozen=True, slots=True)
+class Torn:
+    """Bytes of a journal that hold no record."""
+
+    nbytes: int
+
+
+JournalRecord = Header | Samples | Gap | StoredFrame | SourceFrame | LostTrigger | Position | Event
+# the place of a type in this list is in the file
+_TYPES = (Header, Samples, Gap, StoredFrame, SourceFrame, LostTrigger, Position, Event)
+
+
+def _encoded(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.shape, value.astype("<f8").tobytes()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"journal: a {type(value).__name__} can not be written")
+
+
+def _decoded(_kind: Any, value: Any) -> Any:
+    shape, content = value
+    return np.frombuffer(content, "<f8").reshape(shape)
+
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=_encoded)
+_DECODERS = [msgspec.msgpack.Decoder(kind, dec_hook=_decoded) for kind in _TYPES]
 
 
 def journal_of(session: Path) -> Path:
@@ -38,7 +92,8 @@ def journal_of(session: Path) -> Path:
 
 def has_journal(session: Path) -> bool:
     """Whether beside a session lies a journal that `slipscope repair` can begin with."""
-    return journal_of(session).is_file() and next(records(journal_of(session)))[0] == "session"
+    path = journal_of(session)
+    return path.is_file() and isinstance(next(read_journal(path), None), Header)
 
 
 class Journal:
@@ -53,19 +108,16 @@ class Journal:
         self.path = path
         self._file = FileIO(path, "w" if overwrite else "x")
         self._end = 0
-        self._append(_MAGIC)
+        self._write(_MAGIC)
 
-    def note(self, what: str, *values: Any) -> None:
-        """Add a record of a few numbers and words."""
-        self._add(_WORDS, json.dumps([what, *values]).encode())
-
-    def samples(self, first: int, volts: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
-        """Add the samples from number `first` on: readings in volts and forces in newtons, both (n,
-        2).
-        """
-        self._add(
-            _SAMPLES, _FIRST.pack(first) + np.concatenate([volts, forces]).astype("<f8").tobytes()
-        )
+    def append(self, record: JournalRecord) -> None:
+        """Add a record."""
+        try:
+            payload = _ENCODER.encode(record)
+        except UnicodeEncodeError:
+            payload = _ENCODER.encode(_spelled_out(record))
+        kind = _TYPES.index(type(record))
+        self._write(_HEAD.pack(_MARK, kind, len(payload), crc32(payload)) + payload)
 
     def sync(self) -> None:
         """Bring everything so far to the disk."""
@@ -75,54 +127,66 @@ class Journal:
         """Let go of the file. May be called twice."""
         self._file.close()
 
-    def _add(self, kind: bytes, payload: bytes) -> None:
-        self._append(_HEAD.pack(kind, len(payload), crc32(payload)) + payload)
-
-    def _append(self, record: bytes) -> None:
+    def _write(self, content: bytes) -> None:
         try:
-            if self._file.write(record) != len(record):
+            if self._file.write(content) != len(content):
                 raise OSError(errno.ENOSPC, f"{self.path}: the disk is full; make room")
         except OSError:
             self._file.truncate(self._end)
             self._file.seek(self._end)
             raise
-        self._end += len(record)
+        self._end += len(content)
 
 
-def records(path: Path) -> Iterator[tuple[Any, ...]]:
-    """What a journal holds, in order, up to the first record that is torn: (what, value, ...) each.
+def read_journal(path: Path) -> Iterator[JournalRecord | Torn]:
+    """The records of a journal in their order, up to the first that is torn or is none; the bytes
+    from there on come last.
 
-    Samples come as ("samples", first, volts, forces). The last one is ("end", bytes that were left
-    out because they are torn).
+    Raises
+    ------
+    UserError
+        It was written by an earlier SlipScope, which alone can read it.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
-        at = len(_MAGIC) if file.read(len(_MAGIC)) == _MAGIC else size + 1
+        magic = file.read(len(_MAGIC))
+        if magic == _OLD_MAGIC:
+            raise UserError(
+                f"{path}: a journal of format 1, this SlipScope reads format 2; repair the session"
+                " with the SlipScope that recorded it, 0.1.0 of November 2026 or earlier"
+            )
+        at = len(_MAGIC) if magic == _MAGIC else size + 1
         while at + _HEAD.size <= size:
-            kind, length, checksum = _HEAD.unpack(file.read(_HEAD.size))
-            if length > size - at - _HEAD.size:
+            mark, kind, length, checksum = _HEAD.unpack(file.read(_HEAD.size))
+            payload = file.read(length) if length <= size - at - _HEAD.size else b""
+            if (mark, crc32(payload)) != (_MARK, checksum):
                 break
-            payload = file.read(length)
-            if crc32(payload) != checksum or (record := _decoded(kind, payload)) is None:
+            record = _record(kind, payload)
+            if record is None:
                 break
             yield record
             at += _HEAD.size + length
-    yield "end", max(0, size - at) if at <= size else size
+    if rest := size - at if at <= size else size:
+        yield Torn(rest)
 
 
-def _decoded(kind: bytes, payload: bytes) -> tuple[Any, ...] | None:
-    """A record as `records` gives it; None where it is none."""
+def _record(kind: int, payload: bytes) -> JournalRecord | None:
+    """The record of that type, None where it is none."""
+    if kind >= len(_TYPES) or (_TYPES[kind] is not Samples and len(payload) > _LONGEST):
+        return None
     try:
-        if kind == _WORDS and len(payload) <= _LONGEST_WORDS:
-            words = json.loads(payload)
-            return (
-                tuple(words)
-                if isinstance(words, list) and words and isinstance(words[0], str)
-                else None
-            )
-        if kind == _SAMPLES:
-            volts, forces = np.frombuffer(payload, "<f8", offset=_FIRST.size).reshape(2, -1, 2)
-            return "samples", _FIRST.unpack_from(payload)[0], volts, forces
-    except (ValueError, TypeError, RecursionError):
-        pass
-    return None
+        return cast(JournalRecord, _DECODERS[kind].decode(payload))
+    except (msgspec.MsgspecError, OverflowError, RecursionError):
+        return None
+
+
+def _spelled_out(value: Any) -> Any:
+    """A record in which halves of surrogate pairs, which UTF-8 can not hold, are spelled out."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode()
+    if isinstance(value, dict):
+        return {key: _spelled_out(item) for key, item in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        held = {one.name: _spelled_out(getattr(value, one.name)) for one in fields(value)}
+        return replace(value, **held)
+    return value

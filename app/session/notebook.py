@@ -1,5 +1,5 @@
-"""A session for a notebook: frames, forces and results as arrays in SI units, read when they are
-asked for.
+"""A session for a notebook: frames, forces and results as arrays in SI units, each read from the
+file when it is first used.
 
 >>> from app.session import Session
 >>> with Session("sample7.h5") as s:
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.results import ContactResult, Event, Phase, Source, Summary
+from app.records import F64, ContactResult, Event, Phase, Source, Summary
 from app.session.analyses import analyses_of
 from app.session.reader import SessionReader
 from app.toml import parse_toml
@@ -30,45 +30,43 @@ class Forces(NamedTuple):
     `time_s` counts from the first sample.
     """
 
-    time_s: NDArray[np.float64]
-    normal_force_n: NDArray[np.float64]
-    shear_force_n: NDArray[np.float64]
+    time_s: F64
+    normal_force_n: F64
+    shear_force_n: F64
 
 
-class Field(NamedTuple):
-    """The displacement of one frame from the reference, NaN where it could not be measured.
+class FieldInMetres(NamedTuple):
+    """The displacement of one frame from the reference; NaN where it could not be measured.
 
-    `x_m` (nx,) and `y_m` (ny,) are places in the image, counted from its first pixel, y down;
-    `ux_m`, `uy_m`, their standard uncertainties `ux_sd_m`, `uy_sd_m` and the correlation `zncc`
-    have the shape (ny, nx). The motion of the lens, `lens_m`, which the holder's compliance allows,
-    is still in `ux_m`.
+    `x_m` (nx,) and `y_m` (ny,) are places in the image, counted from its first pixel, y down.
+    `ux_m`, `uy_m`, their standard uncertainties `ux_sd_m`, `uy_sd_m` and the correlation `zncc` have
+    the shape (ny, nx). The lens moves by `lens_m`, as far as its holder gives way; this motion is
+    still in `ux_m`.
     """
 
     frame: int
-    x_m: NDArray[np.float64]
-    y_m: NDArray[np.float64]
-    ux_m: NDArray[np.float64]
-    uy_m: NDArray[np.float64]
-    ux_sd_m: NDArray[np.float64]
-    uy_sd_m: NDArray[np.float64]
+    x_m: F64
+    y_m: F64
+    ux_m: F64
+    uy_m: F64
+    ux_sd_m: F64
+    uy_sd_m: F64
     zncc: NDArray[np.float32]
     lens_m: float
 
 
 class Frames:
-    """The raw images by the number of their trigger, each read when it is asked for:
-    ``frames[10]``; ``frames[10:20]`` is one array.
+    """The raw images by the number of their trigger, each read when it is used: ``frames[10]``;
+    ``frames[10:20]`` is one array.
 
-    The length is that of the triggers. A frame that was lost keeps its number: asking for it is a
-    UserError that says why; `received` holds the numbers that have an image.
+    The length is that of the triggers. A frame that was lost keeps its number: reading it is a
+    UserError that says why it was lost; `received` holds the numbers that have an image.
     """
 
     def __init__(self, reader: SessionReader) -> None:
         self._reader = reader
         triggers = reader.triggers()
-        self._reasons = {
-            int(row["index"]): row["reason"] for row in triggers if not row["received"]
-        }
+        self._lost = {index: reason for index, _, reason in reader.lost_frames()}
         self.received: NDArray[np.int64] = triggers["index"][triggers["received"]]
         self._count = len(triggers)
 
@@ -81,25 +79,21 @@ class Frames:
     def __getitem__(self, index: slice, /) -> NDArray[Any]: ...
     def __getitem__(self, index: int | slice, /) -> NDArray[Any]:
         if isinstance(index, slice):
-            shape = self._reader.frame_shape
+            header = self._reader.header
             images = [self[n] for n in range(*index.indices(len(self)))]
-            return np.stack(images) if images else np.empty((0, *shape), self._reader.frame_dtype)
-        n = index + len(self) if index < 0 else index
-        if not 0 <= n < len(self):
-            raise IndexError(
-                f"{self._reader.path}: frame {index} was asked, there are {len(self)}, counted from"
-                " 0"
-            )
-        if n in self._reasons:
+            nothing = np.empty((0, *header.frame_shape), header.frame_dtype)
+            return np.stack(images) if images else nothing
+        n = _checked(self._reader, "frame", index, len(self))
+        if n in self._lost:
             raise UserError(
-                f"{self._reader.path}: frame {n} was lost: {self._reasons[n]}; `frames.received`"
-                " tells which there are"
+                f"{self._reader.path}: frame {n} was lost: {self._lost[n]}; `frames.received`"
+                " lists the frames that are there"
             )
         return self._reader.frame(n)[2]
 
 
 class Fields:
-    """The displacement fields, one for each row of the results, each read when it is asked for:
+    """The displacement fields, one for each row of the results, each read when it is used:
     ``fields[i]``.
     """
 
@@ -109,33 +103,37 @@ class Fields:
     def __len__(self) -> int:
         return len(self._reader.analysed_frames())
 
-    def __getitem__(self, i: int) -> Field:
-        r, n = self._reader, i + len(self) if i < 0 else i
-        if not 0 <= n < len(self):
-            raise IndexError(
-                f"{r.path}: field {i} was asked, there are {len(self)}, counted from 0"
-            )
-        found, pixel = r.snapshot(n), r.pixel_m
-        if not found.ux_px.size:
+    def __getitem__(self, i: int) -> FieldInMetres:
+        n = _checked(self._reader, "field", i, len(self))
+        snapshot, header = self._reader.snapshot(n), self._reader.header
+        field = snapshot.field
+        if field is None:
             raise UserError(
-                f"{r.path}: result {n} has no field: frame {found.frame} came before the reference;"
-                " ask for a later one"
+                f"{self._reader.path}: result {n} has no field: frame {snapshot.frame} came before"
+                " the reference; use a later one"
             )
-        ux, uy, ux_sd, uy_sd = (
-            np.float64(pixel) * part
-            for part in (found.ux_px, found.uy_px, found.ux_std_px, found.uy_std_px)
+        pixel = np.float64(header.pixel_m)
+        return FieldInMetres(
+            snapshot.frame,
+            pixel * header.grid_x_px,
+            pixel * header.grid_y_px,
+            pixel * field.ux_px,
+            pixel * field.uy_px,
+            pixel * field.ux_std_px,
+            pixel * field.uy_std_px,
+            field.zncc,
+            snapshot.motion.lens_m if snapshot.motion else math.nan,
         )
-        return Field(
-            found.frame,
-            pixel * r.grid_x_px,
-            pixel * r.grid_y_px,
-            ux,
-            uy,
-            ux_sd,
-            uy_sd,
-            found.zncc,
-            found.lens_m,
+
+
+def _checked(reader: SessionReader, what: str, index: int, count: int) -> int:
+    """The number of an item, counted from 0."""
+    n = index + count if index < 0 else index
+    if not 0 <= n < count:
+        raise IndexError(
+            f"{reader.path}: there is no {what} {index}; there are {count}, counted from 0"
         )
+    return n
 
 
 class Session:
@@ -150,7 +148,7 @@ class Session:
     Raises
     ------
     UserError
-        From here and from everything asked: the file can not be read, is no session or is damaged;
+        From here and from every attribute: the file can not be read, is no session or is damaged;
         the message says what to do.
     """
 
@@ -186,19 +184,16 @@ class Session:
     @cached_property
     def forces(self) -> Forces:
         """Time (s), normal force P and shear force Q (N) of every sample."""
-        first, _, newtons = self._reader.forces()
-        return Forces(
-            (first + np.arange(len(newtons))) / self._reader.sample_rate_hz,
-            newtons[:, 0],
-            newtons[:, 1],
-        )
+        newtons = self._reader.forces().forces
+        time_s = np.arange(len(newtons)) / self.sample_rate_hz
+        return Forces(time_s, newtons[:, 0], newtons[:, 1])
 
     @cached_property
     def results(self) -> NDArray[np.void]:
-        """What was found on each analysed frame, as a structured array, NaN where it could not be
-        told.
+        """The results of each analysed frame as a structured array; NaN where a quantity could not
+        be measured.
 
-        Its fields are the numbers of `app.results.Snapshot`: `frame`, `sample`, `phase` (as text),
+        Its fields are the numbers of `app.records.Snapshot`: `frame`, `sample`, `phase` (as text),
         `time_s` (from the start of the drive), `shear_force_n` (Q), `normal_force_n` (P),
         `travel_m`, `stick_radius_m` (c), `stick_radius_sd_m`, ...; `*_sd` is a standard
         uncertainty.
@@ -211,19 +206,17 @@ class Session:
 
         ``results["time_s"]`` counts from there.
         """
-        began = [
-            event.sample
-            for event in self.events
-            if (event.kind, event.text) == ("phase", str(Phase.DRIVE))
-        ]
-        return began[0] / self._reader.sample_rate_hz if began else math.nan
+        for event in self.events:
+            if (event.kind, event.text) == ("phase", str(Phase.DRIVE)):
+                return event.sample / self.sample_rate_hz
+        return math.nan
 
-    @cached_property
+    @property
     def summary(self) -> Summary | None:
         """What the experiment comes down to (a, Q_s, mu_s, ...); None in a run that was not
         finished or failed.
         """
-        return self._reader.summary()
+        return self._reader.outcome.summary
 
     @cached_property
     def contact(self) -> ContactResult | None:
@@ -236,7 +229,7 @@ class Session:
         ``settings["run"]["normal_force"]``.
         """
         try:
-            return parse_toml(self._reader.config_toml)
+            return parse_toml(self._reader.header.config_toml)
         except ValueError as error:
             raise UserError(
                 f"{self._reader.path}: the session's settings can not be read: {error}"
@@ -262,15 +255,14 @@ class Session:
         """Name -> version of the program and libraries that made the results, and the computer they
         were made on.
         """
-        return self._reader.versions
+        return self._reader.header.versions
 
     @property
     def source(self) -> Source | None:
-        """Of a further analysis: the session that holds the images.
-
-        None where they are in this file.
+        """The session that holds the images of a further analysis; None where they are in this
+        file.
         """
-        return self._reader.source
+        return self._reader.header.source
 
     @cached_property
     def analyses(self) -> list[Path]:
@@ -282,19 +274,19 @@ class Session:
     @property
     def sample_rate_hz(self) -> float:
         """Rate of the samples, the clock of everything."""
-        return self._reader.sample_rate_hz
+        return self._reader.header.sample_rate_hz
 
     @property
     def pixel_m(self) -> float:
         """Side of a pixel on the interface."""
-        return self._reader.pixel_m
+        return self._reader.header.pixel_m
 
     @property
     def state(self) -> str:
         """How the run ended: "done", "failed" or "unfinished"."""
-        return self._reader.state
+        return self._reader.outcome.state
 
     @property
     def reason(self) -> str:
         """Why it ended, one sentence."""
-        return self._reader.reason
+        return self._reader.outcome.reason

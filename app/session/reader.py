@@ -1,18 +1,20 @@
-"""Reads a session back, also one that was cut short, and refuses whatever is not one with a
+"""Reads a session back, also one that was cut short, and refuses whatever is not a session with a
 sentence that says why.
 
-A file is material from outside: what it says is checked (`app.session.checked`) before it is used.
+A file may come from anywhere: what it says is checked (`app.session.checked`) before it is used.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 from zlib import crc32
 
 import h5py
@@ -20,13 +22,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.results import ContactResult, Counts, Event, Phase, Snapshot, Source, Summary
+from app.records import (
+    NUMBERS,
+    ContactResult,
+    Counts,
+    DisplacementField,
+    Event,
+    Gap,
+    Header,
+    LostTrigger,
+    Outcome,
+    Phase,
+    Position,
+    ReceivedFrame,
+    RingProfile,
+    Samples,
+    Snapshot,
+    Source,
+    SourceFrame,
+    StressProfile,
+    Summary,
+    snapshot_of,
+)
+from app.schema import Column, build, columns_of
 from app.session import layout
 from app.session.checked import CheckedFile
-from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION, NO_ROW, TEXT
+from app.session.layout import FORCES_CHUNK, FORMAT_ATTRIBUTE, FORMAT_VERSION, LATER, NO_ROW
 
-_ITEMS = {item.path: item for item in layout.ITEMS}
-_NO_FIELD = np.empty((0, 0), np.float32)
+T = TypeVar("T")
+UNREADABLE_IMAGE = "its image can not be read, the bytes are not those that were recorded"
+UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
+
+
+@dataclass(frozen=True, slots=True)
+class Altered:
+    """A frame or samples whose bytes are not those that were recorded; `instead` says that they are
+    lost.
+    """
+
+    instead: LostTrigger | Gap
 
 
 class SessionReader:
@@ -47,11 +81,14 @@ class SessionReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self._file = CheckedFile(self.path, "session")
+        self.file = CheckedFile(self.path, "session")
         try:
-            self._check_format()
+            self.format = self._checked_format()
+            for column in layout.COLUMNS:
+                if column.group not in LATER and column.since <= self.format:
+                    self.dataset(column.path)
         except BaseException:
-            self._file.close()
+            self.file.close()
             raise
 
     def __enter__(self) -> Self:
@@ -62,191 +99,119 @@ class SessionReader:
 
     def close(self) -> None:
         """Let go of the file. May be called twice."""
-        self._file.close()
+        self.file.close()
         if (images := self.__dict__.get("_images", self)) is not self:
             images.close()
 
     @cached_property
-    def source(self) -> Source | None:
-        """The session that holds the images of a further analysis; None where they are in this
-        file.
+    def header(self) -> Header:
+        """What was known of the session from its beginning."""
+        images = self.dataset(layout.IMAGES.path)
+        names, versions = (self._read(f"/entry/versions/{name}") for name in ("name", "version"))
+        return self._single(
+            Header,
+            frame_shape=tuple(map(int, images.shape[1:])),
+            frame_dtype=str(images.dtype),
+            versions=dict(zip(names.tolist(), versions.tolist(), strict=False)),
+            source=self._single(Source) if self.file.has("/entry/source") else None,
+            compression=images.compression or "none",
+        )
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """How the run ended; of a session cut short ("unfinished"), with the account of what is in
+        the file.
         """
-        if not self._file.has("/entry/source"):
-            return None
-        return Source(self._text("/entry/source/session"), self._text("/entry/source/start_time"))
-
-    @cached_property
-    def lacking(self) -> frozenset[str]:
-        """Attributes of a snapshot that this session is too old to hold; they read as NaN."""
-        groups = {
-            "results": layout.RESULTS,
-            "rings": layout.RINGS,
-            "stress": layout.STRESS,
-            "fields": layout.FIELDS,
-        }
-        names = (
-            (f"/entry/{group}/{name}", a)
-            for group, columns in groups.items()
-            for name, a in columns.items()
+        summary = self._single(Summary) if self.file.has("/entry/summary") else None
+        with self.file.reading("/entry/run/resources"):
+            resources = dict(json.loads(self._read("/entry/run/resources")))
+        return Outcome(
+            self._read("/entry/run/state"),
+            self._read("/entry/run/reason"),
+            self._single(Counts) if self.file.has("/entry/counts") else self._counted(),
+            summary,
+            resources,
         )
-        return frozenset(a for path, a in names if _ITEMS[path].since > self.format)
-
-    @cached_property
-    def config_toml(self) -> str:
-        """The settings used, as TOML."""
-        return self._text("/entry/settings/toml")
-
-    @cached_property
-    def sample_rate_hz(self) -> float:
-        """Rate of the DAQ sample clock."""
-        return self._quantity("/entry/clock/sample_rate")
-
-    @cached_property
-    def exposure_samples(self) -> int:
-        """Samples per exposure."""
-        return int(self._quantity("/entry/clock/exposure"))
-
-    @cached_property
-    def divisor(self) -> int:
-        """Samples from one trigger to the next."""
-        return int(self._quantity("/entry/clock/divisor"))
-
-    @cached_property
-    def first_trigger(self) -> int:
-        """Sample of trigger 0."""
-        return int(self._quantity("/entry/clock/first_trigger", -1))
-
-    @cached_property
-    def pixel_m(self) -> float:
-        """Side of a pixel on the interface."""
-        return self._quantity("/entry/instrument/camera/pixel")
-
-    @cached_property
-    def frame_shape(self) -> tuple[int, int]:
-        """Rows and columns of an image."""
-        rows, columns = self._dataset("/entry/instrument/camera/data").shape[1:]
-        return int(rows), int(columns)
-
-    @cached_property
-    def frame_dtype(self) -> np.dtype[Any]:
-        """Type of a pixel."""
-        dtype: np.dtype[Any] = self._dataset("/entry/instrument/camera/data").dtype
-        return dtype
-
-    @cached_property
-    def compression(self) -> str:
-        """How the images in this file are compressed: "none" or "gzip"."""
-        return (
-            "gzip"
-            if self._dataset("/entry/instrument/camera/data").compression == "gzip"
-            else "none"
-        )
-
-    @cached_property
-    def grid_x_px(self) -> NDArray[np.float64]:
-        """Centres of the correlation boxes along x, shape (nx,)."""
-        x: NDArray[np.float64] = self._read("/entry/fields/x")
-        return x
-
-    @cached_property
-    def grid_y_px(self) -> NDArray[np.float64]:
-        """Centres of the correlation boxes along y, shape (ny,)."""
-        y: NDArray[np.float64] = self._read("/entry/fields/y")
-        return y
-
-    @cached_property
-    def versions(self) -> dict[str, str]:
-        """Name -> version of what the run ran on."""
-        table = self._table("/entry/versions")
-        return dict(zip(table["name"], table["version"], strict=True))
-
-    @cached_property
-    def started(self) -> str:
-        """Time of day when the session was made, ISO 8601."""
-        return self._text("/entry/start_time")
 
     @cached_property
     def ended(self) -> str:
         """Time of day when the run ended, ISO 8601; empty if it was not finished."""
-        return self._text("/entry/end_time")
+        return str(self._read("/entry/end_time"))
 
-    @cached_property
-    def state(self) -> str:
-        """How the run ended: "done", "failed", or "unfinished" of a session cut short."""
-        return self._text("/entry/run/state")
-
-    @cached_property
-    def reason(self) -> str:
-        """Why the run ended, one sentence."""
-        return self._text("/entry/run/reason")
-
-    @cached_property
-    def resources(self) -> dict[str, Any]:
-        """Memory, processor and wall time of the run; empty if it was not finished."""
-        with self._file.reading("/entry/run/resources"):
-            return dict(json.loads(self._text("/entry/run/resources")))
+    def contact(self) -> ContactResult | None:
+        """The apparent contact; None where it was not measured."""
+        return self._single(ContactResult) if self.file.has("/entry/contact") else None
 
     def events(self) -> list[Event]:
         """What happened, in order."""
         table = self._table("/entry/events")
         return [
-            Event(int(s), kind, text)
-            for s, kind, text in zip(table["sample"], table["kind"], table["text"], strict=True)
+            Event(sample, kind, text)
+            for sample, kind, text in zip(
+                *(table[name].tolist() for name in ("sample", "kind", "text")), strict=True
+            )
         ]
-
-    def forces(self) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
-        """First sample, readings in volts and forces in newtons, both (n, 2): normal, shear.
-
-        Rows of missing samples are NaN.
-        """
-        table = self._table("/entry/forces")
-        volts = np.column_stack([table["normal_sensor"], table["shear_sensor"]])
-        return 0, volts, np.column_stack([table["normal_force"], table["shear_force"]])
-
-    def stretches(self) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-        """First sample, volts and newtons of the forces between the gaps; an empty one at the end
-        if they end with a gap.
-        """
-        start, volts, forces = self.forces()
-        for first, count in [*self.gaps(), (len(volts), 0)]:
-            yield start, volts[start:first], forces[start:first]
-            start = first + count
-
-    def gaps(self) -> list[tuple[int, int]]:
-        """First sample and length of each gap in the forces."""
-        table = self._table("/entry/gaps")
-        return list(zip(table["first"].tolist(), table["count"].tolist(), strict=True))
 
     def positions(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Samples at which the stage was read, and its positions in metres."""
         table = self._table("/entry/instrument/actuator")
         return table["sample"], table["position"]
 
+    # ------------------------------------------------------------------ forces
+
+    def forces(self) -> Samples:
+        """All samples; those that are missing are NaN."""
+        table = self._table("/entry/forces")
+        return _samples(0, table)
+
+    def samples(self) -> Iterator[Samples]:
+        """The samples between the gaps, in blocks; an empty block where a gap ends without any."""
+        for first, end in self._stretches():
+            yield self._block(first, end)
+
+    def gaps(self) -> list[tuple[int, int]]:
+        """First sample and length of each gap in the forces."""
+        table = self._table("/entry/gaps")
+        return list(zip(table["first"].tolist(), table["count"].tolist(), strict=True))
+
+    def _stretches(self) -> Iterator[tuple[int, int]]:
+        """First sample and end of each block: no gap is in it, and all of it in one chunk."""
+        start, rows = 0, min(len(column) for column in self._force_columns().values())
+        for gap, count in [*self.gaps(), (rows, 0)]:
+            end = min(gap, rows)
+            if not start <= end:
+                raise self._damaged("/entry/gaps/first", f"{gap} lies in the gap before it")
+            chunks = range(start - start % FORCES_CHUNK + FORCES_CHUNK, end, FORCES_CHUNK)
+            yield from pairwise((start, *chunks, end))
+            start = min(end + count, rows)
+
+    def _block(self, first: int, end: int) -> Samples:
+        with self.file.reading("/entry/forces"):
+            block = {name: column[first:end] for name, column in self._force_columns().items()}
+        return _samples(first, block)
+
+    def _force_columns(self) -> dict[str, h5py.Dataset]:
+        return {c.name: self.dataset(c.path) for c in columns_of(Samples)}
+
+    # ------------------------------------------------------------------ triggers and their images
+
     def triggers(self) -> NDArray[np.void]:
         """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was
         lost).
         """
-        table = self._triggers
-        kinds: list[tuple[str, Any]] = [
-            ("index", "i8"),
-            ("sample", "i8"),
-            ("received", "?"),
-            ("analysed", "?"),
-            ("reason", object),
-        ]
-        rows = np.empty(len(table["index"]), dtype=kinds)
-        rows["received"] = table["image"] != NO_ROW
-        for name in ("index", "sample", "analysed", "reason"):
+        kinds = {"index": "i8", "sample": "i8", "received": "?", "analysed": "?", "reason": object}
+        table = self._triggers | {"received": self._triggers["image"] != NO_ROW}
+        rows = np.empty(len(table["index"]), dtype=list(kinds.items()))
+        for name in kinds:
             rows[name] = table[name]
         return rows
 
     def lost_frames(self) -> list[tuple[int, int, str]]:
         """Index, sample and reason of each trigger without an image."""
-        return [
-            (int(row["index"]), int(row["sample"]), row["reason"])
-            for row in self.triggers()
-            if not row["received"]
-        ]
+        lost = self.triggers()[self._triggers["image"] == NO_ROW]
+        return list(
+            zip(*(lost[name].tolist() for name in ("index", "sample", "reason")), strict=True)
+        )
 
     def frames(self) -> Iterator[tuple[int, int, NDArray[Any]]]:
         """Index, sample and image of each frame received, in the order of the triggers."""
@@ -261,7 +226,7 @@ class SessionReader:
                 " info` lists what there is"
             )
         row = self._frame_rows[index]
-        image = self._images._row("/entry/instrument/camera/data", self.image_row(index))
+        image = self._images._row(layout.IMAGES.path, self.image_row(index))
         if self._images is not self and crc32(image.data) != self._triggers["checksum"][row]:
             raise UserError(
                 f"{self._images.path}: the image of trigger {index} is not the one that was"
@@ -278,90 +243,113 @@ class SessionReader:
         """Row of the image of trigger `index` in the file that holds the images."""
         return int(self._triggers["image"][self._frame_rows[index]])
 
+    # ------------------------------------------------------------------ results
+
     def analysed_frames(self) -> list[int]:
         """Trigger numbers of the frames analysed during the run, in that order."""
-        return [int(index) for index in self._results["frame"]]
+        frames: list[int] = self._results["frame"].tolist()
+        return frames
 
     def results(self) -> NDArray[np.void]:
-        """The numbers found on each analysed frame, in order, by the names of `Snapshot`; NaN where
-        this session is too old.
+        """The numbers of every snapshot, in order, by their names; NaN where this session is too
+        old to have them.
         """
-        kinds: list[tuple[str, Any]] = [
-            (attribute, _ITEMS[f"/entry/results/{name}"].dtype)
-            for name, attribute in layout.RESULTS.items()
-        ]
-        rows = np.full(
-            len(self._results["frame"]),
-            0,
-            dtype=[(name, "U16" if name == "phase" else kind) for name, kind in kinds],
-        )
-        for name, attribute in layout.RESULTS.items():
-            rows[attribute] = self._results.get(name, np.nan)
-        rows["phase"] = [self._phase(number) for number in self._results["phase"]]
+        kinds = [(c.attribute, "U16" if c.kind is Phase else c.dtype) for c in NUMBERS.values()]
+        rows = np.empty(len(self._results["frame"]), dtype=kinds)
+        for column in NUMBERS.values():
+            held: Any = self._results.get(column.name, np.nan)
+            if column.kind is Phase:
+                with self.file.reading(column.path):
+                    held = [column.restored(place) for place in held]
+            rows[column.attribute] = held
         return rows
 
+    def have_fields(self) -> NDArray[np.bool_]:
+        """Which snapshots have a displacement field."""
+        has: NDArray[np.bool_] = self._results["field"] != NO_ROW
+        return has
+
     def snapshots(self) -> Iterator[Snapshot]:
-        """What was found on each analysed frame, in order."""
+        """The results of each analysed frame, in order."""
         yield from map(self.snapshot, range(len(self._results["frame"])))
 
     def snapshot(self, i: int) -> Snapshot:
-        """What was found on the `i`-th analysed frame."""
+        """The results of the `i`-th analysed frame."""
         n = len(self._results["frame"])
         if not 0 <= i < n:
             raise UserError(
-                f"{self.path}: result {i} was asked, this session has {n}, counted from 0"
+                f"{self.path}: there is no result {i} in this session; it has {n}, counted from 0"
             )
         row = {name: column[i].item() for name, column in self._results.items()}
-        found = {
-            attribute: row[name]
-            for name, attribute in layout.RESULTS.items()
-            if attribute not in self.lacking
-        }
-        found["phase"] = self._phase(row["phase"])
-        rings = self._profiles("rings", layout.RINGS, i, row["ring_count"])
-        stress = self._profiles("stress", layout.STRESS, i, row.get("stress_count", 0))
-        return Snapshot(**found, **rings, **stress, **self._field(row["field"]))
+        numbers = {}
+        for column in NUMBERS.values():
+            with self.file.reading(column.path):
+                numbers[column.attribute] = column.restored(row.get(column.name, math.nan))
+        return replace(
+            snapshot_of(numbers),
+            field=self._field(row["field"]),
+            rings=self._profile(RingProfile, i, "ring_count", row["ring_count"]),
+            stress=self._profile(StressProfile, i, "stress_count", row.get("stress_count", 0)),
+        )
 
-    def contact(self) -> ContactResult | None:
-        """The apparent contact; None where it was not measured."""
-        if not self._file.has("/entry/contact"):
+    def _field(self, row: int) -> DisplacementField | None:
+        if row == NO_ROW:
             return None
-        values = {
-            attribute: self._value(f"/entry/{name}") for name, attribute in layout.CONTACT.items()
-        }
-        return ContactResult(**values)
-
-    def summary(self) -> Summary | None:
-        """What the experiment comes down to; None in a run that was not finished or failed."""
-        if not self._file.has("/entry/summary"):
-            return None
-        held = {
-            name: attribute
-            for name, attribute in layout.SUMMARY.items()
-            if _ITEMS[f"/entry/summary/{name}"].since <= self.format
-        }
-        return Summary(
-            **{attribute: self._value(f"/entry/summary/{name}") for name, attribute in held.items()}
+        shape = self.dataset("/entry/fields/ux").shape[1:]
+        return build(
+            DisplacementField,
+            lambda column: (
+                self._row(column.path, row)
+                if column.since <= self.format
+                else np.full(shape, np.nan, column.dtype)
+            ),
         )
 
-    def counts(self) -> Counts:
-        """The account of the run; of a session cut short, of what is in the file."""
-        if self._file.has("/entry/counts"):
-            return Counts(
-                **{
-                    field.name: int(self._read(f"/entry/counts/{field.name}"))
-                    for field in dataclasses.fields(Counts)
-                }
-            )
-        triggers, frames, analysed = (
-            len(self._triggers["index"]),
-            len(self._frame_rows),
-            len(set(self.analysed_frames())),
+    def _profile(self, kind: type[T], i: int, counter: str, count: int) -> T | None:
+        """The profile of the `i`-th result, in which `count` values are its own."""
+
+        def value_of(column: Column) -> NDArray[Any]:
+            values = self._row(column.path, i)
+            if not 0 <= count <= len(values):
+                raise self._damaged(f"/entry/results/{counter}", f"{count} values are claimed")
+            return values[:count]
+
+        return build(kind, value_of) if count else None
+
+    def records(
+        self,
+    ) -> Iterator[Samples | ReceivedFrame | SourceFrame | LostTrigger | Position | Event | Altered]:
+        """Everything measured, as the records that make another session of it."""
+        for first, end in self._stretches():
+            try:
+                yield self._block(first, end)
+            except UserError:
+                yield Altered(Gap(first, end - first, UNREADABLE_SAMPLES))
+        if self._frame_rows:
+            _ = self._images  # an analysis without its session can not be read at all
+        for index, sample, received, _, reason in self.triggers().tolist():
+            yield self._fate(index, sample) if received else LostTrigger(index, sample, reason)
+        yield from (
+            Position(*row) for row in zip(*(c.tolist() for c in self.positions()), strict=True)
         )
-        samples, lost = (
-            len(self._table("/entry/forces")["normal_force"]),
-            sum(count for _, count in self.gaps()),
-        )
+        yield from self.events()
+
+    def _fate(self, index: int, sample: int) -> ReceivedFrame | SourceFrame | Altered:
+        """The frame of a trigger that was received, unless it is not what was recorded."""
+        with suppress(UserError):
+            image = np.ascontiguousarray(self.frame(index)[2])
+            checksum = crc32(image.data)
+            if self.format < 4 or checksum == self._triggers["checksum"][self._frame_rows[index]]:
+                if self.header.source is not None:
+                    return SourceFrame(index, sample, self.image_row(index), checksum)
+                return ReceivedFrame(index, sample, image, checksum)
+        return Altered(LostTrigger(index, sample, UNREADABLE_IMAGE))
+
+    def _counted(self) -> Counts:
+        """The account of a session that was cut short, from what is in the file."""
+        triggers, frames = len(self._triggers["index"]), len(self._frame_rows)
+        analysed = len(set(self.analysed_frames()))
+        lost = sum(count for _, count in self.gaps())
         return Counts(
             triggers=triggers,
             frames_received=frames,
@@ -369,7 +357,7 @@ class SessionReader:
             frames_lost=triggers - frames,
             frames_analysed=analysed,
             frames_skipped=frames - analysed,
-            samples=samples - lost,
+            samples=min(len(column) for column in self._force_columns().values()) - lost,
             samples_lost=lost,
         )
 
@@ -378,18 +366,23 @@ class SessionReader:
         """The session that holds the images: this one, or the one beside it that was analysed once
         more.
         """
-        if self.source is None:
+        source = self.header.source
+        if source is None:
             return self
-        with self._file.reading("/entry/source/session"):
-            path = self.path.with_name(self.source.session)
+        with self.file.reading("/entry/source/session"):
+            path = self.path.with_name(source.session)
         if not path.is_file():
             raise UserError(
                 f"{self.path}: its images are in {path.name}, which does not lie beside it; put"
                 " both into one folder"
             )
         held = SessionReader(path)
-        found = (held.source, held.started, held.frame_shape, held.frame_dtype)
-        if found != (None, self.source.started, self.frame_shape, self.frame_dtype):
+        known = (held.header.source, held.header.started)
+        images = (held.header.frame_shape, held.header.frame_dtype)
+        if known != (None, source.started) or images != (
+            self.header.frame_shape,
+            self.header.frame_dtype,
+        ):
             held.close()
             raise UserError(
                 f"{self.path}: {path.name} is not the session that was analysed; put that one"
@@ -411,43 +404,15 @@ class SessionReader:
     def _results(self) -> dict[str, NDArray[Any]]:
         return self._table("/entry/results")
 
-    def _phase(self, number: int) -> Phase:
-        if not 0 <= number < len(layout.PHASES):
-            raise self._damaged("/entry/results/phase", f"{number} is no phase")
-        return layout.PHASES[number]
+    # ------------------------------------------------------------------ datasets
 
-    def _profiles(self, group: str, columns: dict[str, str], i: int, count: int) -> dict[str, Any]:
-        held = {
-            name: attribute for name, attribute in columns.items() if attribute not in self.lacking
-        }
-        rows = {
-            attribute: self._row(f"/entry/{group}/{name}", i) for name, attribute in held.items()
-        }
-        if not all(0 <= count <= len(row) for row in rows.values()):
-            raise self._damaged(
-                f"/entry/results/{group.removesuffix('s')}_count", f"{count} values are claimed"
-            )
-        return {attribute: row[:count] for attribute, row in rows.items()}
+    def dataset(self, path: str) -> h5py.Dataset:
+        """A dataset of the layout, checked."""
+        column = layout.BY_PATH[path]
+        return self.file.dataset(path, column.shape, column.dtype)
 
-    def _field(self, row: int) -> dict[str, Any]:
-        if row == NO_ROW:
-            return dict.fromkeys(layout.FIELDS.values(), _NO_FIELD) | {
-                "status": _NO_FIELD.astype(np.uint8)
-            }
-        held = {
-            name: attribute
-            for name, attribute in layout.FIELDS.items()
-            if attribute not in self.lacking
-        }
-        found = {
-            attribute: self._row(f"/entry/fields/{name}", row) for name, attribute in held.items()
-        }
-        return found | dict.fromkeys(
-            self.lacking & set(layout.FIELDS.values()), np.full_like(found["ux_px"], np.nan)
-        )
-
-    def _check_format(self) -> None:
-        version = self._file.number(FORMAT_ATTRIBUTE)
+    def _checked_format(self) -> int:
+        version = self.file.number(FORMAT_ATTRIBUTE)
         if version is None or version < 1:
             raise UserError(
                 f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that"
@@ -458,42 +423,27 @@ class SessionReader:
                 f"{self.path}: written by a newer SlipScope (format {version}, this one reads"
                 f" {FORMAT_VERSION}); bring SlipScope up to date"
             )
-        self.format = version
-        for item in layout.ITEMS:
-            if item.group not in layout.LATER and item.since <= self.format:
-                self._dataset(item.path)
-
-    def _dataset(self, path: str) -> h5py.Dataset:
-        item = _ITEMS[path]
-        return self._file.dataset(path, item.shape, item.dtype)
+        return version
 
     def _read(self, path: str) -> Any:
-        return self._file.read(self._dataset(path))
+        return self.file.read(self.dataset(path))
 
-    def _quantity(self, path: str, least: float = 0.0) -> float:
-        """A number that must be finite and more than `least`."""
-        value = float(self._read(path))
-        if not least < value < math.inf:
-            raise self._damaged(path, f"it is {value:g}")
-        return value
+    def _single(self, kind: type[T], **others: Any) -> T:
+        """The record of a type of which a session has one."""
 
-    def _text(self, path: str) -> str:
-        return str(self._read(path))
+        def value_of(column: Column) -> Any:
+            if column.since > self.format:
+                return None
+            with self.file.reading(column.path):
+                return column.restored(self._read(column.path))
 
-    def _value(self, path: str) -> Any:
-        """A number, a pair of numbers as a tuple, an array, or a tuple of texts, as the result
-        types hold them.
-        """
-        value, item = self._read(path), _ITEMS[path]
-        if item.dtype == TEXT or item.shape == (2,):
-            return tuple(value.tolist())
-        return value if item.shape else float(value)
+        return build(kind, value_of, **others)
 
     def _row(self, path: str, row: int) -> NDArray[Any]:
-        dataset = self._dataset(path)
+        dataset = self.dataset(path)
         if not 0 <= row < dataset.shape[0]:
             raise self._damaged(path, f"row {row} is needed, it has {dataset.shape[0]}")
-        with self._file.reading(path):
+        with self.file.reading(path):
             values: NDArray[Any] = dataset[row]
             return values
 
@@ -501,14 +451,19 @@ class SessionReader:
         """The columns of a group, cut to the shortest: a program that was killed may have
         lengthened only some.
         """
-        held = [
-            item
-            for item in layout.items_of(group)
-            if len(item.shape) == 1 and item.since <= self.format
-        ]
-        columns = {item.name: self._read(item.path) for item in held}
-        rows = min(len(column) for column in columns.values())
-        return {name: column[:rows] for name, column in columns.items()}
+        columns = {
+            column.name: self._read(column.path)
+            for column in layout.columns_in(group)
+            if len(column.shape) == 1 and column.since <= self.format
+        }
+        rows = min(len(values) for values in columns.values())
+        return {name: values[:rows] for name, values in columns.items()}
 
     def _damaged(self, path: str, found: str) -> UserError:
-        return self._file.damaged(path, found)
+        return self.file.damaged(path, found)
+
+
+def _samples(first: int, columns: Mapping[str, NDArray[np.float64]]) -> Samples:
+    """A block of samples from the columns of the forces."""
+    volts = np.column_stack([columns["normal_sensor"], columns["shear_sensor"]])
+    return Samples(first, volts, np.column_stack([columns["normal_force"], columns["shear_force"]]))

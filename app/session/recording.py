@@ -21,11 +21,11 @@ class SessionRecording:
     def __init__(self, path: Path, pace: float | None) -> None:
         self._session = session = SessionReader(path)
         self.name, self.pace = path.name, pace
-        _, self.volts, _ = session.forces()
-        self.sample_rate_hz = session.sample_rate_hz
-        self.divisor = session.divisor
-        self.shape = session.frame_shape
-        self.dtype: np.dtype[Any] = session.frame_dtype
+        self.volts = session.forces().volts
+        self.sample_rate_hz = session.header.sample_rate_hz
+        self.divisor = session.header.divisor
+        self.shape = session.header.frame_shape
+        self.dtype: np.dtype[Any] = np.dtype(session.header.frame_dtype)
         samples, metres = session.positions()
         known = np.isfinite(metres)
         self.position_samples, self.positions_m = samples[known], metres[known]

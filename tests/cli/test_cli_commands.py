@@ -23,7 +23,7 @@ from analysis.options import as_written
 from app import cli_files
 from app.commands import experiment
 from app.config import default_toml
-from app.results import Counts, Health, Outcome
+from app.records import Counts, Health, Outcome
 
 Command = Callable[..., Result]
 

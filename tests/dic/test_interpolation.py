@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from analysis.dic import interpolation
-from analysis.dic.interpolation import (
-    CLASSICAL,
+from analysis.dic.interpolants import BETA, CLASSICAL, Interpolant
+from analysis.dic.reading import (
     MARGIN,
     SLACK,
-    Interpolant,
     lay_out,
     read_deformed,
     read_shifted,
     room,
+    target_for,
 )
 
 RNG = np.random.default_rng(3)
@@ -68,9 +67,7 @@ def keys(s):
 
 
 def windowed_sinc(taps):
-    return lambda s: (
-        np.sinc(s) * np.i0(interpolation.BETA * np.sqrt(np.maximum(0, 1 - (2 * s / taps) ** 2)))
-    )
+    return lambda s: np.sinc(s) * np.i0(BETA * np.sqrt(np.maximum(0, 1 - (2 * s / taps) ** 2)))
 
 
 @pytest.mark.parametrize(
@@ -121,7 +118,7 @@ def test_single_precision_has_the_same_coefficients(degree):
 
 
 def prepared(interpolant, kind, box, order):
-    target = interpolation.target_for(IMAGE.shape, interpolant, kind)
+    target = target_for(IMAGE.shape, interpolant, kind)
     target.image[MARGIN:-MARGIN, MARGIN:-MARGIN] = interpolant.prepare(IMAGE.astype(kind))
     pitch, pixels, terms = lay_out(target, box, order)
     return (

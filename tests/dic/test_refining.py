@@ -9,7 +9,7 @@ import pytest
 from blobs import Speckle
 
 from analysis.dic import Correlation, Status, open_tracker
-from analysis.dic.field import filled
+from analysis.dic.neighbours import filled
 
 SPECKLE = Speckle((240, 320))
 REFERENCE = SPECKLE.image(noise=2, seed=1)

@@ -14,17 +14,14 @@ import numpy as np
 import pytest
 from blobs import Speckle
 
-from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, shared
+from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, strips
 from analysis.dic.passes import SharedPasses
 from analysis.dic.spectrum import gradient, interpolation, texture
+from analysis.dic.threads import Threads
+from analysis.dic.tracker import Reference
 from benchmarks.speckle import Motion, Pattern, camera
 
 SPECKLE = Speckle((240, 320))
-
-
-def serial(work, bands):
-    for band in bands:
-        work(band)
 
 
 def inner(field, margin=3):
@@ -117,9 +114,8 @@ def test_one_pass_is_what_least_squares_gives_box_by_box(
         SPECKLE.image(u[0] + 0.04, u[1] - 0.03, noise=2, seed=2),
     )
     grid = Grid.cover(reference.shape, box, step)
-    passes = SharedPasses(
-        reference, texture(reference.astype(np.float32)), grid, None, serial, 3, max_passes=1
-    )
+    prepared = Reference(reference, grid, Threads(1))
+    passes = SharedPasses(prepared, texture(reference.astype(np.float32)), max_passes=1)
     start = np.broadcast_to(np.array(u)[:, None, None], (2, *grid.shape)).copy()
     found = passes.refine(image, start, np.ones(grid.shape, bool)).u
     expected = by_hand(reference, image, grid, u)
@@ -243,7 +239,7 @@ def test_boxes_from_4_to_200_px(box: int, step: int) -> None:
 
 def test_no_image_makes_a_kernel_compile_during_a_run() -> None:
     compile_kernels()
-    compiled = {kernel: len(kernel.signatures) for kernel in (shared.load_rows, shared.sum_cells)}
+    compiled = {kernel: len(kernel.signatures) for kernel in (strips.load_rows, strips.sum_cells)}
     image = SPECKLE.image()
     locked = image.copy()
     locked.flags.writeable = False

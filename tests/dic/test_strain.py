@@ -145,7 +145,7 @@ def test_points_that_do_not_determine_a_fit_are_nan():
         ({"window": 3, "order": 2}, "order 2, a window of 3"),
         ({"order": 3}, "order 3"),
         ({"correlation_px": -1}, "correlation of -1 px"),
-        ({"ux_std_px": X}, "one component only"),
+        ({"ux_std_px": X}, "only one component"),
         ({"ux_std_px": X, "uy_std_px": X[1:]}, "the grid has"),
     ],
 )

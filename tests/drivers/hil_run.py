@@ -39,7 +39,7 @@ class HilRun:
         assert self.outcome is not None, "the run did not end"
         self.world, self.counts = self.bench.world, self.outcome.counts
         with SessionReader(path) as s:
-            _, self.volts, self.newtons = s.forces()
+            self.volts, self.newtons = s.forces().volts, s.forces().forces
             self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}
             self.events = s.events()
         with h5py.File(path) as f:

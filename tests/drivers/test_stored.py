@@ -168,7 +168,7 @@ def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
     outcome = again(tmp_path / "all.h5", recorded, "forces", "camera", "actuator")
     assert outcome.state == "done", outcome.reason
     with SessionReader(recorded[0]) as first, SessionReader(tmp_path / "all.h5") as second:
-        a, b = first.forces()[1], second.forces()[1]
+        a, b = first.forces().volts, second.forces().volts
         n = min(len(a), len(b))
         assert n > 0.98 * len(a)
         np.testing.assert_array_equal(a[:n], b[:n])
@@ -185,14 +185,14 @@ def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(
     ahead = []
 
     def slow_down(run):
-        step = run._pipeline.step
+        step = run._analysis.pipeline.step
 
         def slowly(index, sample, image, now):
             time.sleep(1.0 if index in (60, 61) else 0)
             ahead.append(run._history.end - sample)
             return step(index, sample, image, now)
 
-        run._pipeline.step = slowly
+        run._analysis.pipeline.step = slowly
 
     outcome = again(
         tmp_path / "slow.h5", recorded, "forces", "camera", "actuator", sabotage=slow_down

@@ -5,7 +5,7 @@ import pytest
 
 from app import config
 from app.engine.experiment import Experiment, ExperimentFailed, Measured
-from app.results import Phase
+from app.records import Phase
 
 BLOCK = 50
 

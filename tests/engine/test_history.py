@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.engine.history import KEPT_SECONDS, MOST_MEANS, History
-from app.results import Phase
+from app.records import Phase
 
 
 def filled(seconds, rate=100, block=10, exposure=4):

@@ -5,6 +5,7 @@ tells where it comes from.
 import hashlib
 import math
 import shutil
+import threading
 
 import h5py
 import numpy as np
@@ -13,10 +14,11 @@ import pytest
 from app import config, live
 from app.config import ConfigError
 from app.errors import UserError
-from app.reanalysis import Reanalysis
-from app.replay import difference, make_replay
+from app.offline.reanalysis import Reanalysis
+from app.offline.replay import Replay, difference
 from app.session import Session
 from app.session.files import RESERVE_BYTES
+from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.repair import repair
@@ -75,7 +77,7 @@ def analysed(session, name, *overrides, **options):
 
 
 def replayed(path):
-    replay = make_replay(path, pace=None)
+    replay = Replay(path, pace=None)
     replay.start()
     assert replay.wait(PATIENCE_S).state == "done"
     return replay.comparison()
@@ -90,13 +92,14 @@ def test_the_same_settings_give_the_same_bits_and_the_session_is_not_touched(ses
         pairs = list(zip(old.snapshots(), new.snapshots(), strict=True))
         assert len(pairs) > 20
         assert [difference(a, b) for a, b in pairs] == [""] * len(pairs)
-        for a, b in zip(old.forces()[1:], new.forces()[1:], strict=True):
+        for name in ("volts", "forces"):
+            a, b = getattr(old.forces(), name), getattr(new.forces(), name)
             np.testing.assert_array_equal(a, b)
         assert new.gaps() == old.gaps() == [(5500, 60)]
         assert new.lost_frames() == old.lost_frames()
         assert [lost[0] for lost in new.lost_frames()] == [40, 41, 61, 62]  # to the last trigger
         np.testing.assert_array_equal(new.triggers()["index"], old.triggers()["index"])
-        assert new.counts() == old.counts() == outcome.counts
+        assert new.outcome.counts == old.outcome.counts == outcome.counts
         assert new.contact().centre_px == old.contact().centre_px
         kept = [event for event in new.events() if event.kind != "analysis"]
         assert sorted(kept, key=str) == sorted(old.events(), key=str)
@@ -130,24 +133,24 @@ def test_other_settings_make_another_set_of_results_that_says_how_it_came_about(
 
 def test_forces_follow_the_constants_of_the_sensors(session):
     with SessionReader(session) as old:
-        forces = config.from_record(old.config_toml, "").forces
-        before = old.forces()[2]
+        forces = config.from_record(old.header.config_toml, "").forces
+        before = old.forces().forces
     twice = [
         f"forces.stiffness_{name}={2 * getattr(forces, f'stiffness_{name}')}"
         for name in ("normal", "shear")
     ]
     _, path = analysed(session, "stiff.h5", *twice)
     with SessionReader(path) as new:
-        np.testing.assert_allclose(new.forces()[2], 2 * before, rtol=1e-12)
+        np.testing.assert_allclose(new.forces().forces, 2 * before, rtol=1e-12)
 
 
 def test_an_analysis_of_an_analysis_refers_to_the_images_too(other):
     outcome, second = analysed(other, "c.h5", "dic.step=12")
     assert outcome.state == "done"
     with SessionReader(second) as reader:
-        settings = config.from_record(reader.config_toml, "")
+        settings = config.from_record(reader.header.config_toml, "")
         assert (settings.dic.box, settings.dic.step) == (28, 12)
-        assert reader.source.session == "a.h5"
+        assert reader.header.source.session == "a.h5"
     assert replayed(second).all_identical
 
 
@@ -209,7 +212,7 @@ def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(
             UserError, match=r"b\.h5: its images are in a\.h5, which does not lie beside it"
         ):
             analysis.frames[0]
-    for use in (lambda: make_replay(other, pace=None), lambda: verify(other)):
+    for use in (lambda: Replay(other, pace=None), lambda: verify(other)):
         with pytest.raises(UserError, match="does not lie beside it") as refused:
             use()
         assert refused.type is UserError  # nothing was found that is not as recorded
@@ -219,7 +222,7 @@ def test_another_session_of_that_name_is_not_taken_for_it(session, other):
     with h5py.File(session, "r+") as file:
         file["entry/start_time"][()] = "2001-01-01T00:00:00+00:00"
     with pytest.raises(UserError, match=r"a\.h5 is not the session that was analysed"):
-        make_replay(other, pace=None)
+        Replay(other, pace=None)
 
 
 def test_an_image_that_has_changed_is_not_taken_for_the_one_that_was_analysed(session, other):
@@ -261,9 +264,9 @@ def test_one_that_is_stopped_holds_what_was_done_until_then(session):
     assert analysis.can_browse
     with SessionReader(analysis.output) as reader:
         assert reader.analysed_frames() == [n for n in range(45) if n not in (40, 41)]
-        assert reader.counts() == outcome.counts
+        assert reader.outcome.counts == outcome.counts
         assert len(reader.triggers()) == outcome.counts.triggers == 45
-        assert math.isnan(reader.summary().mu_d)
+        assert math.isnan(reader.outcome.summary.mu_d)
     analysis.browser.show(42)
     assert analysis.browsed().frame == 44
     analysis.browser.close()
@@ -273,11 +276,18 @@ def test_a_full_disk_fails_by_name_and_leaves_nothing(session, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(SessionWriter, "append_snapshot", full)
-    outcome, _path = analysed(session, "b.h5")
+    monkeypatch.setattr(SessionWriter, "_append_snapshot", full)
+    outcome, path = analysed(session, "b.h5")
     assert outcome.state == "failed"
     assert "No space left on device" in outcome.reason
     assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
+    path.write_bytes(b"earlier")
+    outcome, _ = analysed(session, "b.h5", overwrite=True)
+    assert outcome.state == "failed"
+    assert {p.name: p.read_bytes() == b"earlier" for p in session.parent.iterdir()} == {
+        "a.h5": False,
+        "b.h5": True,
+    }
 
 
 def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
@@ -291,15 +301,21 @@ def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
     assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
 
 
-def test_one_that_was_cut_short_is_repaired(session, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        SessionWriter,
-        "close",
-        lambda writer: [f.close() for f in (writer._file, writer._on_disk, writer._journal)],
-    )
-    monkeypatch.setattr(SessionWriter, "finish", lambda writer, outcome: writer.flush())
-    analysed(session, "b.h5")
+def test_one_that_was_killed_is_repaired_from_what_lies_beside(session, monkeypatch):
+    """A program that is killed leaves the file that it had not finished, with its journal."""
+    cut = session.with_name("cut.h5")
+
+    def kill(writer, outcome):
+        writer.flush()
+        shutil.copy(writer._path, cut)
+        shutil.copy(journal_of(writer._path), journal_of(cut))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SessionWriter, "_finish", kill)
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+    outcome, path = analysed(session, "b.h5")
     monkeypatch.undo()
-    repaired = repair(session.with_name("b.h5"), session.with_name("c.h5"))
-    assert repaired.torn == 0
+    assert (outcome.state, path.exists()) == ("failed", False)
+    repaired = repair(cut, session.with_name("c.h5"))
+    assert (repaired.source, repaired.torn) == ("journal", 0)
     assert replayed(session.with_name("c.h5")).all_identical

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app import config, live
-from app.results import Phase
+from app.records import Phase, ReceivedFrame
 from app.session.files import RESERVE_BYTES
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
@@ -91,15 +91,16 @@ class Stressed:
 
     def before_images(self, wait):
         """Have the sink call `wait()` before each image is written."""
-        append = self.sink.append_frame
+        append = self.sink.append
 
-        def slowly(*frame):
-            self.is_held = True
-            wait()
-            self.is_held = False
-            append(*frame)
+        def slowly(record):
+            if isinstance(record, ReceivedFrame):
+                self.is_held = True
+                wait()
+                self.is_held = False
+            append(record)
 
-        self.sink.append_frame = slowly
+        self.sink.append = slowly
 
     def stage_stands_since(self):
         """Sample of the last command to the stage, which left it standing."""
@@ -116,15 +117,18 @@ class Stressed:
         volts = np.concatenate([block.volts for block in self.blocks])
         camera, half = self.run._bench.camera, self.run._exposure // 2
         with SessionReader(self.path) as session:
-            assert (session.state, session.reason) == (self.outcome.state, self.outcome.reason)
+            assert (session.outcome.state, session.outcome.reason) == (
+                self.outcome.state,
+                self.outcome.reason,
+            )
             assert [index for index, _, _ in session.frames()] == list(range(frames))
             for index, sample, image in session.frames():
                 assert sample == DIVISOR * index
                 assert np.array_equal(
                     image, camera._renderer.image(self.world.state(sample + half), index)
                 )
-            assert np.array_equal(session.forces()[1], volts[: len(session.forces()[1])])
-            samples = len(session.forces()[1])
+            assert np.array_equal(session.forces().volts, volts[: len(session.forces().volts)])
+            samples = len(session.forces().volts)
         assert self.outcome.resources["receipt"].startswith(f"{frames:,} frames")
         assert not journal_of(self.path).exists()
         return samples
@@ -197,14 +201,14 @@ def test_a_disk_that_pauses_for_less_than_the_queue_holds_costs_nothing(tmp_path
 
 def test_an_analysis_ten_times_too_slow_costs_nothing_but_its_own_frames(tmp_path):
     def slow_down(s):
-        step = s.run._pipeline.step
+        step = s.run._analysis.pipeline.step
 
         def slowly(index, sample, image, now):
             if now.phase is Phase.DRIVE:
                 s.until(s.world.now + 10 * DIVISOR)
             return step(index, sample, image, now)
 
-        s.run._pipeline.step = slowly
+        s.run._analysis.pipeline.step = slowly
 
     s = Stressed(tmp_path / "lag.h5", slow_down)
     assert (s.outcome.state, s.outcome.reason) == ("done", "the drive of 60 um is complete")
@@ -221,7 +225,7 @@ def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_p
     began = []
 
     def slow_down(s):
-        take, is_driving = s.run._pipeline._take_reference, s.is_driving
+        take, is_driving = s.run._analysis.pipeline._take_reference, s.is_driving
 
         def slowly(*frame):
             s.is_driving = lambda: True  # the analysis is behind: nobody waits for it
@@ -231,7 +235,7 @@ def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_p
             s.is_driving, s.run._bench.forces.backlog = is_driving, lambda: 0
             return take(*frame)
 
-        s.run._pipeline._take_reference = slowly
+        s.run._analysis.pipeline._take_reference = slowly
 
     s = Stressed(tmp_path / "slow-reference.h5", slow_down)
     assert (s.outcome.state, s.outcome.reason) == ("done", "the drive of 60 um is complete")

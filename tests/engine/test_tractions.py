@@ -24,21 +24,19 @@ def rings_of(Q, seed=0, reach=4.1e-3):
 def test_force_far_displacement_profile_and_largest_traction():
     tractions = Tractions(Config(), X, Y, A)
     for Q in (0.15, 0.3, 0.44):
-        found = tractions.of(rings_of(Q))
-        assert found["stress_force_n"] == pytest.approx(Q, rel=3e-3)
-        assert found["block_m"] == pytest.approx(D, abs=5e-8)
-        error = found["stress_pa"] - cattaneo_mindlin.traction(
-            found["stress_radius_m"], Q, MU, P, A
-        )
+        found, profile = tractions.of(rings_of(Q))
+        assert found.stress_force_n == pytest.approx(Q, rel=3e-3)
+        assert found.block_m == pytest.approx(D, abs=5e-8)
+        error = profile.stress_pa - cattaneo_mindlin.traction(profile.radius_m, Q, MU, P, A)
         assert np.sqrt(np.mean(error**2)) < 0.02 * MU * hertz.peak_pressure(P, A)
         c = float(cattaneo_mindlin.stick_radius(Q, MU * P, A))
-        assert c - 0.02 * A < found["peak_radius_m"] < c + 0.1 * A  # the cusp is rounded outwards
+        assert c - 0.02 * A < found.peak_radius_m < c + 0.1 * A  # the cusp is rounded outwards
     assert tractions.notes() == []
 
 
 def test_frames_that_can_not_be_inverted_are_counted_with_the_reason():
     tractions = Tractions(Config(), X, Y, A)
-    assert tractions.of(rings_of(0.2, reach=1.5e-3)) == {}
+    assert tractions.of(rings_of(0.2, reach=1.5e-3)) == (None, None)
     tractions.of(rings_of(0.2))
     (note,) = tractions.notes()
     assert "1 of 2 frames were not inverted" in note

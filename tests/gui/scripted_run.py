@@ -6,11 +6,28 @@ from __future__ import annotations
 
 import math
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from app.results import ContactResult, Counts, Health, Outcome, Phase, Snapshot, Summary
+from app.records import (
+    Conditions,
+    ContactResult,
+    Counts,
+    DisplacementField,
+    Health,
+    Motion,
+    Outcome,
+    Phase,
+    RingProfile,
+    Snapshot,
+    Stick,
+    StressProfile,
+    Summary,
+    Traction,
+    series_of,
+)
 from app.settings import Config
 
 MU, P, STIFFNESS = 0.93, 0.5, 5000.0
@@ -72,8 +89,9 @@ class ScriptedRun:
         travel = max(0.0, t) * 4.85e-6
         shear = MU * P * min(1.0, 1 - (1 - min(1.0, travel * STIFFNESS / (MU * P) / 1.6)) ** 1.6)
         c = self.radius_m * (1 - shear / (MU * P)) ** (1 / 3)
-        empty = np.empty((0, 0), np.float32)
-        ux = uy = zncc = empty
+        time_s = (sample + 5 - REFERENCE * PERIOD) / 1000 if n >= REFERENCE else math.nan
+        normal = 0.0 if n < BACKGROUND else P
+        snapshot = Snapshot(n, sample, Conditions(phase, time_s, normal, shear, travel))
         if n >= REFERENCE:
             r = self._r[10:-10:10, 10:-10:10][: len(self.grid_y_px), : len(self.grid_x_px)]
             shift = travel - shear / 9579
@@ -82,38 +100,18 @@ class ScriptedRun:
             ) / self.pixel_m
             ux = (ux + np.random.default_rng(n).normal(0, 0.033, r.shape)).astype(np.float32)
             ux[::17, ::13] = np.nan
-        rings = np.linspace(0, 3e-3, 30)
-        known = n > REFERENCE + 8 and c > 0.05 * self.radius_m
-        stick, stick_sd = (
-            (c, 3e-5 + 1e-6 * (self.radius_m / c) ** 3) if known else (math.nan, math.nan)
-        )
-        time_s = (sample + 5 - REFERENCE * PERIOD) / 1000 if n >= REFERENCE else math.nan
-        normal, status = 0.0 if n < BACKGROUND else P, np.zeros(ux.shape, np.uint8)
-        return Snapshot(
-            n,
-            sample,
-            phase,
-            time_s,
-            normal,
-            shear,
-            travel,
-            0.68e-6 * shear,
-            ux,
-            uy,
-            zncc,
-            zncc,
-            zncc,
-            status,
-            rings,
-            rings * 0,
-            rings * 0,
-            0.0,
-            stick,
-            stick_sd,
-            **self._stress(c, ux.shape) if known else {},
-        )
+            nothing, rings = np.empty_like(ux), np.linspace(0, 3e-3, 30)
+            snapshot = replace(
+                snapshot,
+                motion=Motion(0.68e-6 * shear, 0.0),
+                field=DisplacementField(ux, *[nothing] * 4, np.zeros(ux.shape, np.uint8)),
+                rings=RingProfile(rings, rings * 0, rings * 0),
+            )
+        if n > REFERENCE + 8 and c > 0.05 * self.radius_m:
+            return self._sheared(snapshot, c)
+        return snapshot
 
-    def _stress(self, c: float, shape: tuple[int, int]) -> dict[str, Any]:
+    def _sheared(self, snapshot: Snapshot, c: float) -> Snapshot:
         """Cattaneo and Mindlin's traction of that c with a peak of 30 kPa at full slip, 2 kPa too
         high everywhere.
         """
@@ -123,17 +121,13 @@ class ScriptedRun:
             return np.sqrt(np.clip(1 - (radii / r) ** 2, 0, None))
 
         sigma = 30e3 * (hertz_like(HERTZ_M) - c / HERTZ_M * hertz_like(c))
-        return {
-            "full_slip_pa": 30e3,
-            "peak_radius_m": c + 5e-5,
-            "peak_radius_sd_m": 2e-5,
-            "stress_force_n": 0.4,
-            "stress_force_sd_n": 0.002,
-            "stress_radius_m": radii,
-            "stress_pa": sigma + 2e3,
-            "stress_sd_pa": np.full(61, 500.0),
-            "stress_field_pa": np.full(shape, 12e3, np.float32),
-        }
+        return replace(
+            snapshot,
+            stick=Stick(c, 3e-5 + 1e-6 * (self.radius_m / c) ** 3, 30e3),
+            traction=Traction(c + 5e-5, 2e-5, math.nan, math.nan, 0.4, 0.002),
+            stress=StressProfile(radii, sigma + 2e3, np.full(61, 500.0)),
+            stress_field_pa=np.full(snapshot.field.ux_px.shape, 12e3, np.float32),
+        )
 
     def start(self) -> None:
         if self.started:
@@ -154,7 +148,9 @@ class ScriptedRun:
         n = self.frame
         counts = Counts(n, n, max(0, n - 1), 0, max(0, n - 3), 2 if n > 4 else 0, n * PERIOD, 0)
         state = "idle" if not self.started else "done" if self.outcome() else "running"
-        phase = str(self._snapshots[min(n, self.frames - 1)].phase) if self.started else ""
+        phase = (
+            str(self._snapshots[min(n, self.frames - 1)].conditions.phase) if self.started else ""
+        )
         return Health(
             state,
             self.reason,
@@ -188,7 +184,7 @@ class ScriptedRun:
         frames = np.arange(self.frames)
         noise = np.random.default_rng(2).normal(0, 2e-4, (2, len(samples)))
         normal = P * np.clip((samples - 1250) / 500, 0, 1)
-        shear = np.interp(at, frames, [s.shear_force_n for s in self._snapshots])
+        shear = np.interp(at, frames, series_of(self._snapshots, "shear_force_n"))
         return samples, normal + noise[0], shear + noise[1]
 
     def outcome(self) -> Outcome | None:

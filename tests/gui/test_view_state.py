@@ -1,6 +1,4 @@
-"""What the window shows, decided without Qt: checked against the script of the run, by hand-worked
-numbers.
-"""
+"""What the window shows, which is decided without Qt, against a run made of closed forms."""
 
 import math
 import subprocess
@@ -11,10 +9,11 @@ import numpy as np
 import pytest
 from scripted_run import MU, PERIOD, REFERENCE, P, ScriptedRun
 
-from app.gui.cells import health_cells, queue_cell
-from app.gui.numbers import Tone, disk_text, grouped, measured, number
-from app.gui.view_state import ViewState, image_view, read, resolve, scene_of, symmetric_limit
-from app.results import Counts, Phase
+from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
+from app.gui.frame_results import shown_image, symmetric_limit
+from app.gui.source import setup_of
+from app.gui.view_state import ViewState, read, resolve
+from app.records import Counts, Phase
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,7 @@ def run(script: ScriptedRun) -> ScriptedRun:
 
 
 def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
-    return resolve(scene_of(run), read(run, previous.curves.seen if previous else 0), previous)
+    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
 
 
 def test_deciding_what_is_shown_loads_no_qt() -> None:
@@ -44,8 +43,8 @@ def test_before_the_first_frame_there_is_nothing_to_draw(run: ScriptedRun) -> No
     run.started = False
     view = look(run)
     assert view.image is None
-    assert view.field is None
-    assert view.centre_px is None
+    assert view.frame is None
+    assert view.circles.centre_px is None
     assert "Start (F5)" in view.sentence
     assert [cell.value for cell in view.result][:3] == ["0.5", "5", "190"]
 
@@ -57,17 +56,19 @@ def test_curves_grow_by_what_is_new_and_equal_one_look_at_all(run: ScriptedRun) 
     once = look(run)
     assert view is not None
     assert view.curves.seen == once.curves.seen == 200
-    for name in ("travel_um", "shear_n", "stick_shear_n", "stick_mm", "stick_sd_mm"):
+    for name in ("loading", "sticking", "peaks"):
         np.testing.assert_array_equal(getattr(view.curves, name), getattr(once.curves, name))
 
 
 def test_curves_follow_the_closed_forms(run: ScriptedRun) -> None:
     curves = look(run.at(200)).curves
-    assert curves.travel_um[-1] == pytest.approx((199 - REFERENCE) * 0.125 * 4.85)
-    # nothing of the free block and of the contact being made
-    assert len(curves.travel_um) == 200 - (REFERENCE - 4)
-    expected = run.radius_m * 1e3 * np.cbrt(1 - curves.stick_shear_n / (MU * P))
-    np.testing.assert_allclose(curves.stick_mm, expected, rtol=1e-12)
+    travel_um = curves.loading[:, 0]
+    assert travel_um[-1] == pytest.approx((199 - REFERENCE) * 0.125 * 4.85)
+    # there are no points of the free block, nor of the contact while it is made
+    assert len(travel_um) == 200 - (REFERENCE - 4)
+    shear_n, stick_mm, _ = curves.sticking.T
+    expected = run.radius_m * 1e3 * np.cbrt(1 - shear_n / (MU * P))
+    np.testing.assert_allclose(stick_mm, expected, rtol=1e-12)
 
 
 def test_time_counts_from_the_start_of_the_drive(run: ScriptedRun) -> None:
@@ -79,65 +80,70 @@ def test_time_counts_from_the_start_of_the_drive(run: ScriptedRun) -> None:
 
 
 def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None:
-    field = look(run.at(200)).field
+    frame = look(run.at(200)).frame
     snapshot = run.snapshots_since(199)[0]
-    assert field is not None
-    expected = snapshot.ux_px * 7.04 - 0.68 * snapshot.shear_force_n
+    assert frame is not None
+    field = frame.displacement
+    expected = snapshot.field.ux_px * 7.04 - 0.68 * snapshot.conditions.shear_force_n
     np.testing.assert_allclose(field.values, expected, rtol=1e-4, atol=1e-3)
     assert np.isnan(field.values[0, 0])
     assert field.rect_px == (5.0, 5.0, 10.0 * len(run.grid_x_px), 10.0 * len(run.grid_y_px))
 
 
 def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> None:
-    stress = look(run.at(200)).stress
-    assert stress is not None
-    # what the scripted run adds to the model
-    np.testing.assert_allclose((stress.stress_kpa - stress.model_kpa), 2.0, atol=1e-9)
-    assert stress.peak_mm == pytest.approx(stress.stick_mm + 0.05)
-    assert stress.caption.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
-    assert look(run.at(REFERENCE + 2)).stress is None
+    frame, early = look(run.at(200)).frame, look(run.at(REFERENCE + 2)).frame
+    assert frame is not None
+    assert early is not None
+    assert early.profile is None
+    profile = frame.profile
+    assert profile is not None
+    # the scripted traction exceeds the model by so much
+    np.testing.assert_allclose((profile.stress_kpa - profile.model_kpa), 2.0, atol=1e-9)
+    assert profile.peak_mm == pytest.approx(profile.stick_mm + 0.05)
+    assert profile.caption.startswith("∫σ dA = 0.4000 ± 0.0020 N, Q = ")
 
 
 def test_both_radii_called_c_are_drawn_over_q(run: ScriptedRun) -> None:
     curves = look(run.at(120)).curves
-    assert len(curves.peak_mm) > 20
-    np.testing.assert_allclose(
-        curves.peak_mm - np.interp(curves.peak_shear_n, curves.stick_shear_n, curves.stick_mm),
-        0.05,
-        atol=1e-3,
-    )
+    assert len(curves.peaks) > 20
+    peak_shear_n, peak_mm = curves.peaks.T
+    shear_n, stick_mm, _ = curves.sticking.T
+    stick_mm = np.interp(peak_shear_n, shear_n, stick_mm)
+    np.testing.assert_allclose(peak_mm - stick_mm, 0.05, atol=1e-3)
 
 
 def test_the_traction_of_every_point_is_a_field_of_its_own(run: ScriptedRun) -> None:
-    view = look(run.at(200))
-    assert view.stress_field is not None
-    np.testing.assert_allclose(view.stress_field.values, 12, rtol=1e-6)
-    assert (view.stress_field.unit, view.stress_field.limit) == ("kPa", 15)
+    frame = look(run.at(200)).frame
+    assert frame is not None
+    assert frame.traction is not None
+    np.testing.assert_allclose(frame.traction.values, 12, rtol=1e-6)
+    assert (frame.traction.unit, frame.traction.limit) == ("kPa", 15)
 
 
 def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
-    view = look(run.at(200))
-    assert view.centre_px == run.centre_px
-    assert view.apparent_px == pytest.approx(run.radius_m / 7.04e-6)
-    assert view.stick_px == pytest.approx(run.snapshots_since(199)[0].stick_radius_m / 7.04e-6)
+    circles = look(run.at(200)).circles
+    assert circles.centre_px == run.centre_px
+    assert circles.apparent_px == pytest.approx(run.radius_m / 7.04e-6)
+    stick = run.snapshots_since(199)[0].stick
+    assert circles.stick_px == pytest.approx(stick.stick_radius_m / 7.04e-6)
 
 
 def test_what_did_not_change_is_the_same_object(run: ScriptedRun) -> None:
     first = look(run.at(100))
     second = look(run, first)
     assert second.image is first.image
-    assert second.field is first.field
+    assert second.frame is first.frame
     assert second.curves is first.curves
 
 
 def test_wide_images_are_thinned_and_keep_their_place() -> None:
     full = np.arange(1200 * 1600, dtype=np.uint32).reshape(1200, 1600).astype(np.uint16)
-    view = image_view(full)
+    view = shown_image(full)
     assert view.caption == "display 1:2, data full"
     np.testing.assert_array_equal(view.pixels, full[::2, ::2])
     # shown pixel (i, j) is centred on camera pixel (2i, 2j)
     assert view.rect_px == (-1.0, -1.0, 1600.0, 1200.0)
-    assert image_view(full[:600, :800]).caption == "display 1:1"
+    assert shown_image(full[:600, :800]).caption == "display 1:1"
 
 
 @pytest.mark.parametrize(
@@ -164,9 +170,13 @@ def test_the_end_shows_the_result_and_why(run: ScriptedRun) -> None:
     view = look(run.at(330))
     assert (view.state, view.tone, view.phase, view.ended) == ("done", Tone.GOOD, "end", True)
     assert view.sentence == "The drive of 190 um is complete"
-    assert [cell.value for cell in view.result] == ["0.450", "0.464", "0.9276", "0.930", "20.43"]
-    assert view.result[4].detail == "± 0.12"
-    assert view.result[3].detail == "0.926 to 0.934"
+    assert [(cell.value, cell.detail) for cell in view.result] == [
+        ("0.450", "± 0.030"),
+        ("0.4638", "± 0.0010"),
+        ("0.9276", "± 0.0021"),
+        ("0.9301", "0.9260–0.9340"),
+        ("20.43", "± 0.12"),
+    ]
 
 
 def test_a_run_that_ended_early_has_dashes_for_results(run: ScriptedRun) -> None:
@@ -177,7 +187,7 @@ def test_a_run_that_ended_early_has_dashes_for_results(run: ScriptedRun) -> None
 
 
 def test_losses_are_red() -> None:
-    cells = {cell.name: cell for cell in health_cells(Counts(frames_lost=2, samples=41250))}
+    cells = {cell.name: cell for cell in count_cells(Counts(frames_lost=2, samples=41250))}
     assert cells["frames lost"].tone is Tone.BAD
     assert cells["samples lost"].tone is Tone.NEUTRAL
     assert cells["samples"].value == "41\u202f250"
@@ -189,42 +199,47 @@ def test_a_filling_queue_changes_colour(run: ScriptedRun, fill: float, tone: Ton
     assert (cell.tone, cell.value) == (tone, f"{4 * fill:.1f} of 4.0")
     reading = read(run.at(50), 0)
     sentence = resolve(
-        scene_of(run), replace(reading, health=replace(reading.health, queue_fill=fill)), None
+        setup_of(run), replace(reading, health=replace(reading.health, queue_fill=fill)), None
     ).sentence
-    assert (f"the recorder is {4 * fill:.1f} of 4.0 s behind" in sentence) is (
-        tone is not Tone.GOOD
-    )
+    assert (f"{4 * fill:.1f} of 4.0 s of data wait" in sentence) is (tone is not Tone.GOOD)
 
 
 @pytest.mark.parametrize(
     ("skipped", "detail", "tone"),
     [(0, "", Tone.NEUTRAL), (20, "20%", Tone.NEUTRAL), (60, "60%", Tone.WARN)],
 )
-def test_an_analysis_that_lags_is_told(skipped: int, detail: str, tone: Tone) -> None:
+def test_an_analysis_that_lags_changes_colour(skipped: int, detail: str, tone: Tone) -> None:
     cell = {
-        cell.name: cell
-        for cell in health_cells(Counts(frames_received=100, frames_skipped=skipped))
+        cell.name: cell for cell in count_cells(Counts(frames_received=100, frames_skipped=skipped))
     }["skipped live"]
     assert (cell.detail, cell.tone) == (detail, tone)
 
 
 def test_an_unknown_phase_does_not_upset_the_window(run: ScriptedRun) -> None:
     reading = read(run.at(50), 0)
-    view = resolve(scene_of(run), replace(reading, health=replace(reading.health, phase="")), None)
+    view = resolve(setup_of(run), replace(reading, health=replace(reading.health, phase="")), None)
     assert view.sentence == ""
     assert str(Phase.DRIVE) not in view.phase
 
 
-def test_numbers_are_rounded_to_their_uncertainty() -> None:
-    assert measured("a", 2.2468, 0.031, 2, "mm").value == "2.247"
-    assert measured("t", 20.4321, 12.0, 2, "s").value == "20"
-    assert measured("a", 2.2468, math.nan, 2).value == "2.25"
-    assert measured("a", math.nan, 0.1, 2, "mm").value == "–"
+def test_numbers_are_typeset() -> None:
     assert number(-1.25, 1) == "−1.2"
+    assert number(math.nan, 1) == "–"
     assert grouped(1234567) == "1\u202f234\u202f567"
-    assert [disk_text(n) for n in (182_000_000_000, 1_500_000_000_000, 40_000_000, -1)] == [
-        "182 GB",
-        "1.5 TB",
-        "40 MB",
-        "–",
-    ]
+
+
+@pytest.mark.parametrize(
+    ("free_bytes", "text", "tone"),
+    [
+        (182_000_000_000, "182 GB", Tone.NEUTRAL),
+        (1_500_000_000_000, "1.5 TB", Tone.NEUTRAL),
+        (1_500_000_000, "1.5 GB", Tone.WARN),
+        (40_000_000, "40 MB", Tone.BAD),
+        (-1, "–", Tone.NEUTRAL),
+    ],
+)
+def test_a_disk_with_room_for_few_images_changes_colour(
+    run: ScriptedRun, free_bytes: int, text: str, tone: Tone
+) -> None:
+    cell = disk_cell(replace(run.health(), disk_free_bytes=free_bytes), run.config)
+    assert (cell.value, cell.tone) == (text, tone)

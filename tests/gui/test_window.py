@@ -16,11 +16,12 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
 from app.gui import window as window_module
+from app.gui.frame_results import shown_image
 from app.gui.image_view import describe_point
+from app.gui.source import setup_of
 from app.gui.start import run_window
-from app.gui.view_state import image_view, scene_of
 from app.gui.window import MainWindow
-from app.results import Health
+from app.records import Health
 
 Open = Callable[..., MainWindow]
 
@@ -99,8 +100,8 @@ def test_everything_the_run_gives_is_drawn(
     begin(qtbot, window, run, 50)
     travel, shear = window.curves.loading_curve.getData()
     snapshots = run.snapshots_since(20)
-    np.testing.assert_allclose(travel, [s.travel_m * 1e6 for s in snapshots])
-    np.testing.assert_allclose(shear, [s.shear_force_n for s in snapshots])
+    np.testing.assert_allclose(travel, [s.conditions.travel_m * 1e6 for s in snapshots])
+    np.testing.assert_allclose(shear, [s.conditions.shear_force_n for s in snapshots])
     np.testing.assert_array_equal(window.interface.image.image, run.pressed)
     x, y = window.interface.apparent.getData()
     np.testing.assert_allclose(
@@ -224,7 +225,7 @@ def test_a_window_that_could_not_stop_the_motion_stays_open(
     window.begin()
     window.close_after_run()
     qtbot.waitUntil(lambda: window.notice.is_alarm)
-    assert window._closing_for_ms is None
+    assert window._close_by is None
     assert window.isVisible()
 
 
@@ -305,7 +306,7 @@ def test_closing_during_a_run_asks_in_the_window_and_stops_first(
 
 
 def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:
-    scene = scene_of(run)
+    scene = setup_of(run)
     text = describe_point(scene, None, 100.0, 50.0)
     assert text == "x 100 px, y 50 px  ·  0.70 mm, 0.35 mm"
 
@@ -342,6 +343,6 @@ def test_ctrl_c_stops_the_motion_and_closes(qapp: QApplication) -> None:
 
 def test_sixteen_bit_images_are_shown_between_their_own_black_and_white() -> None:
     full = np.random.default_rng(1).integers(1000, 3000, (240, 320)).astype(np.uint16)
-    low, high = image_view(full).levels
+    low, high = shown_image(full).levels
     assert 1000 <= low < 1100
     assert 2900 < high <= 3000

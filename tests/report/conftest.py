@@ -9,7 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from app.results import ContactResult, Phase, Snapshot, Summary
+from app.records import (
+    Conditions,
+    ContactResult,
+    DisplacementField,
+    Motion,
+    Phase,
+    RingProfile,
+    Snapshot,
+    Stick,
+    Summary,
+)
 
 PIXEL_M, E_PA, NU, MU, P_N, K_T, VELOCITY = 7.04e-6, 3.43e6, 0.5, 0.93, 0.5, 9579.0, 4.83e-6
 SHEAR_PA = E_PA / (2 * (1 + NU))
@@ -76,29 +86,25 @@ def loading() -> Loading:
             radial_displacement(r, c) + slid + LENS_M_PER_N * force + rng.normal(0, 0.1e-6, r.shape)
         )
         ring_ux = radial_displacement(rings, c) + slid
-        told = 0.1 < c / HERTZ_M < 0.97
+        is_known = 0.1 < c / HERTZ_M < 0.97
+        stick_m = float(c + rng.normal(0, 2e-5)) if is_known else np.nan
+        noise = np.full(r.shape, 0.01, np.float32)
         snapshots.append(
             Snapshot(
                 frame,
                 125 * frame,
-                Phase.DRIVE,
-                float(time),
-                P_N,
-                float(force),
-                float(travel),
-                float(LENS_M_PER_N * force),
-                (ux_m / PIXEL_M).astype(np.float32),
-                np.zeros(r.shape, np.float32),
-                np.full(r.shape, 0.01, np.float32),
-                np.full(r.shape, 0.01, np.float32),
-                np.ones(r.shape, np.float32),
-                np.zeros(r.shape, np.uint8),
-                rings,
-                ring_ux,
-                np.full(rings.shape, 2e-8),
-                float(slid),
-                float(c + rng.normal(0, 2e-5)) if told else np.nan,
-                2e-5 / max(c / HERTZ_M, 0.1) if told else np.nan,
+                Conditions(Phase.DRIVE, float(time), P_N, float(force), float(travel)),
+                motion=Motion(float(LENS_M_PER_N * force), float(slid)),
+                field=DisplacementField(
+                    (ux_m / PIXEL_M).astype(np.float32),
+                    np.zeros(r.shape, np.float32),
+                    noise,
+                    noise,
+                    np.ones(r.shape, np.float32),
+                    np.zeros(r.shape, np.uint8),
+                ),
+                rings=RingProfile(rings, ring_ux, np.full(rings.shape, 2e-8)),
+                stick=Stick(stick_m, 2e-5 / max(c / HERTZ_M, 0.1), np.nan) if is_known else None,
             )
         )
     summary = Summary(

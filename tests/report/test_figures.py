@@ -11,13 +11,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.report.figures import (
-    experiment_figure,
-    experiment_picture,
-    numbered_instants,
-    stick_radius_cm,
-)
-from app.results import Phase, without_fields
+from app.records import Phase, numbers_of
+from app.report.figures import experiment_figure, numbered_instants, write_picture
 
 PIXEL_M = 7.04e-6
 LENS_M_PER_N = 0.68e-6
@@ -46,7 +41,8 @@ def panels(figure: Figure) -> list[Any]:
 
 def test_five_instants_lead_to_the_onset_and_one_slides(loading: Any) -> None:
     chosen = [
-        loading.snapshots[i].time_s for i in numbered_instants(loading.snapshots, loading.summary)
+        loading.snapshots[i].conditions.time_s
+        for i in numbered_instants(loading.snapshots, loading.summary)
     ]
     onset = loading.summary.onset_time_s
     assert len(chosen) == 6
@@ -58,22 +54,23 @@ def test_five_instants_lead_to_the_onset_and_one_slides(loading: Any) -> None:
 def test_without_an_onset_the_instants_share_the_drive(loading: Any) -> None:
     early = loading.snapshots[:24]
     chosen = [
-        early[i].time_s
+        early[i].conditions.time_s
         for i in numbered_instants(early, replace(loading.summary, onset_time_s=math.nan))
     ]
-    assert chosen[-1] == early[-1].time_s
+    assert chosen[-1] == early[-1].conditions.time_s
     assert np.ptp(np.diff(chosen)) <= 0.5
-    assert numbered_instants([replace(early[0], phase=Phase.REFERENCE)], None) == []
+    at_rest = replace(early[0].conditions, phase=Phase.REFERENCE)
+    assert numbered_instants([replace(early[0], conditions=at_rest)], None) == []
     assert numbered_instants(early[:2], None) == [0, 1]
 
 
-def test_the_curve_of_cattaneo_and_mindlin() -> None:
-    # c^3 / a^3 = 1 - Q/(mu P), at 0, 7/8, 1 and beyond
-    np.testing.assert_allclose(
-        stick_radius_cm(np.array([0.0, 0.875, 1.0, 1.5]) * 0.465, 2e-3, 0.93, 0.5),
-        [2e-3, 1e-3, 0, 0],
-        atol=1e-9,
-    )
+def test_the_curve_of_cattaneo_and_mindlin_slides_at_mu_p(figure: Figure, loading: Any) -> None:
+    curve = next(line for line in figure.subfigs[0].axes[1].lines if line.get_linestyle() == "--")
+    shear_n, stick_mm = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
+    share = shear_n / (loading.summary.mu_d * loading.summary.normal_force_n)
+    expected = loading.summary.hertz_radius_m * 1e3 * np.cbrt(1 - share)
+    np.testing.assert_allclose(stick_mm, expected, atol=1e-9)
+    assert (share[0], share[-1]) == (0, 1)
 
 
 def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
@@ -84,16 +81,19 @@ def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
         numbered_instants(loading.snapshots, loading.summary), "123456", strict=True
     ):
         snapshot = loading.snapshots[shot]
-        assert numbers[number] == (snapshot.travel_m * 1e6, snapshot.shear_force_n)
+        assert numbers[number] == (
+            snapshot.conditions.travel_m * 1e6,
+            snapshot.conditions.shear_force_n,
+        )
 
 
 def test_the_measured_stick_radii_have_their_error_bars(figure: Figure, loading: Any) -> None:
     axes = figure.subfigs[0].axes[1]
-    told = [s for s in loading.snapshots if math.isfinite(s.stick_radius_m)]
+    found = [s.stick for s in loading.snapshots if s.stick]
     segments = axes.collections[0].get_segments()
-    assert len(segments) == len(told)
+    assert len(segments) == len(found)
     np.testing.assert_allclose(
-        [s[1][1] - s[0][1] for s in segments], [2e3 * s.stick_radius_sd_m for s in told]
+        [s[1][1] - s[0][1] for s in segments], [2e3 * stick.stick_radius_sd_m for stick in found]
     )
 
 
@@ -105,11 +105,12 @@ def test_the_fields_are_in_micrometres_with_the_lens_taken_off(
     ):
         snapshot = loading.snapshots[i]
         expected = (
-            snapshot.ux_px.astype(float) * PIXEL_M - LENS_M_PER_N * snapshot.shear_force_n
+            snapshot.field.ux_px.astype(float) * PIXEL_M
+            - LENS_M_PER_N * snapshot.conditions.shear_force_n
         ) * 1e6
         np.testing.assert_allclose(np.asarray(panel.images[0].get_array()), expected, atol=1e-6)
         # what sticks does not move once the lens is taken off
-        assert abs(np.median(expected[28:31, 39:42]) - 1e6 * snapshot.centre_ux_m) < 0.15
+        assert abs(np.median(expected[28:31, 39:42]) - 1e6 * snapshot.motion.centre_ux_m) < 0.15
 
 
 def test_the_circles_are_a_and_c_about_the_contact_in_millimetres(
@@ -121,7 +122,7 @@ def test_the_circles_are_a_and_c_about_the_contact_in_millimetres(
         radii = [patch.get_radius() for patch in panel.patches]
         wanted = [
             loading.contact.apparent_radius_m * 1e3,
-            loading.snapshots[i].stick_radius_m * 1e3,
+            numbers_of(loading.snapshots[i])["stick_radius_m"] * 1e3,
         ]
         np.testing.assert_allclose(radii, [r for r in wanted if math.isfinite(r)])
         left, right, bottom, top = panel.images[0].get_extent()
@@ -182,10 +183,7 @@ def _is_shown(label: Any, axes: Any) -> bool:
 
 
 def test_what_was_not_measured_is_not_drawn(loading: Any) -> None:
-    bare = [
-        replace(s, stick_radius_m=math.nan, stick_radius_sd_m=math.nan)
-        for s in loading.snapshots[:20]
-    ]
+    bare = [replace(s, stick=None) for s in loading.snapshots[:20]]
     unknown = replace(loading.contact, apparent_radius_m=math.nan)
     figure = draw(loading, snapshots=bare, contact=unknown, summary=None)
     assert all(not panel.patches for panel in panels(figure))
@@ -194,10 +192,11 @@ def test_what_was_not_measured_is_not_drawn(loading: Any) -> None:
 
 def test_lost_points_stay_blank(loading: Any) -> None:
     i = numbered_instants(loading.snapshots, loading.summary)[0]
-    holed = loading.snapshots[i].ux_px.copy()
+    field = loading.snapshots[i].field
+    holed = field.ux_px.copy()
     holed[5, 7] = np.nan
     shots = [*loading.snapshots]
-    shots[i] = replace(shots[i], ux_px=holed)
+    shots[i] = replace(shots[i], field=replace(field, ux_px=holed))
     image = panels(draw(loading, snapshots=shots))[0].images[0].get_array()
     assert np.argwhere(np.ma.getmaskarray(np.ma.masked_invalid(image))).tolist() == [[5, 7]]
 
@@ -206,9 +205,7 @@ def test_the_picture_needs_the_fields_of_its_six_instants_only(
     loading: Any, tmp_path: Path
 ) -> None:
     kept = set(numbered_instants(loading.snapshots, loading.summary))
-    shots = [s if i in kept else without_fields(s) for i, s in enumerate(loading.snapshots)]
+    shots = [s if i in kept else replace(s, field=None) for i, s in enumerate(loading.snapshots)]
     path = tmp_path / "p.png"
-    experiment_picture(
-        shots, loading.contact, loading.summary, loading.x_px, loading.y_px, PIXEL_M, path
-    )
+    write_picture(draw(loading, snapshots=shots), path)
     assert path.read_bytes().startswith(b"\x89PNG")

@@ -1,4 +1,4 @@
-"""Numbers as they are told: digits from uncertainties, units, and what was not measured."""
+"""The report of a run: digits from uncertainties, units, and what was not measured."""
 
 from __future__ import annotations
 
@@ -10,15 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.report.summary import (
-    measured_text,
-    outcome_data,
-    outcome_rows,
-    plain,
-    range_text,
-    summary_rows,
-)
-from app.results import Counts, Outcome, Phase, Summary
+from app.records import Counts, Outcome, Phase, Summary
+from app.report.quantities import Measurement, decimals_for
+from app.report.summary import compared_rows, outcome_data, outcome_rows, plain, summary_rows
 
 NAN = math.nan
 MEASURED = Summary(
@@ -48,14 +42,15 @@ MEASURED = Summary(
 @pytest.mark.parametrize(
     ("value", "sd", "unit", "text"),
     [
-        (2.2046, 0.0413, "mm", "2.205 ± 0.041 mm"),
+        (2.2046e-3, 0.0413e-3, "mm", "2.205 ± 0.041 mm"),
         (20.234, 0.0996, "s", "20.23 ± 0.10 s"),
         (20.234, 0.99, "s", "20.23 ± 0.99 s"),
         (20.234, 0.999, "s", "20.2 ± 1.0 s"),
-        (123.4, 12.3, "um", "123 ± 12 um"),
-        (1234.5, 123.0, "um", "1234 ± 123 um"),
+        (123.4e-6, 12.3e-6, "um", "123 ± 12 um"),
+        (1234.5e-6, 123.0e-6, "um", "1234 ± 123 um"),
         (-0.5, 0.02, "", "-0.500 ± 0.020"),
-        (4.8312, NAN, "um/s", "4.83 um/s"),
+        (4.8312e-6, NAN, "um/s", "4.83 um/s"),
+        (0.9996, NAN, "", "1.00"),
         (0.0, NAN, "N", "0 N"),
         (0.02345, 0.0, "N", "0.0234 N"),
         (NAN, 0.1, "mm", "not measured"),
@@ -63,18 +58,36 @@ MEASURED = Summary(
     ],
 )
 def test_the_uncertainty_sets_the_digits(value: float, sd: float, unit: str, text: str) -> None:
-    assert measured_text(value, sd, unit) == text
+    assert str(Measurement("", "", value, sd, unit)) == text
 
 
-def test_a_range_sets_the_digits_too() -> None:
-    assert range_text(0.93011, 0.9214, 0.9388) == "0.9301 (0.9214 to 0.9388)"
-    assert range_text(0.93, 0.93, 0.93) == "0.930"
-    assert range_text(NAN, NAN, NAN) == "not measured"
+@pytest.mark.parametrize(
+    ("number", "digits", "decimals"),
+    [(0.0994, 2, 3), (0.0996, 2, 2), (9.96, 2, 0), (12.0, 2, 0), (9.996, 3, 1), (0.0, 2, 0)],
+)
+def test_decimals_count_the_digits_after_rounding(
+    number: float, digits: int, decimals: int
+) -> None:
+    assert decimals_for(number, digits) == decimals
 
 
-def test_the_summary_is_told_in_the_units_of_the_paper() -> None:
-    told = {row.symbol: row.value for row in summary_rows(MEASURED)}
-    assert told == {
+@pytest.mark.parametrize(
+    ("value", "extremes", "text"),
+    [
+        (0.93011, (0.9214, 0.9388), "0.9301 (0.9214 to 0.9388)"),
+        (0.93, (0.93, 0.93), "0.930"),
+        (0.93, (NAN, 1.0), "0.930"),
+        (NAN, (NAN, NAN), "not measured"),
+    ],
+)
+def test_a_range_sets_the_digits_too(
+    value: float, extremes: tuple[float, float], text: str
+) -> None:
+    assert str(Measurement("", "", value, extremes=extremes)) == text
+
+
+def test_the_summary_is_reported_in_the_units_of_the_paper() -> None:
+    assert {row.symbol: row.value for row in summary_rows(MEASURED)} == {
         "P": "0.500 N",
         "a": "2.205 ± 0.041 mm",
         "a_H": "2.19 mm",
@@ -86,8 +99,17 @@ def test_the_summary_is_told_in_the_units_of_the_paper() -> None:
         "mu": "0.931 ± 0.011",
         "L": "0.803 ± 0.045 um",
         "E": "3.421 ± 0.032 MPa",
-        "u(mu)": "± 0.8 % by the calibration",
+        "u(mu)": "± 0.8 %",
     }
+    assert summary_rows(replace(MEASURED, calibration_sd=NAN))[-1].value == "not known"
+
+
+def test_two_analyses_are_compared_where_their_digits_differ() -> None:
+    again = replace(MEASURED, mu_s=0.92624, onset_time_s=20.3)
+    assert compared_rows(MEASURED, again) == [
+        ("onset of sliding", "t_s", "20.23 ± 0.10 s -> 20.30 ± 0.10 s")
+    ]
+    assert compared_rows(MEASURED, MEASURED) == [("the same in all digits shown", "", "")]
 
 
 def test_every_trigger_and_sample_is_accounted_for() -> None:
@@ -95,8 +117,7 @@ def test_every_trigger_and_sample_is_accounted_for() -> None:
     outcome = Outcome(
         "done", "", counts, None, {"peak_memory_mib": 612.4, "cpu_s": 60.0, "wall_s": 40.0}
     )
-    text = "\n".join(f"{row.label}: {row.value}" for row in outcome_rows(outcome))
-    assert text.splitlines() == [
+    assert [f"{row.label}: {row.value}" for row in outcome_rows(outcome)] == [
         "triggers: 312",
         "frames: 311 received, 310 recorded, 1 lost",
         "frames analysed: 300, 11 skipped",

@@ -12,7 +12,7 @@ from session_material import CONTACT, OUTCOME, Session, record
 def session(tmp_path: Path) -> Session:
     """A finished session and what went into it."""
     writer, written = record(tmp_path / "session.h5")
-    writer.write_contact(CONTACT)
-    writer.finish(OUTCOME)
+    writer.append(CONTACT)
+    writer.append(OUTCOME)
     writer.close()
     return written

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.recorder import Recorder
+from app.records import Header, ReceivedFrame, Samples
 from app.session.reader import SessionReader
 from app.session.repair import repair
 from app.session.writer import SessionWriter
-from drivers.protocols import Frame
 
 DIVISOR = 42  # samples from one frame to the next
 QUEUE_S, FLUSH_S = 4.0, 0.4  # as by default
@@ -41,12 +41,11 @@ def forces_of(frame: int) -> NDArray[np.float64]:
 
 def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
     """Record until somebody kills this program."""
-    writer = SessionWriter.create(
-        path,
+    header = Header(
         config_toml="",
         sample_rate_hz=DIVISOR * rate,
         frame_shape=shape,
-        frame_dtype=np.dtype(np.uint8),
+        frame_dtype="uint8",
         exposure_samples=10,
         divisor=DIVISOR,
         first_trigger=0,
@@ -55,6 +54,7 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
         grid_y_px=np.arange(3.0),
         versions={},
     )
+    writer = SessionWriter.create(path, header)
     recorder = Recorder(
         writer,
         QUEUE_S,
@@ -68,8 +68,8 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
     for n in range(1 << 30):
         image, forces = image_of(n, shape), forces_of(n)
         time.sleep(max(0.0, began + n / rate - time.monotonic()))
-        recorder.samples(n * DIVISOR, 2 * forces, forces)
-        recorder.frame(Frame(n, n * DIVISOR, image))
+        recorder.append(Samples(n * DIVISOR, 2 * forces, forces))
+        recorder.append(ReceivedFrame(n, n * DIVISOR, image))
         print(n, time.monotonic(), flush=True)
 
 
@@ -106,7 +106,7 @@ def lost_by_kill(path: Path, rate: float, shape: tuple[int, int], delay_s: float
             assert sample == index * DIVISOR
             assert np.array_equal(image, image_of(index, shape)), f"frame {index} was altered"
             kept.add(index)
-        _, volts, forces = session.forces()
+        volts, forces = session.forces().volts, session.forces().forces
         for n in range(len(forces) // DIVISOR):
             here = slice(n * DIVISOR, (n + 1) * DIVISOR)
             assert np.array_equal(forces[here], forces_of(n)), (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,27 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from app.results import ContactResult, Counts, Event, Outcome, Phase, Snapshot, Summary
+from app.records import (
+    Conditions,
+    ContactResult,
+    Counts,
+    DisplacementField,
+    Event,
+    Header,
+    LostTrigger,
+    Motion,
+    Outcome,
+    Phase,
+    Position,
+    ReceivedFrame,
+    RingProfile,
+    Samples,
+    Snapshot,
+    Stick,
+    StressProfile,
+    Summary,
+    Traction,
+)
 from app.session.writer import SessionWriter
 
 SHAPE = (12, 16)
@@ -47,13 +67,13 @@ CONTACT = ContactResult(
 )
 
 
-def make_writer(path: Path, **changed: Any) -> SessionWriter:
-    """A writer of small images, with anything changed by name."""
-    settings: dict[str, Any] = {
+def make_header(**changed: Any) -> Header:
+    """The header of a session of small images, with anything changed by name."""
+    header: dict[str, Any] = {
         "config_toml": TOML,
         "sample_rate_hz": 1000.0,
         "frame_shape": SHAPE,
-        "frame_dtype": np.dtype(np.uint8),
+        "frame_dtype": "uint8",
         "exposure_samples": 10,
         "divisor": 125,
         "first_trigger": 5,
@@ -62,11 +82,18 @@ def make_writer(path: Path, **changed: Any) -> SessionWriter:
         "grid_y_px": GRID_Y,
         "versions": VERSIONS,
     }
-    return SessionWriter.create(path, **(settings | changed))
+    return Header(**(header | changed))
+
+
+def make_writer(path: Path, *, overwrite: bool = False, **changed: Any) -> SessionWriter:
+    """A writer of small images, with anything of its header changed by name."""
+    return SessionWriter.create(path, make_header(**changed), overwrite=overwrite)
 
 
 def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot:
-    """Results of a frame with random bits and NaN in every place that may hold one."""
+    """Results of a frame with random bits and NaN in every place that may hold one; without a field
+    only the conditions.
+    """
     rng = np.random.default_rng(frame)
     shape = (len(GRID_Y), len(GRID_X)) if field else (0, 0)
     ux, uy, ux_std, uy_std, zncc = (rng.normal(size=shape).astype(np.float32) for _ in range(5))
@@ -74,38 +101,25 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
         ux[0, 1] = uy[0, 1] = ux_std[0, 1] = uy_std[0, 1] = zncc[0, 1] = np.nan
     ring_ux = rng.normal(size=rings)
     ring_ux[-1:] = np.nan
-    return Snapshot(
-        frame=frame,
-        sample=5 + 125 * frame,
+    conditions = Conditions(
         phase=Phase.DRIVE if field else Phase.BACKGROUND,
         time_s=frame / 8 if field else NAN,
         normal_force_n=float(rng.normal()),
         shear_force_n=0.1 * frame,
         travel_m=1e-6 * frame,
-        lens_m=1e-8 * frame,
-        ux_px=ux,
-        uy_px=uy,
-        ux_std_px=ux_std,
-        uy_std_px=uy_std,
-        zncc=zncc,
-        status=rng.integers(0, 5, shape, np.uint8),
-        ring_radius_m=rng.uniform(size=rings),
-        ring_ux_m=ring_ux,
-        ring_sd_m=rng.uniform(size=rings),
-        centre_ux_m=float(rng.normal()),
-        stick_radius_m=float(rng.uniform()) if field else NAN,
-        stick_radius_sd_m=NAN,
-        full_slip_pa=1e4 + frame,
-        peak_radius_m=1e-3 * frame,
-        peak_radius_sd_m=2e-5,
-        block_m=3e-6 * frame,
-        block_sd_m=1e-8,
-        stress_force_n=0.11 * frame,
-        stress_force_sd_n=NAN,
-        **{
-            name: rng.normal(size=rings + 2 if field else 0)
-            for name in ("stress_radius_m", "stress_pa", "stress_sd_pa")
-        },
+    )
+    snapshot = Snapshot(frame, 5 + 125 * frame, conditions)
+    if not field:
+        return snapshot
+    status = rng.integers(0, 5, shape, np.uint8)
+    return replace(
+        snapshot,
+        motion=Motion(1e-8 * frame, float(rng.normal())),
+        field=DisplacementField(ux, uy, ux_std, uy_std, zncc, status),
+        rings=RingProfile(rng.uniform(size=rings), ring_ux, rng.uniform(size=rings)),
+        stick=Stick(float(rng.uniform()), NAN, 1e4 + frame),
+        traction=Traction(1e-3 * frame, 2e-5, 3e-6 * frame, 1e-8, 0.11 * frame, NAN),
+        stress=StressProfile(*(rng.normal(size=rings + 2) for _ in range(3))),
     )
 
 
@@ -134,21 +148,21 @@ def record(path: Path, *, flush_each: bool = True) -> tuple[SessionWriter, Sessi
     for frame in range(8):
         if frame % 2 == 0:
             first, end = blocks[frame // 2]
-            writer.append_samples(first, written.volts[first:end], written.forces[first:end])
+            writer.append(Samples(first, written.volts[first:end], written.forces[first:end]))
             written.positions.append((end, 1e-3 + 1e-7 * frame))
-            writer.append_position(*written.positions[-1])
+            writer.append(Position(*written.positions[-1]))
         if frame == 3:
-            writer.append_lost_frame(3, 5 + 3 * 125, "no image within 0.5 s")
+            writer.append(LostTrigger(3, 5 + 3 * 125, "no image within 0.5 s"))
             continue
         written.images[frame] = rng.integers(0, 256, SHAPE, np.uint8)
-        writer.append_frame(frame, 5 + 125 * frame, written.images[frame])
+        writer.append(ReceivedFrame(frame, 5 + 125 * frame, written.images[frame]))
         if frame != 5:
             written.snapshots.append(
                 make_snapshot(frame, field=frame > 1, rings=0 if frame < 2 else 3 + frame % 3)
             )
-            writer.append_snapshot(written.snapshots[-1])
+            writer.append(written.snapshots[-1])
         written.events.append(Event(125 * frame, "phase", f"phase {frame} µ"))
-        writer.append_event(written.events[-1])
+        writer.append(written.events[-1])
         if flush_each:
             writer.flush()
     return writer, written

@@ -43,7 +43,13 @@ def ask(path: Path) -> None:
     with SessionReader(path) as read:
         for name in dir(SessionReader):
             thing = None if name.startswith("_") else getattr(read, name)
-            if callable(thing) and name not in {"close", "frame", "image_row", "snapshot"}:
+            if callable(thing) and name not in {
+                "close",
+                "dataset",
+                "frame",
+                "image_row",
+                "snapshot",
+            }:
                 answer = thing()
                 if isinstance(answer, Iterator):
                     deque(answer, maxlen=1)

@@ -4,19 +4,18 @@ their checksums made right again.
 
 from __future__ import annotations
 
-import json
 import random
-import struct
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+import msgspec
 from spoiled import BYTES
 
-from app.session.journal import journal_of
+from app.session.journal import _HEAD, _MARK, journal_of
 
-_HEAD = struct.Struct("<cII")
 _NUMBERS = [
     0,
     1,
@@ -123,7 +122,7 @@ def spoil_journal(whole: Path, path: Path, seed: int) -> str:
         for _ in range(rng.choice([1, 1, 2, 10])):
             RECORDS[how](records, rng)
         journal[journal.index(b"\n") + 1 :] = b"".join(
-            _HEAD.pack(kind, len(held), crc32(held)) + held for kind, held in records
+            _HEAD.pack(_MARK, kind, len(held), crc32(held)) + held for kind, held in records
         )
     if rng.random() < 0.4:
         BYTES[rng.choice(_CHANCE)](session, rng)
@@ -132,49 +131,46 @@ def spoil_journal(whole: Path, path: Path, seed: int) -> str:
     return how
 
 
-def _records(journal: bytes) -> list[tuple[bytes, bytes]]:
-    """Kind and payload of each record."""
+def _records(journal: bytes) -> list[tuple[int, bytes]]:
+    """Type and payload of each record."""
     at, found = journal.index(b"\n") + 1, []
     while at < len(journal):
-        kind, length, _ = _HEAD.unpack_from(journal, at)
+        _, kind, length, _ = _HEAD.unpack_from(journal, at)
         found.append((kind, journal[at + _HEAD.size : at + _HEAD.size + length]))
         at += _HEAD.size + length
     return found
 
 
-def _change_words(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
-    """Another value somewhere in a record of words; half of the time in the first, which says what
-    the session is.
+def _change_value(records: list[tuple[int, bytes]], rng: random.Random) -> None:
+    """Another value somewhere in a record; half of the time in the first, which says what the
+    session is.
     """
-    n = rng.choice([0, rng.choice([n for n, (kind, _) in enumerate(records) if kind == b"W"])])
+    n = rng.choice([0, rng.randrange(len(records))])
     try:
-        words: Any = json.loads(records[n][1])
-    except ValueError:
+        held: Any = msgspec.msgpack.decode(records[n][1])
+    except msgspec.DecodeError:
         return
-    part = words
+    part = held
     while isinstance(part, list | dict) and part:
         key = rng.choice(list(part) if isinstance(part, dict) else range(len(part)))
         if not isinstance(part[key], list | dict) or not part[key] or rng.random() < 0.3:
             part[key] = rng.choice(_ODD)
             break
         part = part[key]
-    records[n] = b"W", json.dumps(words).encode()
+    with suppress(OverflowError):  # numbers that msgpack can not hold
+        records[n] = records[n][0], msgspec.msgpack.encode(held)
 
 
-def _change_payload(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
+def _change_payload(records: list[tuple[int, bytes]], rng: random.Random) -> None:
     n = rng.randrange(len(records))
     kind, payload = records[n]
     content = bytearray(payload)
-    if kind == b"S" and rng.random() < 0.5:
-        content[:8] = struct.pack("<q", rng.choice([-1, 0, 1, 10**5, 4 * 10**6, 10**9, 2**62]))
-    elif content:
-        BYTES[rng.choice(["bits", "bytes", "cut", "zeroed"])](content, rng) if any(
-            content
-        ) else None
-    records[n] = rng.choice([kind, kind, b"W", b"S", b"?"]), bytes(content)
+    if any(content):
+        BYTES[rng.choice(["bits", "bytes", "cut", "zeroed"])](content, rng)
+    records[n] = rng.choice([kind, kind, kind, *range(9)]), bytes(content)
 
 
-def _reorder(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
+def _reorder(records: list[tuple[int, bytes]], rng: random.Random) -> None:
     a, b = (rng.randrange(len(records)) for _ in "ab")
     rng.choice(
         [
@@ -185,33 +181,36 @@ def _reorder(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
     )(a)
 
 
-def _hostile(records: list[tuple[bytes, bytes]], rng: random.Random) -> None:
+def _hostile(records: list[tuple[int, bytes]], rng: random.Random) -> None:
     """A gap of hours, many of them, one image many times, depth without end."""
-    text = rng.choice(
-        [
-            '["gap", 1003, 3600000, "x"]',
-            '["gap", 1003, 3600000000, "x"]',
-            "[" * 10**5,
-            '["event", 1, "phase", ' + "[" * 900 + "]" * 900 + "]",
-            '["frame", 9, 9, 0, 192, 0]',
-            "[]",
-            "{}",
-            '"event"',
-            "7",
-        ]
-    )
-    records.append((b"W", text.encode()))
-    if rng.random() < 0.3:
-        gaps = [json.dumps(["gap", 1003 + 10**6 * n, 10**6, "x"]).encode() for n in range(300)]
-        records.extend((b"W", gap) for gap in gaps)
-    if rng.random() < 0.3:
-        records.extend(
-            [record for record in records if record[1].startswith(b'["frame"')][-1:] * 10**4
+    gap, frame, event = 2, 3, 7  # types
+
+    def encoded(**fields: Any) -> bytes:
+        return msgspec.msgpack.encode(fields)
+
+    records.append(
+        rng.choice(
+            [
+                (gap, encoded(first=1003, count=3600000, reason="x")),
+                (gap, encoded(first=1003, count=3600000000, reason="x")),
+                (event, b"\x91" * 10**5),
+                (event, encoded(sample=1, kind="phase", text="x" * 10**6)),
+                (frame, encoded(index=9, sample=9, place=0, nbytes=192, checksum=0)),
+                (0, records[0][1]),
+                (event, b""),
+                (event, b"\x07"),
+            ]
         )
+    )
+    if rng.random() < 0.3:
+        firsts = [1003 + 10**6 * n for n in range(300)]
+        records.extend((gap, encoded(first=n, count=10**6, reason="x")) for n in firsts)
+    if rng.random() < 0.3:
+        records.extend([record for record in records if record[0] == frame][-1:] * 10**4)
 
 
-RECORDS: dict[str, Callable[[list[tuple[bytes, bytes]], random.Random], None]] = {
-    "words": _change_words,
+RECORDS: dict[str, Callable[[list[tuple[int, bytes]], random.Random], None]] = {
+    "value": _change_value,
     "payload": _change_payload,
     "order": _reorder,
     "hostile": _hostile,

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from session_material import make_writer
 
+from app.records import ReceivedFrame
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.repair import repair
@@ -25,7 +26,7 @@ IMAGES = [np.random.default_rng(n).integers(90, 130, SHAPE, np.uint8) for n in r
 def record(path: Path) -> SessionWriter:
     writer = make_writer(path, frame_shape=SHAPE, compression="gzip")
     for index, image in enumerate(IMAGES):
-        writer.append_frame(index, 5 + 125 * index, image)
+        writer.append(ReceivedFrame(index, 5 + 125 * index, image))
     writer.flush()
     return writer
 
@@ -38,7 +39,7 @@ def cut_short(path: Path) -> None:
 
 def assert_all_there(path: Path) -> None:
     with SessionReader(path) as reader:
-        assert reader.compression == "gzip"
+        assert reader.header.compression == "gzip"
         for (_, _, found), image in zip(reader.frames(), IMAGES, strict=True):
             np.testing.assert_array_equal(found, image)
 

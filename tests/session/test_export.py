@@ -22,6 +22,7 @@ from app.commands import files
 from app.errors import UserError
 from app.exchange.exporting import export, frame_range
 from app.exchange.fields import read_fields
+from app.records import ReceivedFrame, numbers_of, series_of
 
 PIXEL = 7.04e-6
 
@@ -72,8 +73,8 @@ def test_images_come_back_to_the_bit_with_the_fate_of_every_frame(
 
 def test_sixteen_bits_stay_sixteen_bits(tmp_path: Path) -> None:
     image = np.arange(SHAPE[0] * SHAPE[1], dtype=np.uint16).reshape(SHAPE) * 300
-    writer = make_writer(tmp_path / "deep.h5", frame_dtype=np.dtype(np.uint16))
-    writer.append_frame(0, 5, image)
+    writer = make_writer(tmp_path / "deep.h5", frame_dtype="uint16")
+    writer.append(ReceivedFrame(0, 5, image))
     writer.close()
     export(tmp_path / "deep.h5", tmp_path / "deep")
     found = np.asarray(Image.open(tmp_path / "deep" / "000000.tiff"))
@@ -128,33 +129,35 @@ def test_fields_as_a_table_that_invert_reads(session: Session, tmp_path: Path) -
     export(session.path, tmp_path / "fields.csv")
     assert (tmp_path / "fields.csv").read_text(encoding="utf-8").startswith("# a pixel is 7.04 um")
     found = read_fields(tmp_path / "fields.csv", PIXEL)
-    measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
+    measured = [snapshot for snapshot in session.snapshots if snapshot.field]
     assert found.frames == tuple(snapshot.frame for snapshot in measured)
     np.testing.assert_allclose(found.x_m, GRID_X * PIXEL)
     np.testing.assert_allclose(
         [ux for _, ux, _ in found.fields()],
-        np.stack([s.ux_px for s in measured]) * PIXEL,
+        np.stack([s.field.ux_px for s in measured]) * PIXEL,
         atol=1e-6 * PIXEL,
     )
     first = rows_of(tmp_path / "fields.csv")[2]
     status = ("ok", "low_contrast", "out_of_image", "decorrelated", "not_converged")[
-        measured[0].status[0, 2]
+        measured[0].field.status[0, 2]
     ]
     assert (first["x_px"], first["y_px"], first["status"]) == (
         str(GRID_X[2]),
         str(GRID_Y[0]),
         status,
     )
-    assert float(first["uy_std_px"]) == pytest.approx(float(measured[0].uy_std_px[0, 2]), abs=1e-6)
+    assert float(first["uy_std_px"]) == pytest.approx(
+        float(measured[0].field.uy_std_px[0, 2]), abs=1e-6
+    )
 
 
 def test_results_as_a_table(session: Session, tmp_path: Path) -> None:
     export(session.path, tmp_path / "results.csv", "results")
     rows = rows_of(tmp_path / "results.csv")
     for row, snapshot in zip(rows, session.snapshots, strict=True):
-        assert (int(row["frame"]), row["phase"]) == (snapshot.frame, snapshot.phase)
-        assert_array_equal(number(row["stick_radius_m"]), snapshot.stick_radius_m)
-        assert float(row["shear_force_n"]) == snapshot.shear_force_n
+        assert (int(row["frame"]), row["phase"]) == (snapshot.frame, snapshot.conditions.phase)
+        for name in ("stick_radius_m", "shear_force_n", "lens_m"):
+            assert_array_equal(number(row[name]), numbers_of(snapshot)[name])
 
 
 def load_mat(path: Path) -> dict[str, Any]:
@@ -166,16 +169,18 @@ def load_mat(path: Path) -> dict[str, Any]:
 def test_arrays(session: Session, tmp_path: Path, ending: str, load: Any) -> None:
     export(session.path, tmp_path / f"all{ending}")
     found = load(tmp_path / f"all{ending}")
-    measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
+    measured = [snapshot for snapshot in session.snapshots if snapshot.field]
     for name in ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "status"):
-        assert_array_equal(found[f"field_{name}"], np.stack([getattr(s, name) for s in measured]))
+        assert_array_equal(
+            found[f"field_{name}"], np.stack([getattr(s.field, name) for s in measured])
+        )
     assert_array_equal(found["field_frame"], [s.frame for s in measured])
     assert_array_equal(found["field_x_px"], GRID_X)
     assert_array_equal(found["force_P_N"], session.forces[:, 0])
     assert_array_equal(found["shear_sensor_V"], session.volts[:, 1])
     assert_array_equal(found["stage_m"], [metres for _, metres in session.positions])
     assert_array_equal(found["result_frame"], [s.frame for s in session.snapshots])
-    assert_array_equal(found["result_centre_ux_m"], [s.centre_ux_m for s in session.snapshots])
+    assert_array_equal(found["result_centre_ux_m"], series_of(session.snapshots, "centre_ux_m"))
     assert (float(found["pixel_m"]), float(found["sample_rate_hz"])) == (PIXEL, 1000.0)
 
 
@@ -198,7 +203,7 @@ def read_vti(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
 def test_paraview_sees_what_the_camera_saw(session: Session, tmp_path: Path) -> None:
     export(session.path, tmp_path / "fields.pvd")
     listed = list(ET.parse(tmp_path / "fields.pvd").getroot().iter("DataSet"))
-    measured = [snapshot for snapshot in session.snapshots if snapshot.ux_px.size]
+    measured = [snapshot for snapshot in session.snapshots if snapshot.field]
     assert [float(entry.attrib["timestep"]) for entry in listed] == [
         (s.sample + 5) / 1000 for s in measured
     ]
@@ -209,13 +214,13 @@ def test_paraview_sees_what_the_camera_saw(session: Session, tmp_path: Path) -> 
         np.testing.assert_allclose(x0 + dx * np.arange(3), GRID_X * PIXEL)
         np.testing.assert_allclose(-(y0 + dy * np.arange(2)), GRID_Y[::-1] * PIXEL)  # y points up
         moved = arrays["displacement_m"][::-1]
-        np.testing.assert_allclose(moved[..., 0], snapshot.ux_px * PIXEL, rtol=1e-6)
-        np.testing.assert_allclose(moved[..., 1], -snapshot.uy_px * PIXEL, rtol=1e-6)
+        np.testing.assert_allclose(moved[..., 0], snapshot.field.ux_px * PIXEL, rtol=1e-6)
+        np.testing.assert_allclose(moved[..., 1], -snapshot.field.uy_px * PIXEL, rtol=1e-6)
         np.testing.assert_allclose(
-            arrays["displacement_std_m"][::-1, :, 1], snapshot.uy_std_px * PIXEL, rtol=1e-6
+            arrays["displacement_std_m"][::-1, :, 1], snapshot.field.uy_std_px * PIXEL, rtol=1e-6
         )
-        assert_array_equal(arrays["status"][::-1], snapshot.status)
-        assert_array_equal(arrays["zncc"][::-1], snapshot.zncc)
+        assert_array_equal(arrays["status"][::-1], snapshot.field.status)
+        assert_array_equal(arrays["zncc"][::-1], snapshot.field.zncc)
 
 
 OUTPUTS = ["images", "fields.csv", "all.npz", "all.mat", "fields.pvd"]

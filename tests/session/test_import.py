@@ -5,6 +5,7 @@ about them is asked for.
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from app.errors import UserError
 from app.exchange.exporting import export
 from app.exchange.frames import Sources
 from app.exchange.importing import Imported, import_files
-from app.replay import Replay, difference
-from app.results import Phase
+from app.offline.replay import Replay, difference
+from app.records import Phase, series_of
 from app.session.reader import SessionReader
 
 SHORT = (*short_run.SHORT, "sample.lens_compliance=1.5")
@@ -86,26 +87,24 @@ def test_export_and_import_give_the_same_results(
     assert (back.outcome.counts.frames_lost, back.outcome.counts.samples_lost) == (1, 0)
     with SessionReader(original) as a, SessionReader(tmp_path / "back.h5") as b:
         assert (
-            a.config_toml.split("[run]")[1].split("[camera]")[0]
-            == b.config_toml.split("[run]")[1].split("[camera]")[0]
+            a.header.config_toml.split("[run]")[1].split("[camera]")[0]
+            == b.header.config_toml.split("[run]")[1].split("[camera]")[0]
         )
-        assert (a.divisor, a.exposure_samples, a.pixel_m, a.first_trigger) == (
-            b.divisor,
-            b.exposure_samples,
-            b.pixel_m,
-            b.first_trigger,
-        )
+        for name in ("divisor", "exposure_samples", "pixel_m", "first_trigger"):
+            assert getattr(a.header, name) == getattr(b.header, name)
         assert (
             a.triggers()[["index", "sample", "received"]].tolist()
             == b.triggers()[["index", "sample", "received"]].tolist()
         )
         assert a.lost_frames() == b.lost_frames()
-        np.testing.assert_array_equal(a.forces()[1], b.forces()[1])
-        np.testing.assert_array_equal(a.forces()[2], b.forces()[2])
+        np.testing.assert_array_equal(a.forces().volts, b.forces().volts)
+        np.testing.assert_array_equal(a.forces().forces, b.forces().forces)
         for x, y in zip(a.snapshots(), b.snapshots(), strict=True):
-            assert not difference(x, y, frozenset({"travel_m"}))  # to the bit
-            assert y.travel_m == pytest.approx(x.travel_m, abs=1e-9)
-        first, second = a.summary(), b.summary()
+            travel_m = x.conditions.travel_m
+            assert y.conditions.travel_m == pytest.approx(travel_m, abs=1e-9)
+            same = replace(y, conditions=replace(y.conditions, travel_m=travel_m))
+            assert not difference(x, same)  # to the bit
+        first, second = a.outcome.summary, b.outcome.summary
         assert first is not None
         assert second is not None
         np.testing.assert_equal(
@@ -124,7 +123,7 @@ def write_foreign_forces(original: Path, path: Path) -> None:
     decimal commas, a column more.
     """
     with SessionReader(original) as session:
-        _, _, newtons = session.forces()
+        newtons = session.forces().forces
     rng = np.random.default_rng(4)
     lines = ["time_ms;P_mN;Q_mN;operator"]
     for sample in range(0, len(newtons), 10):
@@ -164,20 +163,14 @@ def test_foreign_images_and_forces(original: Path, exported: Path, tmp_path: Pat
         for index, sample, image in b.frames():
             assert sample == index * 125
             np.testing.assert_array_equal(image, a.frame(index)[2])
-        P, Q = (
-            np.array([getattr(s, name) for s in b.snapshots()])
-            for name in ("normal_force_n", "shear_force_n")
-        )
-        P0, Q0 = (
-            np.array([getattr(s, name) for s in a.snapshots()])
-            for name in ("normal_force_n", "shear_force_n")
-        )
+        P, Q = (series_of(b.snapshots(), name) for name in ("normal_force_n", "shear_force_n"))
+        P0, Q0 = (series_of(a.snapshots(), name) for name in ("normal_force_n", "shear_force_n"))
         # read off a line between points 10 ms apart
         np.testing.assert_allclose(P[4:], P0[4 : len(P)], atol=1e-4)
         np.testing.assert_allclose(Q, Q0[: len(Q)], atol=1e-4)
         # nobody said where the stage was
-        assert np.isnan([s.travel_m for s in b.snapshots()]).all()
-        summary = a.summary()
+        assert np.isnan(series_of(b.snapshots(), "travel_m")).all()
+        summary = a.outcome.summary
     assert summary is not None
     assert back.outcome.summary is not None
     assert back.outcome.summary.mu_s == pytest.approx(summary.mu_s, rel=2e-3)
@@ -195,9 +188,9 @@ def test_images_alone(few: Path, tmp_path: Path) -> None:
         assert [(index, sample) for index, sample, _ in session.lost_frames()] == [(4, 500)]
         assert session.gaps() == [(0, 7 * 125 + 10)]
         *_, last = session.snapshots()
-        assert (last.frame, last.phase) == (7, Phase.DRIVE)
-        assert np.isfinite(last.ux_px).mean() > 0.9
-        assert np.isnan(last.normal_force_n)
+        assert (last.frame, last.conditions.phase) == (7, Phase.DRIVE)
+        assert np.isfinite(last.field.ux_px).mean() > 0.9
+        assert np.isnan(last.conditions.normal_force_n)
     assert replayed(tmp_path / "few.h5") == (7, 7, "")
 
 
@@ -237,12 +230,12 @@ def test_metadata_says_which_image_is_which(few: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(
             session.frame(3)[2], np.asarray(Image.open(few / "shot 18.png"))
         )
-        assert [s.phase for s in session.snapshots()] == [
+        assert [s.conditions.phase for s in session.snapshots()] == [
             Phase.CONTACT,
             Phase.REFERENCE,
             Phase.DRIVE,
         ]
-        assert session.divisor == 150
+        assert session.header.divisor == 150
     assert replayed(tmp_path / "m.h5")[1:] == (3, "")
 
 
@@ -253,7 +246,7 @@ def test_a_gap_in_the_forces_stays_a_gap(few: Path, tmp_path: Path) -> None:
     imported(tmp_path / "g.h5", few, forces=tmp_path / "f.csv", drive=3, **KNOWN)
     with SessionReader(tmp_path / "g.h5") as session:
         assert session.gaps() == [(100, 1), (300, 50)]
-        _, _, newtons = session.forces()
+        newtons = session.forces().forces
         assert np.flatnonzero(np.isnan(newtons).any(axis=1)).tolist() == [100, *range(300, 350)]
         known = np.isfinite(newtons[:, 0])
         np.testing.assert_allclose(
@@ -370,7 +363,7 @@ def test_the_command_tells_what_was_assumed(
     assert "the reference is frame 0" in said
     assert "no settings" in said
     with SessionReader(tmp_path / "c.h5") as session:
-        assert np.diff(session.grid_x_px)[0] == 20
+        assert np.diff(session.header.grid_x_px)[0] == 20
 
 
 @pytest.mark.parametrize(

@@ -1,45 +1,59 @@
-"""The journal holds what the writer was told, to the bit, and ends where it is torn."""
+"""The journal holds what the writer was given, to the bit, and ends where it is torn."""
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 from io import FileIO
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from session_material import COUNTS, NAN, OUTCOME, SHAPE, make_writer, record
+from session_material import COUNTS, NAN, OUTCOME, SHAPE, make_header, make_writer, record
 
 from app.errors import UserError
-from app.results import Outcome
+from app.records import (
+    Event,
+    Gap,
+    LostTrigger,
+    Outcome,
+    Position,
+    ReceivedFrame,
+    Samples,
+    Source,
+    SourceFrame,
+)
 from app.session import journal as journal_module
-from app.session.journal import Journal, journal_of, records
+from app.session.journal import Journal, StoredFrame, Torn, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 
-WORDS: tuple[tuple[Any, ...], ...] = (
-    ("event", 5, "phase", "µ\0\n力"),
-    ("position", 3, 1.1e-3),
-    ("frame", 0, 0, 1 << 40, 9, 0xFFFFFFFF),
-)
 SAMPLES = np.array([[0.1, NAN], [-0.0, 1e300]])
+RECORDS = (
+    Event(5, "phase", "µ\0\n力"),
+    Position(3, 1.1e-3),
+    Position(4, NAN),
+    StoredFrame(0, 0, 1 << 40, 9, 0xFFFFFFFF),
+    SourceFrame(1, 125, 7, 1),
+    LostTrigger(2, 250, "late"),
+    Gap(2, 3, "overflow"),
+    Samples(0, SAMPLES, -SAMPLES),
+    Samples(5, SAMPLES[:0], SAMPLES[:0]),
+    make_header(source=Source("a.h5", "2026"), compression="gzip"),
+)
 
 
 def make_journal(path: Path) -> list[int]:
-    """A journal of some words and samples; where each record ends."""
+    """A journal of some records; where each of them ends."""
     journal = Journal(path, overwrite=False)
     ends = []
-    for words in WORDS:
-        journal.note(*words)
+    for one in RECORDS:
+        journal.append(one)
         ends.append(path.stat().st_size)
-    for first in (0, 2):
-        journal.samples(first, SAMPLES, -SAMPLES)
-        ends.append(path.stat().st_size)
-    journal.samples(4, SAMPLES[:0], SAMPLES[:0])
-    ends.append(path.stat().st_size)
     journal.sync()
     journal.close()
     return ends
@@ -47,28 +61,37 @@ def make_journal(path: Path) -> list[int]:
 
 def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
     make_journal(tmp_path / "j")
-    *found, end = records(tmp_path / "j")
-    assert tuple(found[:3]) == WORDS
-    assert [record[:2] for record in found[3:]] == [("samples", 0), ("samples", 2), ("samples", 4)]
-    assert (found[3][2].tobytes(), found[3][3].tobytes()) == (
-        SAMPLES.tobytes(),
-        (-SAMPLES).tobytes(),
-    )
-    assert found[5][2].shape == (0, 2)
-    assert end == ("end", 0)
+    for found, given in zip(read_journal(tmp_path / "j"), RECORDS, strict=True):
+        assert type(found) is type(given)
+        for field in dataclasses.fields(given):
+            a, b = getattr(found, field.name), getattr(given, field.name)
+            np.testing.assert_equal(a, b)
+            if isinstance(a, np.ndarray):
+                assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+
+
+def test_texts_that_utf8_can_not_hold_are_spelled_out(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "j", overwrite=False)
+    journal.append(make_header(config_toml="\ud800", versions={"a": "\udc00"}))
+    journal.append(Event(0, "error", "reply '\ud800'"))
+    journal.close()
+    header, event = read_journal(tmp_path / "j")
+    assert (header.config_toml, header.versions) == ("\\ud800", {"a": "\\udc00"})
+    assert event.text == "reply '\\ud800'"
 
 
 def test_places_are_those_that_hdf5_tells(tmp_path: Path) -> None:
     writer, written = record(tmp_path / "a.h5")
     for n in range(30):
-        writer.append_frame(100 + n, 12505 + 125 * n, np.full(SHAPE, n, np.uint8))
+        writer.append(ReceivedFrame(100 + n, 12505 + 125 * n, np.full(SHAPE, n, np.uint8)))
         if n % 7 == 0:
             writer.flush()
-    told = [record[3] for record in records(journal_of(written.path)) if record[0] == "frame"]
-    chunks = [writer._images.id.get_chunk_info_by_coord((row, 0, 0)) for row in range(len(told))]
-    assert told == [chunk.byte_offset for chunk in chunks]
+    journal = read_journal(journal_of(written.path))
+    places = [one.place for one in journal if isinstance(one, StoredFrame)]
+    chunks = [writer._images.id.get_chunk_info_by_coord((row, 0, 0)) for row in range(len(places))]
+    assert places == [chunk.byte_offset for chunk in chunks]
     # also where it does not lie at the end
-    assert writer._place_of(3, np.ones(chunks[3].size, np.uint8), 0) == told[3]
+    assert writer._place_of(3, np.ones(chunks[3].size, np.uint8), 0) == places[3]
     writer.discard()
 
 
@@ -77,9 +100,9 @@ def test_torn_tail_is_found_and_cut_at_every_byte(tmp_path: Path) -> None:
     content = (tmp_path / "j").read_bytes()
     for length in range(len(content) + 1):
         (tmp_path / "torn").write_bytes(content[:length])
-        *found, (_, cut) = records(tmp_path / "torn")
-        assert len(found) == sum(end <= length for end in ends)
-        assert cut == length - max((end for end in (20, *ends) if end <= length), default=0)
+        found = list(read_journal(tmp_path / "torn"))
+        torn = length - max((end for end in (20, *ends) if end <= length), default=0)
+        assert found[sum(end <= length for end in ends) :] == ([Torn(torn)] if torn else [])
 
 
 def test_altered_byte_ends_the_journal_there(tmp_path: Path) -> None:
@@ -89,9 +112,9 @@ def test_altered_byte_ends_the_journal_there(tmp_path: Path) -> None:
         altered = bytearray(content)
         altered[place] ^= 0x10
         (tmp_path / "altered").write_bytes(altered)
-        assert len(list(records(tmp_path / "altered"))) == 1 + sum(end <= place for end in ends), (
-            place
-        )
+        *found, torn = read_journal(tmp_path / "altered")
+        assert isinstance(torn, Torn)
+        assert len(found) == sum(end <= place for end in ends), place
 
 
 class _SmallDisk(FileIO):
@@ -115,20 +138,24 @@ def test_full_disk_leaves_no_half_record_and_no_phantom(
     monkeypatch.setattr(_SmallDisk, "room", 10)
     size = journal_of(written.path).stat().st_size
     with pytest.raises(OSError, match="No space left"):
-        writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
+        writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
     with pytest.raises(OSError, match="No space left"):
-        writer.append_samples(1003, np.zeros((9, 2)), np.zeros((9, 2)))
+        writer.append(Samples(1003, np.zeros((9, 2)), np.zeros((9, 2))))
     assert journal_of(written.path).stat().st_size == size
-    writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
+    writer.append(Outcome("failed", "the disk is full", COUNTS, None))
     writer.close()
     with SessionReader(written.path) as read:
-        assert (read.state, read.counts(), len(read.triggers())) == ("failed", COUNTS, 8)
+        assert (read.outcome.state, read.outcome.counts, len(read.triggers())) == (
+            "failed",
+            COUNTS,
+            8,
+        )
 
 
 def test_clean_close_gives_a_receipt_and_removes_the_journal(tmp_path: Path) -> None:
     writer, written = record(tmp_path / "clean.h5")
     assert journal_of(written.path).exists()
-    writer.finish(OUTCOME)
+    writer.append(OUTCOME)
     writer.close()
     assert not journal_of(written.path).exists()
     receipt = writer.receipt
@@ -148,35 +175,31 @@ def test_clean_close_gives_a_receipt_and_removes_the_journal(tmp_path: Path) -> 
 
 def test_gap_that_was_told_is_verified_too(tmp_path: Path) -> None:
     writer = make_writer(tmp_path / "gap.h5")
-    writer.append_samples(0, np.ones((5, 2)), np.ones((5, 2)))
-    writer.append_gap(7, 3, "the board's memory ran over")
-    writer.append_samples(10, np.ones((5, 2)), np.ones((5, 2)))
+    writer.append(Samples(0, np.ones((5, 2)), np.ones((5, 2))))
+    writer.append(Gap(7, 3, "the board's memory ran over"))
+    writer.append(Samples(10, np.ones((5, 2)), np.ones((5, 2))))
     writer.close()
     assert (writer.receipt.samples, writer.receipt.gaps) == (15, 2)
     with SessionReader(tmp_path / "gap.h5") as read:
-        assert_array_equal(np.isnan(read.forces()[1][:, 0]), [False] * 5 + [True] * 5 + [False] * 5)
+        assert_array_equal(
+            np.isnan(read.forces().volts[:, 0]), [False] * 5 + [True] * 5 + [False] * 5
+        )
 
 
 @pytest.mark.parametrize(
-    ("tell", "words"),
+    ("more", "words"),
     [
-        (lambda journal: journal.note("frame", 8, 1005, 0, 192, 1), "frame 8 is not as recorded"),
-        (lambda journal: journal.note("frame", 2, 255, 0, 192, 1), "frame 2 is not as recorded"),
-        (
-            lambda journal: journal.samples(1003, SAMPLES, SAMPLES),
-            "1005 samples were recorded, 1003 are in the file",
-        ),
-        (
-            lambda journal: journal.note("event", 1, "stop", "x"),
-            "8 events were recorded, 7 are in the file",
-        ),
+        (StoredFrame(8, 1005, 0, 192, 1), "frame 8 is not as recorded"),
+        (StoredFrame(2, 255, 0, 192, 1), "frame 2 is not as recorded"),
+        (Samples(1003, SAMPLES, SAMPLES), "1005 samples were recorded, 1003 are in the file"),
+        (Event(1, "stop", "x"), "8 events were recorded, 7 are in the file"),
     ],
 )
-def test_file_that_is_not_what_was_told_keeps_its_journal(
-    tmp_path: Path, tell: Any, words: str
+def test_file_that_is_not_what_was_recorded_keeps_its_journal(
+    tmp_path: Path, more: Any, words: str
 ) -> None:
     writer, written = record(tmp_path / "other.h5")
-    tell(writer._journal)
+    writer._journal.append(more)
     with pytest.raises(UserError, match=words):
         writer.close()
     assert journal_of(written.path).exists()
@@ -200,28 +223,28 @@ def test_journal_of_a_lost_session_is_not_overwritten_unasked(tmp_path: Path) ->
     make_writer(tmp_path / "new.h5", overwrite=True).close()
 
 
-NONE = [
-    b"",
-    b"7",
-    b"[]",
-    b"{}",
-    b'{"a": 12}',
-    b"[1]",
-    b"[[], 2]",
-    b"[" * 10**5,
-    b'"\xff"',
-    b"[" + b"9" * 5000 + b"]",
+NONE = [b"", b"\x07", b"\x90", b"\x80", b"\xa1a", b"\x91" * 10**5, b"\xc1", b"\xdf\xff\xff\xff\xff"]
+NONE += [
+    msgspec.msgpack.encode(odd)
+    for odd in (
+        {"sample": 1},
+        {"sample": "1", "kind": "", "text": ""},
+        {"first": 0, "volts": [[1, 2], b""], "forces": [[1, 2], b""]},
+        {"first": 0, "volts": [[2**62, 2], bytes(32)], "forces": [[2, 2], bytes(32)]},
+        {"first": 0, "volts": [[2], bytes(16)], "forces": [[2], bytes(16)]},
+        {"first": 0, "volts": 7, "forces": None},
+    )
 ]
 
 
 @pytest.mark.parametrize("payload", NONE, ids=range(len(NONE)))
-@pytest.mark.parametrize("kind", [b"W", b"S", b"?"])
+@pytest.mark.parametrize("kind", [1, 7, 8, 255])
 def test_record_with_the_right_checksum_that_is_none_ends_the_journal(
-    tmp_path: Path, kind: bytes, payload: bytes
+    tmp_path: Path, kind: int, payload: bytes
 ) -> None:
     make_journal(tmp_path / "j")
-    record_ = journal_module._HEAD.pack(kind, len(payload), crc32(payload)) + payload
+    head = journal_module._HEAD.pack(journal_module._MARK, kind, len(payload), crc32(payload))
     with (tmp_path / "j").open("ab") as file:
-        file.write(record_)
-    *found, end = records(tmp_path / "j")
-    assert (len(found), end) == (6, ("end", len(record_)))
+        file.write(head + payload)
+    *found, torn = read_journal(tmp_path / "j")
+    assert (len(found), torn) == (len(RECORDS), Torn(len(head + payload)))

@@ -4,6 +4,7 @@ is asked for.
 
 from __future__ import annotations
 
+import dataclasses
 import gzip
 import math
 import os
@@ -19,7 +20,7 @@ from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, make_writer, record
 from session_material import Session as Written
 
 from app.errors import UserError
-from app.results import Event
+from app.records import NUMBERS, Event, numbers_of
 from app.session import Session, layout
 from app.session.reader import SessionReader
 
@@ -44,11 +45,11 @@ def test_an_image_that_was_lost_says_why(session: Written) -> None:
         for asked in (3, -5, slice(2, 5)):
             with pytest.raises(
                 UserError,
-                match=r"session\.h5: frame 3 was lost: no image within 0\.5 s; `frames\.received` tells",
+                match=r"session\.h5: frame 3 was lost: no image within 0\.5 s; `frames\.received` lists",
             ):
                 _ = s.frames[asked]
         for asked in (8, -9):
-            with pytest.raises(IndexError, match=f"frame {asked} was asked, there are 8"):
+            with pytest.raises(IndexError, match=f"there is no frame {asked}; there are 8"):
                 _ = s.frames[asked]
 
 
@@ -76,33 +77,33 @@ def test_forces_have_the_time_of_their_samples(session: Written) -> None:
 
 def test_results_are_one_table(session: Written) -> None:
     with Session(session.path) as s:
-        assert set(s.results.dtype.names) == set(layout.RESULTS.values())
+        assert s.results.dtype.names == tuple(NUMBERS)
         for row, snapshot in zip(s.results, session.snapshots, strict=True):
-            for name in s.results.dtype.names:
-                assert_array_equal(row[name], getattr(snapshot, name), err_msg=name)
+            for name, number in numbers_of(snapshot).items():
+                assert_array_equal(row[name], number, err_msg=name)
         assert s.results["phase"].tolist()[:3] == ["background", "background", "drive"]
 
 
 def test_fields_are_in_metres(session: Written) -> None:
     with Session(session.path) as s:
         field, snapshot = s.fields[3], session.snapshots[3]
-        assert (len(s.fields), field.frame, field.lens_m) == (6, 4, snapshot.lens_m)
+        assert (len(s.fields), field.frame, field.lens_m) == (6, 4, snapshot.motion.lens_m)
         assert_allclose(field.x_m, GRID_X * PIXEL)
         assert_allclose(field.y_m, GRID_Y * PIXEL)
         for found, pixels in zip(
             field[3:7],
-            (snapshot.ux_px, snapshot.uy_px, snapshot.ux_std_px, snapshot.uy_std_px),
+            dataclasses.astuple(snapshot.field)[:4],
             strict=True,
         ):
             assert found.dtype == np.float64
             assert_allclose(found, pixels * PIXEL, rtol=1e-6)
-        assert_array_equal(field.zncc, snapshot.zncc)
+        assert_array_equal(field.zncc, snapshot.field.zncc)
         assert s.fields[-1].frame == 7
         with pytest.raises(
             UserError, match="result 0 has no field: frame 0 came before the reference"
         ):
             _ = s.fields[0]
-        with pytest.raises(IndexError, match="field 6 was asked, there are 6"):
+        with pytest.raises(IndexError, match="there is no field 6; there are 6"):
             _ = s.fields[6]
 
 
@@ -121,7 +122,7 @@ def test_the_rest_of_the_run(session: Written) -> None:
 
 def test_the_time_of_the_drive_is_that_of_the_forces(tmp_path: Path) -> None:
     writer = make_writer(tmp_path / "drive.h5")
-    writer.append_event(Event(1500, "phase", "drive"))
+    writer.append(Event(1500, "phase", "drive"))
     writer.close()
     with Session(tmp_path / "drive.h5") as s:
         assert s.drive_start_s == 1.5
@@ -165,15 +166,20 @@ def test_sessions_of_earlier_versions_are_read(tmp_path: Path, version: int, che
         )
         found = 0
         for r in reader.snapshots():
-            for part in (r.ux_px, r.uy_px, r.zncc, r.status, r.ring_ux_m, r.ring_sd_m):
+            field, rings = r.field, r.rings
+            parts = [field.ux_px, field.uy_px, field.zncc, field.status] if field else []
+            for part in parts + ([rings.ux_m, rings.sd_m] if rings else []):
                 found = crc32(part.tobytes(), found)
             numbers = [
-                r.frame,
-                r.time_s,
-                r.normal_force_n,
-                r.travel_m,
-                r.stick_radius_m,
-                r.centre_ux_m,
+                numbers_of(r)[name]
+                for name in (
+                    "frame",
+                    "time_s",
+                    "normal_force_n",
+                    "travel_m",
+                    "stick_radius_m",
+                    "centre_ux_m",
+                )
             ]
             found = crc32(np.array(numbers).tobytes(), found)
         assert found == checksum

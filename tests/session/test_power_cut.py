@@ -11,7 +11,8 @@ from power_cut import Disk
 from session_material import SHAPE, make_snapshot, make_writer
 
 from app.errors import UserError
-from app.results import Event
+from app.offline.replay import difference
+from app.records import Event, ReceivedFrame, Samples
 from app.session.reader import SessionReader
 from app.session.repair import repair
 
@@ -37,10 +38,10 @@ class Recorded:
             self.begun = len(self.disk.events)
             for frame in range(FRAMES):
                 here = slice(frame * DIVISOR, (frame + 1) * DIVISOR)
-                writer.append_samples(here.start, 2 * self.forces[here], self.forces[here])
-                writer.append_frame(frame, here.start, image_of(frame))
-                writer.append_snapshot(make_snapshot(frame))
-                writer.append_event(Event(here.start, "phase", f"frame {frame}"))
+                writer.append(Samples(here.start, 2 * self.forces[here], self.forces[here]))
+                writer.append(ReceivedFrame(frame, here.start, image_of(frame)))
+                writer.append(make_snapshot(frame))
+                writer.append(Event(here.start, "phase", f"frame {frame}"))
                 self.moments.append(len(self.disk.events))
                 if frame % FLUSH_FRAMES == FLUSH_FRAMES - 1:
                     writer.flush()
@@ -66,13 +67,13 @@ class Recorded:
                 assert sample == index * DIVISOR
                 assert_array_equal(image, image_of(index))
                 kept += 1
-            _, volts, forces = session.forces()
+            volts, forces = session.forces().volts, session.forces().forces
             assert len(forces) >= (told - LOST_AT_MOST) * DIVISOR
             assert_array_equal(forces, self.forces[: len(forces)])
             assert_array_equal(volts, 2 * forces)
             assert session.gaps() == []
             for snapshot in session.snapshots():
-                assert_array_equal(snapshot.ux_px, make_snapshot(snapshot.frame).ux_px)
+                assert difference(snapshot, make_snapshot(snapshot.frame)) == ""
         assert repaired.receipt.frames == kept
         return told - kept
 

@@ -212,7 +212,7 @@ def test_what_can_not_be_read_leads_to_its_journal(
         ask(path)
     frames = repair(path, tmp_path / "repaired.h5").receipt.frames
     assert 0 < frames <= 7 if spoil is _cut else frames == (0 if spoil is _text else 7)
-    journal_of(path).write_bytes(b"SlipScope journal 1\nnone")
+    journal_of(path).write_bytes(b"SlipScope journal 2\nnone")
     with pytest.raises(UserError, match=r"(of it if there is one|where it came|SlipScope wrote)$"):
         ask(path)
 
@@ -223,7 +223,7 @@ def test_broken_resources_are_told(session: Session) -> None:
         SessionReader(session.path) as read,
         pytest.raises(UserError, match="damaged at /entry/run/resources"),
     ):
-        _ = read.resources
+        _ = read.outcome
 
 
 def test_frames_and_results_that_are_not_there(session: Session) -> None:
@@ -232,7 +232,9 @@ def test_frames_and_results_that_are_not_there(session: Session) -> None:
             with pytest.raises(UserError, match=f"no image of trigger {index}"):
                 read.frame(index)
         for i in (-1, 6):
-            with pytest.raises(UserError, match=f"result {i} was asked, this session has 6"):
+            with pytest.raises(
+                UserError, match=f"there is no result {i} in this session; it has 6"
+            ):
                 read.snapshot(i)
 
 
@@ -240,8 +242,8 @@ def test_frames_and_results_that_are_not_there(session: Session) -> None:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The bytes of a finished session."""
     writer, written = record(tmp_path_factory.mktemp("whole") / "whole.h5")
-    writer.write_contact(CONTACT)
-    writer.finish(OUTCOME)
+    writer.append(CONTACT)
+    writer.append(OUTCOME)
     writer.close()
     return written.path.read_bytes()
 

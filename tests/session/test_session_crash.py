@@ -21,24 +21,25 @@ from session_material import COUNTS, SHAPE, make_snapshot, make_writer, record
 
 from app.engine.recorder import Recorder
 from app.errors import UserError
-from app.results import Outcome
-from app.session import columns, files, layout
+from app.offline.replay import difference
+from app.records import UNFINISHED, LostTrigger, Outcome, ReceivedFrame
+from app.session import columns, files
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.repair import repair
-from drivers.protocols import Frame
 
 KILLED = """
 import os, sys
 from pathlib import Path
 import numpy as np
+from app.records import ReceivedFrame, Samples
 from session_material import SHAPE, make_snapshot, record
 writer, _ = record(Path(sys.argv[1]))
 writer.flush()
 for frame in range(8, 40):  # not flushed
-    writer.append_frame(frame, 5 + 125 * frame, np.zeros(SHAPE, np.uint8))
-    writer.append_samples(1003 + 50 * (frame - 8), np.zeros((50, 2)), np.zeros((50, 2)))
-    writer.append_snapshot(make_snapshot(frame))
+    writer.append(ReceivedFrame(frame, 5 + 125 * frame, np.zeros(SHAPE, np.uint8)))
+    writer.append(Samples(1003 + 50 * (frame - 8), np.zeros((50, 2)), np.zeros((50, 2))))
+    writer.append(make_snapshot(frame))
 print("ready", flush=True)
 if sys.argv[2] == "exit":
     os._exit(3)
@@ -67,14 +68,14 @@ def test_killed_program_leaves_everything_flushed(tmp_path: Path, end: str) -> N
     writer, written = record(tmp_path / "same.h5")
     writer.close()
     with SessionReader(path) as read:
-        assert read.state == layout.UNFINISHED
-        assert read.counts() == COUNTS
-        assert_array_equal(read.forces()[1], written.volts)
+        assert read.outcome.state == UNFINISHED
+        assert read.outcome.counts == COUNTS
+        assert_array_equal(read.forces().volts, written.volts)
         assert read.events() == written.events
         for index, _, image in read.frames():
             assert_array_equal(image, written.images[index])
         for found, snapshot in zip(read.snapshots(), written.snapshots, strict=True):
-            assert_array_equal(found.ux_px, snapshot.ux_px)
+            assert difference(found, snapshot) == ""
 
 
 def test_columns_of_unequal_length_are_cut_to_the_shortest(tmp_path: Path) -> None:
@@ -86,7 +87,7 @@ def test_columns_of_unequal_length_are_cut_to_the_shortest(tmp_path: Path) -> No
         file["/entry/forces/shear_sensor"].resize(900, axis=0)
     with SessionReader(written.path) as read:
         assert len(read.triggers()) == 8
-        assert len(read.forces()[1]) == 900
+        assert len(read.forces().volts) == 900
 
 
 class _FullDisk:
@@ -111,20 +112,21 @@ class _FullDisk:
 def test_failed_chunk_leaves_no_phantom(tmp_path: Path) -> None:
     """An image that can not be written, and a field of which the second quantity can not."""
     writer, written = record(tmp_path / "full.h5")
-    writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
+    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
     writer._images = _FullDisk(writer._images)
-    writer._fields[1] = _FullDisk(writer._fields[1])
+    uy = "/entry/fields/uy"
+    writer._fields[uy] = _FullDisk(writer._fields[uy])
     with pytest.raises(OSError, match="No space left"):
-        writer.append_frame(9, 1130, np.ones(SHAPE, np.uint8))
+        writer.append(ReceivedFrame(9, 1130, np.ones(SHAPE, np.uint8)))
     with pytest.raises(OSError, match="No space left"):
-        writer.append_snapshot(make_snapshot(8))
-    writer.finish(Outcome("failed", "disk full", COUNTS, None))
+        writer.append(make_snapshot(8))
+    writer.append(Outcome("failed", "disk full", COUNTS, None))
     writer.close()
     with SessionReader(written.path) as read:
         assert [index for index, _, _ in read.frames()] == [0, 1, 2, 4, 5, 6, 7, 8]
         assert len(list(read.snapshots())) == 6
         assert read.triggers()["analysed"].tolist()[-2:] == [True, False]
-        assert read.state == "failed"
+        assert read.outcome.state == "failed"
     with h5py.File(written.path, "r") as file:
         assert file["/entry/instrument/camera/data"].shape[0] == 8
         assert {
@@ -137,8 +139,8 @@ def test_failed_flush_closes_the_session_and_everything_comes_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer, written = record(tmp_path / "flush.h5")
-    writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
-    writer.append_lost_frame(9, 1130, "late")
+    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+    writer.append(LostTrigger(9, 1130, "late"))
     lengthen = columns._lengthen
 
     def full_disk(column: h5py.Dataset, *rest: Any) -> None:
@@ -154,7 +156,7 @@ def test_failed_flush_closes_the_session_and_everything_comes_back(
         ):
             writer.flush()
     with pytest.raises(OSError, match="it could not be written to its end"):
-        writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
+        writer.append(Outcome("failed", "the disk is full", COUNTS, None))
     writer.close()
     assert writer.receipt is None
     repair(written.path, tmp_path / "repaired.h5")
@@ -172,11 +174,11 @@ def test_last_of_the_disk_is_left_to_close_the_session(
         files.shutil, "disk_usage", lambda _: usage(10**9, 10**9, files.RESERVE_BYTES)
     )
     with pytest.raises(OSError, match="the disk is full, 34 MB are left"):
-        writer.append_frame(8, 1005, np.ones(SHAPE, np.uint8))
-    writer.finish(Outcome("failed", "the disk is full", COUNTS, None))
+        writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+    writer.append(Outcome("failed", "the disk is full", COUNTS, None))
     writer.close()
     with SessionReader(written.path) as read:
-        assert (read.state, len(read.triggers())) == ("failed", 8)
+        assert (read.outcome.state, len(read.triggers())) == ("failed", 8)
 
 
 def image_of(frame: int) -> np.ndarray:
@@ -205,7 +207,7 @@ def test_disk_that_stands_still_ends_the_run_by_name_and_loses_nothing_before(
     thread.start()
     sent = 0
     while not failures and sent < 60_000:
-        recorder.frame(Frame(sent, sent, image_of(sent)))
+        recorder.append(ReceivedFrame(sent, sent, image_of(sent)))
         sent += 1
     recorder.end()
     thread.join()
@@ -223,8 +225,7 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 from app.engine.recorder import Recorder
-from app.results import Outcome
-from drivers.protocols import Frame
+from app.records import Outcome, ReceivedFrame, Samples
 from session_material import COUNTS, SHAPE, make_writer
 from test_session_crash import image_of
 writer = make_writer(Path(sys.argv[1]))
@@ -232,12 +233,12 @@ failures = []
 recorder = Recorder(writer, 1.0, 1 << 30, 0.001, sender_waits=True, on_failure=failures.append)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
 for n in range(2000):
-    recorder.frame(Frame(n, n, image_of(n)))
-    recorder.samples(n, np.full((1, 2), n), np.full((1, 2), -n))
+    recorder.append(ReceivedFrame(n, n, image_of(n)))
+    recorder.append(Samples(n, np.full((1, 2), n), np.full((1, 2), -n)))
 recorder.end()
 recorder.work()
 print(recorder.frames_recorded, *failures, flush=True)
-for step in (lambda: writer.finish(Outcome("failed", "the disk is full", COUNTS, None)), writer.close):
+for step in (lambda: writer.append(Outcome("failed", "the disk is full", COUNTS, None)), writer.close):
     try:
         step()
     except OSError as error:
@@ -272,5 +273,5 @@ def test_no_room_at_all_even_to_close_the_file_loses_nothing(tmp_path: Path, mos
     assert int(recorded) > 0
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert all(np.array_equal(image, image_of(index)) for index, _, image in read.frames())
-        assert_array_equal(read.forces()[1][:, 0], np.arange(repaired.receipt.samples))
+        assert_array_equal(read.forces().volts[:, 0], np.arange(repaired.receipt.samples))
         assert repaired.receipt.samples >= int(recorded) - 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import h5py
@@ -9,9 +10,20 @@ import numpy as np
 import pytest
 from nexusformat import nexus
 from numpy.testing import assert_array_equal
-from session_material import CONTACT, OUTCOME, Session, make_writer
+from session_material import CONTACT, OUTCOME, Session, make_snapshot, make_writer
 
-from app.results import Snapshot, Source, Summary
+from app.records import (
+    ContactResult,
+    Counts,
+    Event,
+    Gap,
+    Header,
+    Position,
+    Samples,
+    Source,
+    Summary,
+)
+from app.schema import TEXT, columns_of, values
 from app.session import layout
 
 
@@ -21,8 +33,8 @@ def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
 
 def test_a_further_analysis_names_its_source(tmp_path: Path) -> None:
     writer = make_writer(tmp_path / "b.h5", source=Source("a.h5", "2026-11-21T12:00:00+00:00"))
-    writer.write_contact(CONTACT)
-    writer.finish(OUTCOME)
+    writer.append(CONTACT)
+    writer.append(OUTCOME)
     writer.close()
     assert_laid_out(tmp_path / "b.h5", without="nothing")
 
@@ -45,10 +57,10 @@ def assert_laid_out(path: Path, without: str) -> None:
     with h5py.File(path, "r") as file:
         file.visititems(look)
         assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 4
-    kinds = {layout.TEXT: "O", layout.IMAGE: "u"}
+    kinds = {TEXT: "O", layout.IMAGE: "u"}
     expected = {
         i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning)
-        for i in layout.ITEMS
+        for i in layout.COLUMNS
         if i.group != without
     }
     assert found == expected
@@ -58,13 +70,13 @@ def assert_laid_out(path: Path, without: str) -> None:
 
 
 def test_every_number_has_a_unit_and_no_text_has() -> None:
-    for item in layout.ITEMS:
-        assert bool(item.unit) == (item.dtype != layout.TEXT), item.path
+    for item in layout.COLUMNS:
+        assert bool(item.unit) == (item.dtype != TEXT), item.path
         assert item.meaning
 
 
 def test_uncertainties_are_beside_what_they_belong_to() -> None:
-    paths = {item.path: item for item in layout.ITEMS}
+    paths = {item.path: item for item in layout.COLUMNS}
     errors = [path for path in paths if path.endswith("_errors")]
     assert len(errors) == 15
     for path in errors:
@@ -73,14 +85,24 @@ def test_uncertainties_are_beside_what_they_belong_to() -> None:
 
 
 def test_every_field_of_the_results_has_a_place() -> None:
-    stored = {
-        *layout.RESULTS.values(),
-        *layout.RINGS.values(),
-        *layout.STRESS.values(),
-        *layout.FIELDS.values(),
-    }
-    assert stored == set(Snapshot.__dataclass_fields__) - {"stress_field_pa"}
-    assert set(layout.SUMMARY.values()) == set(Summary.__dataclass_fields__)
+    snapshot = make_snapshot(0)
+    stored = {column.attribute for column, _ in values(snapshot)}
+    parts = (getattr(snapshot, field.name) for field in dataclasses.fields(snapshot))
+    held = {f.name for p in parts if dataclasses.is_dataclass(p) for f in dataclasses.fields(p)}
+    assert stored == held | {"frame", "sample"}
+    for kind in (Header, Samples, Gap, Position, Event, ContactResult, Summary, Counts):
+        lacks = {f.name for f in dataclasses.fields(kind)} - {
+            column.attribute for column in columns_of(kind)
+        }
+        assert lacks <= {
+            "first",
+            "reason",
+            "frame_shape",
+            "frame_dtype",
+            "versions",
+            "source",
+            "compression",
+        }
 
 
 def test_default_plot_is_the_load_curve(session: Session) -> None:
@@ -90,8 +112,10 @@ def test_default_plot_is_the_load_curve(session: Session) -> None:
         ["stage_displacement"],
     )
     assert (data.nxsignal.attrs["units"], data.nxaxes[0].attrs["units"]) == ("N", "m")
-    assert_array_equal(data.nxsignal.nxvalue, [s.shear_force_n for s in session.snapshots])
-    assert_array_equal(data.nxaxes[0].nxvalue, [s.travel_m for s in session.snapshots])
+    assert_array_equal(
+        data.nxsignal.nxvalue, [s.conditions.shear_force_n for s in session.snapshots]
+    )
+    assert_array_equal(data.nxaxes[0].nxvalue, [s.conditions.travel_m for s in session.snapshots])
 
 
 @pytest.mark.parametrize(
@@ -122,5 +146,5 @@ def test_images_are_raw_chunks_that_any_program_opens(session: Session) -> None:
 
 def test_markdown_names_every_dataset() -> None:
     table = layout.markdown().splitlines()
-    assert len(table) == 2 + len(layout.ITEMS)
+    assert len(table) == 2 + len(layout.COLUMNS)
     assert all(line.count(" | ") == 4 for line in table[2:])

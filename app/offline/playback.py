@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from app.results import Snapshot
+from app.records import Snapshot
 from app.session.reader import SessionReader
 
 

@@ -1,0 +1,486 @@
+"""What a session is told, record by record, and what an experiment comes down to.
+
+All records are frozen. Lengths, forces and times are in SI units unless the name says otherwise;
+images and fields are arrays ``[row, col]``, places are (x, y). Each field names the dataset of the
+session file that holds it, with its unit and meaning (`app.schema`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from app.schema import column, columns, columns_of, record, uncertainty
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
+Count = Annotated[int, Meta(ge=1, lt=1 << 62)]
+Checksum = Annotated[int, Meta(ge=0, lt=1 << 32)]  # CRC-32
+Positive = Annotated[float, Meta(gt=0, le=1e300)]
+
+NAN = math.nan
+UNFINISHED = "unfinished"  # state of a session that was cut short
+
+
+class Phase(StrEnum):
+    """The phases of a loading experiment, in their order on the sample clock."""
+
+    BACKGROUND = "background"  # the block hangs free: images without contact
+    CONTACT = "contact"  # the operator presses the block on, the normal force settles
+    REFERENCE = "reference"  # t = 0: at rest under load, before any shear
+    DRIVE = "drive"  # the actuator pulls
+    END = "end"
+
+
+# ---------------------------------------------------------------- what the bench measures
+
+
+@record("/entry/source", since=4)
+class Source:
+    """The session that holds the images of a further analysis."""
+
+    session: str = column("session", "", "name of its file, which lies beside this one")
+    started: str = column(
+        "start_time", "", "its start_time, which tells it from others of that name"
+    )
+
+
+@record("/entry")
+class Header:
+    """What is known of a session from its beginning.
+
+    Attributes
+    ----------
+    frame_shape : (int, int)
+        Rows and columns of an image.
+    frame_dtype : str
+        Type of a pixel.
+    versions : dict
+        Name -> version of the programs and libraries in use, and of the computer.
+    started : str
+        Empty: now.
+    source : Source or None
+        None where the images are in this session.
+    compression : str
+        Of the images in this session.
+    """
+
+    frame_shape: tuple[Index, Index]
+    frame_dtype: Literal["uint8", "uint16"]
+    versions: dict[str, str]
+    config_toml: str = column("settings/toml", "", "the settings used, complete")
+    sample_rate_hz: Positive = column(
+        "clock/sample_rate", "Hz", "rate of the DAQ sample clock, the only time base"
+    )
+    first_trigger: Index = column("clock/first_trigger", "samples", "sample of trigger 0")
+    divisor: Count = column("clock/divisor", "samples", "samples from one trigger to the next")
+    exposure_samples: Count = column(
+        "clock/exposure", "samples", "exposure time of an image, from its trigger on"
+    )
+    pixel_m: Positive = column("instrument/camera/pixel", "m", "side of a pixel on the interface")
+    grid_x_px: F64 = column(
+        "fields/x",
+        "px",
+        "box centres along x, the driving direction; 0 is the centre of the first pixel",
+        shape=("nx",),
+    )
+    grid_y_px: F64 = column("fields/y", "px", "box centres along y, downwards", shape=("ny",))
+    started: str = column(
+        "start_time",
+        "",
+        "time of day when the session was made, ISO 8601; for people, nothing is computed from it",
+        default="",
+    )
+    source: Source | None = None
+    compression: Literal["none", "gzip"] = "none"
+
+
+@record("/entry/forces", rows="samples")
+class Samples:
+    """Consecutive samples from number `first` on, as read (volts) and as forces (newtons).
+
+    Both arrays have the shape (n, 2): normal, shear. Samples missing before `first` are a gap.
+    """
+
+    first: Index
+    volts: F64 = columns(
+        ("normal_sensor", "V", "reading of the normal sensor"),
+        ("shear_sensor", "V", "reading of the shear sensor"),
+    )
+    forces: F64 = columns(
+        ("normal_force", "N", "normal force P"), ("shear_force", "N", "shear force Q")
+    )
+
+    def __post_init__(self) -> None:
+        if self.volts.shape != self.forces.shape or self.volts.shape[1:] != (2,):
+            raise ValueError(
+                f"session: volts {self.volts.shape} and forces {self.forces.shape} must both be"
+                " (n, 2)"
+            )
+
+
+@record("/entry/gaps", rows="gaps")
+class Gap:
+    """Samples that the board did not deliver, and why."""
+
+    first: Index = column("first", "samples", "first missing sample")
+    count: Index = column("count", "samples", "how many are missing")
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedFrame:
+    """The image of a trigger, exposed from `sample` on; `checksum` is its CRC-32 where it is known
+    already.
+    """
+
+    index: Index
+    sample: Index
+    image: NDArray[Any]
+    checksum: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFrame:
+    """A trigger whose image, with that CRC-32, is in that row of the source's images."""
+
+    index: Index
+    sample: Index
+    row: Index
+    checksum: Checksum
+
+
+@dataclass(frozen=True, slots=True)
+class LostTrigger:
+    """A trigger without an image, and why there is none."""
+
+    index: Index
+    sample: Index
+    reason: str
+
+
+@record("/entry/instrument/actuator", rows="positions")
+class Position:
+    """Where the stage was at a sample; NaN where it could not be read."""
+
+    sample: Index = column("sample", "samples", "sample at which the position was read")
+    position_m: float = column("position", "m", "position of the stage, in its own coordinate")
+
+
+@record("/entry/events", rows="events")
+class Event:
+    """Something that happened at a sample: a change of phase, a limit, a stop."""
+
+    sample: Index = column("sample", "samples", "when it happened")
+    kind: str = column("kind", "", "phase, reference, gap, import, analysis, stop or error")
+    text: str = column("text", "", "what happened")
+
+
+# ---------------------------------------------------------------- what is computed on each frame
+
+
+@record("/entry/results", rows="results")
+class Conditions:
+    """The state of the bench during an exposure; forces are means over it."""
+
+    phase: Phase = column(
+        "phase", "1", ", ".join(f"{n}: {phase}" for n, phase in enumerate(Phase)), dtype="uint8"
+    )
+    time_s: float = column(
+        "time", "s", "middle of the exposure from the start of the drive; NaN before it"
+    )
+    normal_force_n: float = column("normal_force", "N", "P, mean over the exposure")
+    shear_force_n: float = column("shear_force", "N", "Q, mean over the exposure")
+    travel_m: float = column(
+        "stage_displacement", "m", "travel of the stage since the reference (delta)"
+    )
+
+
+@record("/entry/results", rows="results")
+class Motion:
+    """How far the lens and the contact's centre have moved since the reference, along x."""
+
+    lens_m: float = column(
+        "lens_displacement", "m", "motion of the lens since the reference, not taken off fields"
+    )
+    centre_ux_m: float = column("centre_ux", "m", "u_x at the contact's centre")
+
+
+@record("/entry/fields", rows="fields", shape=("ny", "nx"))
+class DisplacementField:
+    """Displacement of each box of the grid between the reference and the image, shape (ny, nx).
+
+    The motion of the lens is still in it. Displacements, their standard uncertainties and the
+    correlation are NaN where `status`, an `analysis.dic.Status`, is not 0.
+    """
+
+    ux_px: F32 = column("ux", "px", "displacement along x; NaN where status is not 0")
+    uy_px: F32 = column("uy", "px", "displacement along y; NaN where status is not 0")
+    ux_std_px: F32 = uncertainty("ux", "px", since=2)
+    uy_std_px: F32 = uncertainty("uy", "px", since=2)
+    zncc: F32 = column("zncc", "1", "correlation at the peak; NaN where status is not 0")
+    status: NDArray[np.uint8] = column("status", "1", "0: measured; else why not")
+
+
+@record("/entry/rings", rows="results", shape=("rings",))
+class RingProfile:
+    """Azimuthal mean of u_x about the contact's centre, shape (n,), the motion of the lens removed."""
+
+    radius_m: F64 = column("radius", "m", "mean radius of the ring")
+    ux_m: F64 = column("ux", "m", "azimuthal mean of u_x, lens compliance removed")
+    sd_m: F64 = column("ux_errors", "m", "its standard error")
+
+
+@record("/entry/results", rows="results")
+class Stick:
+    """The Cattaneo-Mindlin profile that fits the rings: stick radius c, and the traction mu p0 at the
+    centre of a contact that slides as a whole.
+    """
+
+    stick_radius_m: float = column("stick_radius", "m", "c; NaN where it can not be told")
+    stick_radius_sd_m: float = uncertainty("stick_radius", "m")
+    full_slip_pa: float = column(
+        "full_slip_stress", "Pa", "mu p0 of the profile that gave stick_radius", since=3
+    )
+
+
+@record("/entry/results", rows="results", since=3)
+class Traction:
+    """What the shear traction under the rings says: c by the paper's definition, the displacement D
+    of the block far away, the force.
+    """
+
+    peak_radius_m: float = column("peak_radius", "m", "c, where the shear traction is largest")
+    peak_radius_sd_m: float = uncertainty("peak_radius", "m")
+    block_m: float = column(
+        "block_displacement", "m", "D, of the block far from the contact, inverted"
+    )
+    block_sd_m: float = uncertainty("block_displacement", "m")
+    stress_force_n: float = column("stress_force", "N", "integral of the shear traction")
+    stress_force_sd_n: float = uncertainty("stress_force", "N")
+
+
+@record("/entry/stress", rows="results", shape=("radii",), since=3)
+class StressProfile:
+    """Azimuthal mean of the shear traction sigma_xz about the contact's centre, shape (n,)."""
+
+    radius_m: F64 = column("radius", "m", "distance from the contact's centre")
+    stress_pa: F64 = column("stress", "Pa", "azimuthal mean of the shear traction sigma_xz")
+    sd_pa: F64 = uncertainty("stress", "Pa")
+
+
+@record("/entry/results", rows="results")
+class Snapshot:
+    """All results of one frame; a part is None where it could not be computed.
+
+    Attributes
+    ----------
+    frame, sample : int
+        Trigger number, and the sample on which the exposure started.
+    conditions : Conditions
+    motion, field, rings : optional
+        From the reference on.
+    stick, traction, stress : optional
+        During the drive.
+    stress_field_pa : ndarray, shape (ny, nx), float32, or None
+        Shear traction of each grid point, where the settings ask for it. It is not recorded: the
+        displacement fields give it again.
+    """
+
+    frame: Index = column("frame", "1", "trigger number of the frame, in the order of analysis")
+    sample: Index = column("sample", "samples", "sample on which its exposure started")
+    conditions: Conditions
+    motion: Motion | None = None
+    field: DisplacementField | None = None
+    rings: RingProfile | None = None
+    stick: Stick | None = None
+    traction: Traction | None = None
+    stress: StressProfile | None = None
+    stress_field_pa: F32 | None = None
+
+
+# ---------------------------------------------------------------- what an experiment comes down to
+
+
+@record("/entry")
+class ContactResult:
+    """The apparent contact on the reference frame (paper, section 2.3.1); NaN: not measured."""
+
+    centre_px: tuple[float, float] = column("contact/centre", "px", "centre of the contact (x, y)")
+    apparent_radius_m: float = column("contact/radius", "m", "apparent contact radius a")
+    apparent_radius_sd_m: float = uncertainty("contact/radius", "m")
+    shift_px: tuple[float, float] = column(
+        "contact/shift", "px", "rigid shift from the background to the reference image (x, y)"
+    )
+    profile_radius_px: F64 = column(
+        "profile/radius", "px", "radius about the contact's centre", shape=("profile",)
+    )
+    profile_grey: F64 = column(
+        "profile/grey", "counts", "azimuthal mean of the background difference", shape=("profile",)
+    )
+
+
+@record("/entry/summary")
+class Summary:
+    """What a loading experiment comes down to; NaN where the run did not go far enough, with the
+    reason in `notes`.
+
+    `*_sd` is a standard uncertainty; that of the cantilevers' stiffness is in none but
+    `calibration_sd`.
+    """
+
+    normal_force_n: float = column("normal_force", "N", "P")
+    apparent_radius_m: float = column("apparent_radius", "m", "a")
+    apparent_radius_sd_m: float = uncertainty("apparent_radius", "m")
+    hertz_radius_m: float = column("hertz_radius", "m", "contact radius after Hertz")
+    onset_time_s: float = column(
+        "onset_time", "s", "t_s, the onset of sliding, from the start of the drive"
+    )
+    onset_time_sd_s: float = uncertainty("onset_time", "s")
+    static_force_n: float = column("static_force", "N", "Q_s, the shear force at the onset")
+    mu_s: float = column("mu_s", "1", "static friction coefficient Q_s/P")
+    mu_s_sd: float = uncertainty("mu_s", "1")
+    mu_d: float = column("mu_d", "1", "dynamic friction coefficient")
+    mu_d_range: tuple[float, float] = column(
+        "mu_d_range", "1", "least and greatest Q/P during sliding"
+    )
+    sliding_velocity_m_s: float = column("sliding_velocity", "m/s", "velocity during sliding")
+    notes: tuple[str, ...] = column(
+        "notes", "", "why a quantity above is NaN", shape=("notes",), default=()
+    )
+    law_mu: float = column(
+        "law_mu",
+        "1",
+        "mu of the local friction law mu p (1 - exp(-s/(mu L)))",
+        since=3,
+        default=NAN,
+    )
+    law_mu_sd: float = uncertainty("law_mu", "1", since=3, default=NAN)
+    law_length_m: float = column("law_length", "m", "L of that law", since=3, default=NAN)
+    law_length_sd_m: float = uncertainty("law_length", "m", since=3, default=NAN)
+    young_modulus_pa: float = column(
+        "young_modulus",
+        "Pa",
+        "E from the balance of the shear traction with Q",
+        since=3,
+        default=NAN,
+    )
+    young_modulus_sd_pa: float = uncertainty("young_modulus", "Pa", since=3, default=NAN)
+    calibration_sd: float = column(
+        "calibration_uncertainty",
+        "1",
+        "relative, by the cantilevers, of every friction coefficient",
+        since=4,
+        default=NAN,
+    )
+
+
+@record("/entry/counts")
+class Counts:
+    """The account of a run: every trigger has a fate, every sample is there."""
+
+    triggers: int = column("triggers", "1", "triggers sent", default=0)
+    frames_received: int = column("frames_received", "1", "frames that came", default=0)
+    frames_recorded: int = column("frames_recorded", "1", "frames in this file", default=0)
+    frames_lost: int = column("frames_lost", "1", "triggers without a frame", default=0)
+    frames_analysed: int = column(
+        "frames_analysed", "1", "frames analysed during the run", default=0
+    )
+    frames_skipped: int = column(
+        "frames_skipped", "1", "frames recorded but not analysed during the run", default=0
+    )
+    samples: int = column("samples", "1", "force samples that came", default=0)
+    samples_lost: int = column("samples_lost", "1", "force samples that did not", default=0)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended: its state ("done" or "failed"), the reason in one sentence, and its account.
+
+    `resources` says what the run took of the computer (`peak_memory_mib`, `cpu_s`, `wall_s`) and,
+    once the session is closed, holds its receipt.
+    """
+
+    state: str
+    reason: str
+    counts: Counts
+    summary: Summary | None
+    resources: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The state of a run at a glance: cheap to read, at any time, from any thread.
+
+    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
+    hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
+    replay).
+    """
+
+    state: str
+    reason: str
+    phase: str
+    counts: Counts
+    queue_fill: float
+    queue_seconds: float
+    disk_free_bytes: int
+    sample: int
+    progress: float
+
+
+Record = (
+    Samples
+    | Gap
+    | ReceivedFrame
+    | SourceFrame
+    | LostTrigger
+    | Position
+    | Event
+    | Snapshot
+    | ContactResult
+    | Outcome
+)
+
+# the numbers of a snapshot by their names, and the parts that hold them
+NUMBERS = {c.attribute: c for c in columns_of(Snapshot) if c.group == "/entry/results"}
+_PARTS: dict[str, Any] = {
+    "conditions": Conditions,
+    "motion": Motion,
+    "stick": Stick,
+    "traction": Traction,
+}
+
+
+def numbers_of(snapshot: Snapshot) -> dict[str, Any]:
+    """The numbers of a snapshot by their names; NaN where a part is not there."""
+    numbers: dict[str, Any] = {"frame": snapshot.frame, "sample": snapshot.sample}
+    for name, kind in _PARTS.items():
+        part = getattr(snapshot, name)
+        for number in kind.__slots__:
+            numbers[number] = NAN if part is None else getattr(part, number)
+    return numbers
+
+
+def snapshot_of(numbers: Mapping[str, Any]) -> Snapshot:
+    """The snapshot that has these numbers and no arrays; parts of which all are NaN are not there."""
+    parts: dict[str, Any] = {}
+    for name, kind in _PARTS.items():
+        held = [numbers[number] for number in kind.__slots__]
+        is_there = any(not isinstance(number, float) or math.isfinite(number) for number in held)
+        parts[name] = kind(*held) if is_there else None
+    return Snapshot(numbers["frame"], numbers["sample"], **parts)
+
+
+def series_of(snapshots: Iterable[Snapshot], name: str) -> F64:
+    """One number of every snapshot, by its name; NaN where its part is not there."""
+    part = next((part for part, kind in _PARTS.items() if name in kind.__slots__), None)
+    holders = [getattr(s, part) if part else s for s in snapshots]
+    return np.array([NAN if h is None else getattr(h, name) for h in holders], np.float64)

@@ -1,0 +1,52 @@
+"""The README and the pages of docs/ lead to what there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from benchmarks.__main__ import benchmarks
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+README_LINES, WIDTH = 130, 100
+
+
+def text(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def anchors(page: Path) -> set[str]:
+    """The places of a page that a link can lead to, as GitHub names them."""
+    headings = re.findall(r"^#+ (.*)$", text(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page: Path) -> None:
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", text(page)):
+        there = page.parent / target if target else page
+        assert there.exists(), f"{page.name} leads to {target}"
+        assert not anchor or anchor in anchors(there), f"{page.name} leads to {target}#{anchor}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_and_benchmark_that_is_named_exists(page: Path) -> None:
+    for path in re.findall(r"`((?:analysis|app|benchmarks|drivers|tests)/[\w/.]*)`", text(page)):
+        assert (ROOT / path).exists(), f"{page.name} names {path}"
+    named = set(re.findall(r"python -m benchmarks (\w+)", text(page)))
+    assert named <= {*benchmarks(), "NAME"}
+
+
+def test_the_readme_leads_to_every_page() -> None:
+    assert {f"docs/{page.name}" for page in PAGES[1:]} <= set(
+        re.findall(r"\]\(([^)]*)\)", text(PAGES[0]))
+    )
+
+
+def test_the_readme_is_short_and_narrow() -> None:
+    lines = text(PAGES[0]).splitlines()
+    assert len(lines) <= README_LINES
+    assert max(map(len, lines)) <= WIDTH
