@@ -52,9 +52,9 @@ def dic(
 
     Example: `slipscope dic rest.tif pull_*.tif -o fields.csv --box 27`
     """
-    from app.commands import images as image_files
+    from app.commands import files
 
-    return image_files.dic(
+    return files.dic(
         reference, images, fields, correlation, mask=mask, roi=roi, overwrite=overwrite
     )
 
@@ -155,9 +155,9 @@ def export(
 
     Example: `slipscope export sample7.h5 -o sample7 --frames 100:400:10`
     """
-    from app.commands import exchange
+    from app.commands import files
 
-    return exchange.export(session, destination, what, frames, overwrite=overwrite, as_json=as_json)
+    return files.export(session, destination, what, frames, overwrite=overwrite, as_json=as_json)
 
 
 @command(app, "import")
@@ -221,7 +221,7 @@ def import_(
     Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --rate 1000
     --divisor 100 --reference 12`
     """
-    from app.commands import exchange
+    from app.commands import files
     from app.exchange.frames import Sources
 
     sources = Sources(
@@ -237,7 +237,7 @@ def import_(
         drive=drive,
         overrides=overrides or (),
     )
-    return exchange.import_(sources, session, overwrite=overwrite, as_json=as_json)
+    return files.import_(sources, session, overwrite=overwrite, as_json=as_json)
 
 
 @command(app)
@@ -253,6 +253,6 @@ def repair(
     Uses the journal (SESSION.h5.journal) that lies beside a session until it is closed in good
     order. Says what was lost.
     """
-    from app.commands import repair as repairs
+    from app.commands import files
 
-    return repairs.repair(session, repaired, overwrite, as_json)
+    return files.repair(session, repaired, overwrite, as_json)

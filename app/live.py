@@ -1,4 +1,4 @@
-"""A live run from settings: the place where engine, bench and session file are connected."""
+"""A live run from settings: the one place where engine, bench and session file are put together."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.devices import make_bench
 from app.engine.pipeline import header_of
 from app.engine.run import Run
 from app.errors import UserError
-from app.session.files import RESERVE_BYTES
+from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.versions import versions
 from app.session.writer import SessionWriter
 from app.settings import Config
@@ -35,24 +35,14 @@ def expected_bytes(config: Config) -> int:
     return int(seconds * rate) + RESERVE_BYTES
 
 
-def check_output(config: Config, output: Path, *, overwrite: bool) -> None:
-    """Refuse a session that can not be written, before anything moves.
+def check_room(config: Config, output: Path) -> None:
+    """Refuse, before anything moves, a run for which the disk has no room.
 
     Raises
     ------
     UserError
-        The file exists, its folder does not, or the disk has no room for the run.
     """
-    if output.exists() and not overwrite:
-        raise UserError(
-            f"{output}: a session of that name exists; choose another name or give --overwrite"
-        )
-    folder = output.parent
-    if not folder.is_dir():
-        raise UserError(
-            f"{output}: the folder {folder} does not exist; create it or choose another"
-        )
-    needed, free = expected_bytes(config), shutil.disk_usage(folder).free
+    needed, free = expected_bytes(config), shutil.disk_usage(output.parent).free
     if needed > free:
         raise UserError(
             f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB"
@@ -100,16 +90,18 @@ def make_run(
     Parameters
     ----------
     pace : float or None
-        Simulated seconds per second; None: as fast as possible. A bench with a real device runs at 1.
+        Simulated seconds per second; None: as fast as the machine. A bench with a real device runs
+        at 1.
     bench : Bench, optional
-        The bench to use, made by `make_bench` from the same settings and pace.
+        The bench to use, made with `make_bench` from the same settings and pace.
 
     Raises
     ------
     UserError
-        The session can not be written, or the bench does not run at that pace.
+        The session can not be written, or a device of that name is not known.
     """
-    check_output(config, output, overwrite=overwrite)
+    check_new_session(output, overwrite, has_picture=False)
+    check_room(config, output)
     bench = bench or make_bench(config, pace)
     kinds = zip(DRIVERS, config.sources, strict=True)
     natures = {driver(kind, source).nature for kind, source in kinds}

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from app.gui.source import setup_of
 from app.gui.view_state import read, resolve
-from app.replay import make_replay
+from app.offline.replay import Replay
 from benchmarks.report import Report
 
 SUBJECT = "Replay"
@@ -21,7 +21,7 @@ SUBJECT = "Replay"
 
 def measure(report: Report, session: Path, jumps: int = 100) -> None:
     """Measure both on one session."""
-    replay = make_replay(session, pace=None)
+    replay = Replay(session, pace=None)
     replay.playback.pause()
     replay.start()
     setup, view, took = setup_of(replay), None, []

@@ -1,9 +1,10 @@
-"""A folder of grey images as a camera: image n is the image of trigger n."""
+"""A folder of grey images as a camera: image n is what trigger n took."""
 
 from __future__ import annotations
 
 import re
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import cast
 
@@ -20,32 +21,37 @@ _SLICE_S = 0.05
 
 
 def find(folder: str = "") -> list[Found]:
-    """The images of a folder as one device; none if there is no folder, or no image in it."""
+    """The images of a folder as one device; nothing without a folder."""
     files = images_of(Path(folder)) if folder else []
-    if not files:
-        return []
-    return [Found(folder, f"{len(files)} images, {files[0].name} to {files[-1].name}")]
+    return (
+        [Found(folder, f"{len(files)} images, {files[0].name} to {files[-1].name}")]
+        if files
+        else []
+    )
 
 
 def images_of(folder: Path) -> list[Path]:
-    """The image files of a folder in the order of the numbers in their names, 2 before 10; none if
-    there is no such folder.
-    """
+    """The image files of a folder, in the order of their numbers; none if there is no such folder."""
+    if not folder.is_dir():
+        return []
+    return in_order_of_numbers(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
 
-    def by_numbers(path: Path) -> list[int | str]:
-        parts = re.split(r"(\d+)", path.name)
-        return [int(part) if part.isdecimal() else part for part in parts]
 
-    files = folder.iterdir() if folder.is_dir() else ()
-    return sorted((path for path in files if path.suffix.lower() in SUFFIXES), key=by_numbers)
+def in_order_of_numbers(paths: Iterable[Path]) -> list[Path]:
+    """The paths in the order in which people number them: a2 before a10."""
+
+    def parts(path: Path) -> list[int | str]:
+        return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
+
+    return sorted(paths, key=parts)
 
 
 class FolderCamera:
     """A camera that plays a folder of PNG or TIFF images, 8 or 16 bit grey; see
     `drivers.protocols.Camera`.
 
-    A file that can not be used, and every trigger after the last file, is a lost frame with its
-    reason; the run continues.
+    A file that can not be used, and every trigger after the last file, is a loss with its reason;
+    the run goes on.
     """
 
     name = "folder camera"
@@ -60,14 +66,14 @@ class FolderCamera:
         self._next = 0
 
     def open(self) -> None:
-        """List the images, and compare the first with the settings.
+        """List the images, and look at the first.
 
         Raises
         ------
         DeviceNotFound
             There is no image in the folder.
         OutOfLimits
-            The first image has another size or depth than the settings say.
+            The first one is not what the settings say.
         """
         files = images_of(self._folder)
         if not files:
@@ -79,12 +85,12 @@ class FolderCamera:
         if isinstance(first, str):
             raise OutOfLimits(
                 f"{self.name}: {first}; set camera.width, camera.height and camera.pixel_format to"
-                " those of the images"
+                " what it is"
             )
         self._files = files
 
     def describe(self) -> str:
-        """Number and size of the images."""
+        """How many images, and their size."""
         if not self._files:
             return f"{self.name}, not open"
         return (
@@ -93,10 +99,10 @@ class FolderCamera:
         )
 
     def start(self, train: TriggerTrain) -> None:
-        """Wait for triggers; the first one shows the first image."""
+        """Wait for triggers, from the first image on."""
         if not self._files:
             raise DeviceFault(
-                f"{self.name}: it can not wait for triggers before it is open; open it first"
+                f"{self.name}: to wait for triggers was asked, it is not open; open it first"
             )
         self._train, self._next = train, 0
 
@@ -107,7 +113,7 @@ class FolderCamera:
         train, clock, index = self._train, self._clock, self._next
         if train is None:
             raise DeviceFault(
-                f"{self.name}: it has no frames before it waits for triggers; start it first"
+                f"{self.name}: a frame was asked, it does not wait for triggers; start it first"
             )
         sample = train.sample(index)
         end = sample + self.exposure_samples
@@ -124,25 +130,27 @@ class FolderCamera:
             )
         self._next = index + 1
         if index >= len(self._files):
-            return LostFrame(index, sample, f"the folder has only {len(self._files)} images")
+            return LostFrame(index, sample, f"the folder has {len(self._files)} images only")
         image = self._load(self._files[index])
-        if isinstance(image, str):
-            return LostFrame(index, sample, image)
-        return Frame(index, sample, image)
+        return (
+            LostFrame(index, sample, image)
+            if isinstance(image, str)
+            else Frame(index, sample, image)
+        )
 
     def stop(self) -> None:
-        """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
+        """Wait for triggers no longer; a `read` that waits ends with `DeviceTimeout`."""
         self._train = None
 
     def close(self) -> None:
-        """Stop, and let go of the folder."""
+        """Stop, and forget the folder."""
         self.stop()
         self._files = []
 
     def _load(self, path: Path) -> Image | str:
-        """The image in a file, or why it can not be used."""
+        """The image in a file, or why there is none that can be used."""
         try:
-            # imread fails on some file names on Windows
+            # not imread: it fails on some names on Windows
             image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
         except (OSError, cv2.error):
             image = None
@@ -151,8 +159,8 @@ class FolderCamera:
         if image.shape != self.shape or image.dtype != self.dtype:
             size = " x ".join(str(n) for n in (image.shape[1], image.shape[0], *image.shape[2:]))
             return (
-                f"'{path.name}' is {size} {image.dtype}, not {self.shape[1]} x {self.shape[0]}"
-                f" {self.dtype}"
+                f"'{path.name}' is {size} {image.dtype}, {self.shape[1]} x {self.shape[0]}"
+                f" {self.dtype} was asked"
             )
         image.setflags(write=False)
         return cast(Image, image)

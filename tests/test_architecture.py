@@ -62,12 +62,12 @@ def test_the_display_is_looked_for_without_qt() -> None:
 
 def test_a_headless_run_never_imports_qt() -> None:
     assert not {"PySide6", "pyqtgraph"} & modules_after(
-        "import app.live, app.replay, app.commands.experiment, app.report.figures"
+        "import app.live, app.offline.reanalysis, app.commands.experiment, app.report.figures"
     )
 
 
 @pytest.mark.parametrize(
-    "module", ["app.replay", "app.commands.experiment", "app.commands.inspect"]
+    "module", ["app.offline.reanalysis", "app.commands.experiment", "app.commands.inspect"]
 )
 def test_a_replay_imports_no_device(module: str) -> None:
     drivers = {name for name in modules_after(f"import {module}") if name.startswith("drivers.")}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.errors import UserError
-from app.field_files import read_fields
+from app.exchange.fields import FieldSeries, read_fields
 from app.session.fields import FieldsWriter
 
 X, Y = np.array([10.0, 20, 30, 40]), np.array([15.0, 25, 35])
@@ -28,6 +29,12 @@ def write_table(path: Path, header: str, *, rows=None, order=1) -> Path:
     return path
 
 
+def arrays(series: FieldSeries) -> tuple[np.ndarray, np.ndarray]:
+    """u_x and its standard uncertainty of all fields, shape (frames, ny, nx)."""
+    _, ux, sd = zip(*series.fields(), strict=True)
+    return np.stack(ux), np.stack(sd)
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_table_in_pixels_in_any_order(tmp_path: Path, order: int) -> None:
     path = write_table(
@@ -41,18 +48,25 @@ def test_a_table_in_pixels_in_any_order(tmp_path: Path, order: int) -> None:
     np.testing.assert_allclose(found.y_m, Y * 2e-6)
     expected = UX.copy() * 2e-6
     expected[:, 1, 2] = np.nan
-    np.testing.assert_allclose(found.ux_m, expected)
-    assert np.nanmax(np.abs(found.sd_m - 2e-8)) < 1e-20
+    ux, sd = arrays(found)
+    np.testing.assert_allclose(ux, expected)
+    assert np.nanmax(np.abs(sd - 2e-8)) < 1e-20
     assert found.frames == (1, 2)
-    assert found.pitch_m == pytest.approx((2e-5, 2e-5))
+    assert found.pitch_m == pytest.approx(2e-5)
+    (number, second, _), *none = found.only([2]).fields()
+    assert (number, none) == (2, [])
+    np.testing.assert_array_equal(second, ux[1])
+    with pytest.raises(UserError, match="--frame: 7 is not there; the file has fields 1 to 2"):
+        found.only([7])
 
 
 def test_a_table_in_units_of_length_needs_no_pixel(tmp_path: Path) -> None:
     path = write_table(tmp_path / "t.csv", "frame,x_mm,y_mm,u_um,ux_sd_nm")
     found = read_fields(path, None)
     np.testing.assert_allclose(found.x_m, X * 1e-3)
-    np.testing.assert_allclose(found.ux_m, UX * 1e-6)
-    np.testing.assert_allclose(found.sd_m, 1e-11)
+    ux, sd = arrays(found)
+    np.testing.assert_allclose(ux, UX * 1e-6)
+    np.testing.assert_allclose(sd, 1e-11)
 
 
 def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
@@ -61,11 +75,11 @@ def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
         status = iterations = np.zeros((3, 4), np.uint8)
 
     settings = {"reference": "r.tif"}
-    with FieldsWriter(tmp_path / "f.h5", ["a.tif"], X, Y, ["ok"], settings, {}) as writer:
+    writer = FieldsWriter(tmp_path / "f.h5", ["a.tif"], X, Y, ["ok"], settings, {})
+    with closing(writer):
         writer.append(Field())
     found = read_fields(tmp_path / "f.h5", 1e-6)
-    np.testing.assert_allclose(found.ux_m, 1e-6)
-    np.testing.assert_allclose(found.sd_m, 1e-6)
+    np.testing.assert_allclose(arrays(found), 1e-6)
     np.testing.assert_allclose(found.y_m, Y * 1e-6)
     with pytest.raises(UserError, match="--pixel"):
         read_fields(tmp_path / "f.h5", None)
@@ -74,12 +88,15 @@ def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("", "no column x, y, ux"),
+        ("", "no rows"),
+        ("a_px,b\n1,2\n", "no column x, y, ux"),
         ("x_px,y_px\n1,2\n", "no column ux"),
-        ("x_px,y_px,ux_px\n", "no points"),
+        ("x_px,y_px,ux_px\n", "no rows"),
         ("x_px,y_px,ux_px\n1,2,a\n", "no number"),
-        ("x_px,y_px,ux_px\n1,2\n", "no number"),
+        ("x_px,y_px,ux_px\n1,2\n", "row 1 has 2 cells, the header 3"),
+        ("x_px,y_px,ux_px\n1,2,inf\n", "no number"),
         ("x_px,y_px,ux_px\nnan,2,1\n", "without a place"),
+        ("frame,x_px,y_px,ux_px\nnan,1,2,1\n", "without a place"),
         ("x,y,ux\n1,2,1\n2,3,1\n", "no unit"),
         ("x_px,y_px,ux_px\n1,2,1\n", "two or more"),
         ("x_px,y_px,ux_px\n1,2,1\n2,3.0,1\n3.4,2,1\n1,3,2\n", "evenly spaced"),

@@ -8,93 +8,79 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from app.commands.names import picture_of
 from app.commands.terminal import output, print_rows, say
 from app.errors import UserError
+from app.outputs import new_file
 from app.records import Outcome
+from app.session.files import picture_of
 
 
 def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
-    """Print how a run ended and draw its picture; gives the same as data.
+    """Report how a run ended and draw its picture; the same as data.
 
     `session` is None if nothing was recorded.
     """
     picture = _draw(session, as_json) if session else None
-    return _report(outcome, "run", session, picture, as_json, {})
+    return _report("run", outcome, session, picture, as_json, {})
 
 
-def report_replay(source: Any, outcome: Outcome, session: Path, as_json: bool) -> dict[str, Any]:
-    """The same for a replay; an existing picture is kept, because it shows the same results."""
-    comparison = source.comparison()
-    picture: Path | None = picture_of(session)
-    if not picture_of(session).exists():
-        picture = _draw(session, as_json)
-    same = (
-        f"{comparison.identical} of {comparison.frames} frames gave the recorded results to the bit"
-    )
-    if comparison.first_difference:
-        same += f"; first difference: {comparison.first_difference}"
-    if not as_json:
-        output().print(same)
-    extra = {
+def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
+    """As of a run; a picture that exists is kept, since it shows the same results."""
+    comparison, session = replay.comparison(), replay.path
+    picture = picture_of(session) if picture_of(session).exists() else _draw(session, as_json)
+    data = {
         "frames": comparison.frames,
         "identical": comparison.identical,
         "first_difference": comparison.first_difference,
     }
-    return _report(outcome, "replay", session, picture, as_json, {"comparison": extra})
+    if not as_json:
+        same = "{identical} of {frames} frames gave the recorded results to the bit".format(**data)
+        unlike = comparison.first_difference
+        output().print(same + (f"; first difference: {unlike}" if unlike else ""))
+    return _report("replay", replay.outcome(), session, picture, as_json, {"comparison": data})
 
 
-def report_analysis(source: Any, outcome: Outcome, as_json: bool) -> dict[str, Any]:
-    """The same for a further analysis, with the recorded results beside the new ones."""
+def report_analysis(analysis: Any, as_json: bool) -> dict[str, Any]:
+    """As of a run, with the results of the session beside the new ones."""
     from app.report.summary import compared_rows, plain
 
-    made = source.output if outcome.state == "done" else None
+    outcome, before = analysis.outcome(), analysis.recorded_summary
+    made = analysis.output if outcome.state == "done" else None
     picture = _draw(made, as_json) if made else None
-    if not as_json and outcome.summary and source.recorded_summary:
-        print_rows(
-            f"{source.path.name} and {source.output.name}",
-            compared_rows(source.recorded_summary, outcome.summary),
-        )
-    return _report(
-        outcome,
-        "analysis",
-        made,
-        picture,
-        as_json,
-        {"source": str(source.path), "recorded": plain(source.recorded_summary)},
-    )
+    if not as_json and outcome.summary and before:
+        title = f"{analysis.path.name} and {analysis.output.name}"
+        print_rows(title, compared_rows(before, outcome.summary))
+    more = {"source": str(analysis.path), "recorded": plain(before)}
+    return _report("analysis", outcome, made, picture, as_json, more)
 
 
 def _report(
-    outcome: Outcome,
     what: str,
+    outcome: Outcome,
     session: Path | None,
     picture: Path | None,
     as_json: bool,
-    extra: dict[str, Any],
+    more: dict[str, Any],
 ) -> dict[str, Any]:
     from app.report.summary import outcome_data, outcome_rows
 
+    files = {"session": session, "picture": picture}
     if not as_json:
         print_rows(f"{what} {outcome.state}: {outcome.reason}", outcome_rows(outcome))
         for note in outcome.summary.notes if outcome.summary else ():
             output().print(f"note: {note}")
-        if session:
-            output().print(f"session: {session}")
-        if picture is not None:
-            output().print(f"picture: {picture}")
+        for name, path in files.items():
+            if path:
+                output().print(f"{name}: {path}")
         if outcome.state == "failed":
             say(outcome.reason)
-    paths = {
-        "session": str(session) if session else None,
-        "picture": str(picture) if picture else None,
-    }
-    return {**paths, **outcome_data(outcome), **extra}
+    paths = {name: str(path) if path else None for name, path in files.items()}
+    return {**paths, **outcome_data(outcome), **more}
 
 
 def _draw(session: Path, as_json: bool) -> Path | None:
-    """Draw the picture of a session from its file; None, with the reason on the terminal, if there is
-    nothing to draw.
+    """Draw the picture of a session from what is on disk; None, with the reason on the terminal, if
+    there is nothing to draw.
     """
     from app.report.figures import experiment_figure, numbered_instants, write_picture
     from app.session.reader import SessionReader
@@ -103,7 +89,7 @@ def _draw(session: Path, as_json: bool) -> Path | None:
     try:
         with SessionReader(session) as reader:
             snapshots = [replace(snapshot, field=None) for snapshot in reader.snapshots()]
-            summary = reader.outcome.summary
+            summary, header = reader.outcome.summary, reader.header
             instants = numbered_instants(snapshots, summary)
             if not instants:
                 if not as_json:
@@ -115,12 +101,13 @@ def _draw(session: Path, as_json: bool) -> Path | None:
                 snapshots,
                 reader.contact(),
                 summary,
-                reader.header.grid_x_px,
-                reader.header.grid_y_px,
-                reader.header.pixel_m,
+                header.grid_x_px,
+                header.grid_y_px,
+                header.pixel_m,
                 title=session.name,
             )
-            write_picture(figure, path)
+        with new_file(path, overwrite=True) as unfinished:
+            write_picture(figure, unfinished)
     except (UserError, OSError) as error:
         if not as_json:
             say(f"no picture: {error}")

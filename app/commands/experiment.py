@@ -1,5 +1,5 @@
-"""`slipscope run` and `slipscope replay`: a run or a replay, with or without the window, and the report
-at its end.
+"""`slipscope run` and `slipscope replay`: a run or a replay, in the window or without, and the
+report at its end.
 """
 
 from __future__ import annotations
@@ -13,24 +13,19 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
-from app.commands.names import (
-    check_session_and_picture,
-    mark_of,
-    new_session_name,
-    next_free,
-    parse_pace,
-)
+from app.commands.names import mark_of, new_session_name, next_free, parse_pace
 from app.commands.terminal import DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
 from app.records import Health, Outcome
+from app.session.files import check_new_session
 
 POLL_S = 0.1
-LEAVE_S = 10.0  # time for a run to end when the program is left after a second Ctrl-C
+LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
 
 
 class Source(Protocol):
-    """A live run or a replay, as the terminal sees it."""
+    """A live run or a replay, as far as the terminal needs it."""
 
     def start(self) -> None: ...
     def wait(self, timeout: float | None = None) -> Outcome | None: ...
@@ -41,30 +36,34 @@ class Source(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
-    """A source and the session file that belongs to it."""
+class _Made:
+    """A run, and the session file that belongs to it."""
 
     source: Any
     session: Path
-    before: object  # mark of a file of that name before the run, see `mark_of`
+    before: object  # the mark of a file of that name before the run
+
+    def report(self, as_json: bool) -> dict[str, Any]:
+        """Report how the run ended."""
+        is_recorded = mark_of(self.session) != self.before
+        return report_run(self.source.outcome(), self.session if is_recorded else None, as_json)
 
 
 class _Reports:
-    """The report of each run, made once and as soon as the run has ended: a window may stay open longer."""
+    """Reports each run once, when it has ended: a window may stay open long after that."""
 
-    def __init__(self, made: list[Recorded], report: Callable[[Recorded], dict[str, Any]]) -> None:
-        self._made = made
-        self._report = report
+    def __init__(self, made: list[_Made], as_json: bool) -> None:
+        self._made, self._as_json = made, as_json
         self._reported: list[dict[str, Any]] = []
 
     @contextmanager
     def as_they_end(self) -> Iterator[None]:
-        """Report every run as soon as it has ended, while the calling thread does something else."""
+        """Report runs from a thread of its own for as long as the block lasts."""
         over = threading.Event()
 
         def watch() -> None:
             while not over.wait(POLL_S):
-                self._next()
+                self._report_next()
 
         watcher = threading.Thread(target=watch, name="slipscope-reports")
         watcher.start()
@@ -76,20 +75,22 @@ class _Reports:
 
     def of_all(self) -> list[dict[str, Any]]:
         """The reports of all runs that have ended, in order."""
-        while self._next():
+        while self._report_next():
             pass
         return self._reported
 
-    def _next(self) -> bool:
-        started = [recorded for recorded in self._made if recorded.source.outcome() is not None]
-        if len(started) == len(self._reported):
+    def _report_next(self) -> bool:
+        ended = [made for made in self._made if made.source.outcome() is not None]
+        if len(ended) == len(self._reported):
             return False
-        self._reported.append(self._report(started[len(self._reported)]))
+        self._reported.append(ended[len(self._reported)].report(self._as_json))
         return True
 
 
 def window_problem(headless: bool) -> str | None:
-    """Why there is no window: what is missing, or "" if none is wanted; None if there is one."""
+    """Why there is no window: what is missing, or nothing ("") if none was wanted; None if there is
+    one.
+    """
     if headless:
         return ""
     from app.gui.display import display_problem
@@ -110,51 +111,40 @@ def run(
     """Run a loading experiment and report it; the exit code."""
     config = load(bench, tuple(overrides))
     speed = parse_pace(pace)
-    asked = session
-    first = asked or next_free(new_session_name(datetime.now()))
-    check_session_and_picture(first, overwrite)
+    first = session or next_free(new_session_name(datetime.now()))
+    check_new_session(first, overwrite)
     problem = window_problem(headless)
     if problem is not None and not autostart:
         raise UserError(
             f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
-            if problem
-            else "no window is wanted"
         )
     from app.live import make_run
 
-    made: list[Recorded] = []
+    made: list[_Made] = []
 
     def make() -> Any:
-        """A run with the given session name; further runs in the same window never replace
+        """The first run has the name that was given; further ones in the same window never replace
         anything.
         """
-        again = bool(made)
-        path = next_free(asked or new_session_name(datetime.now())) if again else first
-        check_session_and_picture(path, overwrite and not again)
-        made.append(
-            Recorded(
-                make_run(config, path, pace=speed, overwrite=overwrite and not again),
-                path,
-                mark_of(path),
-            )
-        )
-        return made[-1].source
+        path, may_replace = first, overwrite
+        if made:
+            path, may_replace = next_free(session or new_session_name(datetime.now())), False
+            check_new_session(path, overwrite=False)
+        before = mark_of(path)
+        source = make_run(config, path, pace=speed, overwrite=may_replace)
+        made.append(_Made(source, path, before))
+        return source
 
-    if problem is not None:
-        source = make()  # wrong arguments are reported before the long part begins
-        _say_why_headless(problem, as_json)
-        _follow(source, as_json)
-    reports = _Reports(
-        made,
-        lambda r: report_run(
-            r.source.outcome(), r.session if mark_of(r.session) != r.before else None, as_json
-        ),
-    )
+    reports = _Reports(made, as_json)
     if problem is None:
         with reports.as_they_end():
             _in_window(make, autostart=autostart)
-            for recorded in made:
-                _let_end(recorded.source)
+            for one in made:
+                _let_end(one.source)
+    else:
+        source = make()  # whatever can not be used is reported before the long part begins
+        _say_why_headless(problem, as_json)
+        _follow(source, as_json)
     ended = reports.of_all()
     if as_json:
         print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
@@ -170,56 +160,50 @@ def replay(
     overwrite: bool,
     as_json: bool,
 ) -> int:
-    """Replay a session, or analyse it once more if `output` or other settings are given, and report
+    """Replay a session, or analyse it again if an output or other settings are given, and report
     it; the exit code.
     """
     problem = window_problem(headless)
-    once_more = output is not None or bool(overrides)
-    speed = parse_pace(pace or ("1" if problem is None and not once_more else "max"))
-    from app.reanalysis import Reanalysis
-    from app.replay import make_replay
+    is_reanalysis = output is not None or bool(overrides)
+    speed = parse_pace(pace or ("1" if problem is None and not is_reanalysis else "max"))
+    from app.offline.reanalysis import Reanalysis
+    from app.offline.replay import Replay
 
     made: list[Any] = []
 
     def make() -> Any:
-        """A replay, or an analysis with the given name; further ones in the same window never replace
-        anything.
+        """The first analysis has the name that was given; further ones in the same window never
+        replace anything.
         """
-        if not once_more:
-            return make_replay(session, pace=speed)
-        asked = output or session.with_stem(f"{session.stem}-analysis")
-        first = output is not None and not made
-        path = asked if first else next_free(asked)
-        check_session_and_picture(path, overwrite and first)
-        return Reanalysis(
-            session, path, pace=speed, overrides=overrides, overwrite=overwrite and first
-        )
+        if not is_reanalysis:
+            return Replay(session, pace=speed)
+        path, may_replace = output, overwrite
+        if path is None or made:
+            path = next_free(output or session.with_stem(f"{session.stem}-analysis"))
+            may_replace = False
+        return Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=may_replace)
 
     def make_and_keep() -> Any:
         made.append(make())
         return made[-1]
 
-    if problem is not None:
+    if problem is None:
+        make()  # a session that can not be replayed is refused here, not in a window
+        _in_window(make_and_keep, autostart=True)
+        for source in made:
+            _let_end(source)
+    else:
         source = make_and_keep()
         _say_why_headless(problem, as_json)
         _follow(source, as_json)
-    else:
-        make()  # a session that can not be replayed is refused here and not in a window
-        _in_window(make_and_keep, autostart=True)
-        for replayed in made:
-            _let_end(replayed)
-    source = next((replayed for replayed in reversed(made) if replayed.outcome() is not None), None)
+    source = next((one for one in reversed(made) if one.outcome() is not None), None)
     if source is None:
         return DONE
-    outcome: Outcome = source.outcome()
-    data = (
-        report_analysis(source, outcome, as_json)
-        if once_more
-        else report_replay(source, outcome, session, as_json)
-    )
+    report = report_analysis if is_reanalysis else report_replay
+    data = report(source, as_json)
     if as_json:
         print_json(data)
-    return FAILED if outcome.state == "failed" else DONE
+    return FAILED if data["state"] == "failed" else DONE
 
 
 def _say_why_headless(problem: str, as_json: bool) -> None:
@@ -234,7 +218,7 @@ def _in_window(make: Callable[[], Any], *, autostart: bool) -> None:
 
 
 def _let_end(source: Source) -> None:
-    """Stop what still runs when the window is closed, and wait for its end."""
+    """Stop what the closed window left running, and wait for its end."""
     state = source.health().state
     if state not in ("idle", "done", "failed"):
         source.request_stop("the window was closed")
@@ -243,10 +227,11 @@ def _let_end(source: Source) -> None:
 
 
 def _follow(source: Source, as_json: bool) -> Outcome:
-    """Start, show progress, and wait for the end; Ctrl-C stops in good order, a second one stops the
-    motion again and leaves.
+    """Start, show progress, and wait.
+
+    Ctrl-C ends the experiment in good order; a second one stops the motion again and leaves.
     """
-    asked_to_stop = False
+    is_stopping = False
     try:
         with Bar("starting", quiet=as_json) as bar:
             source.start()
@@ -258,9 +243,9 @@ def _follow(source: Source, as_json: bool) -> Outcome:
                     if outcome is not None:
                         return outcome
                 except KeyboardInterrupt:
-                    if asked_to_stop:
+                    if is_stopping:
                         raise
-                    asked_to_stop = True
+                    is_stopping = True
                     source.request_stop("Ctrl-C was pressed")
     except BaseException:
         source.stop_motion()
@@ -270,8 +255,6 @@ def _follow(source: Source, as_json: bool) -> Outcome:
 
 def _progress_text(health: Health) -> str:
     counts = health.counts
-    frames = f"{counts.frames_received} frames" + (
-        f", {counts.frames_lost} lost" if counts.frames_lost else ""
-    )
+    lost = f", {counts.frames_lost} lost" if counts.frames_lost else ""
     advice = f": {health.reason}" if health.reason and health.state in ("armed", "running") else ""
-    return f"{health.phase or health.state}{advice} ({frames})"
+    return f"{health.phase or health.state}{advice} ({counts.frames_received} frames{lost})"

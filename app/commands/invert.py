@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -13,26 +12,21 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from app.commands.names import check_writable
+from analysis.options import SettingError, options
 from app.commands.terminal import DONE, Bar, output, print_json
-from app.config import from_record
 from app.errors import UserError
-from app.field_files import read_fields
-from app.invert_files import (
-    SUFFIXES,
-    Block,
+from app.exchange.fields import FieldSeries, read_fields
+from app.exchange.inverting import (
+    ENDINGS,
     Inverted,
-    Series,
-    TableWriter,
     invert_series,
-    noise_of,
+    with_centre,
+    write_tractions,
 )
-from app.records import Phase, series_of
+from app.outputs import check_output
 from app.report.quantities import measured_text
 from app.report.summary import plain
-from app.session.fields import is_session
-from app.session.reader import SessionReader
-from app.settings import INVERSIONS, Config, flag
+from app.settings import ContactSettings, InversionSettings, flag
 
 SHOWN = 40  # lines of the table
 
@@ -48,157 +42,53 @@ def invert(
 ) -> int:
     """Invert the fields of a file; the exit code.
 
-    `given` are settings of `InversionSettings` by name. A session holds those that are not given; a
-    table does not.
+    `given` are settings of `InversionSettings`, by name; they take precedence over those of a
+    session, and what a file of fields can not say must be among them.
     """
-    method = given.get("method", INVERSIONS[0])
     if destination is not None:
-        check_writable(destination)
-        if destination.suffix.lower() not in SUFFIXES:
-            raise UserError(
-                f"{destination}: results are written as {' or '.join(SUFFIXES)}; give such an"
-                " ending"
-            )
-        if destination.exists() and not overwrite:
-            raise UserError(
-                f"{destination}: a file of that name exists; choose another name or give"
-                " --overwrite"
-            )
-    series, known = _from_session(path) if is_session(path) else _from_fields(path, given)
+        check_output(destination, overwrite, endings=ENDINGS, inputs={"file of fields": [path]})
+    series = read_fields(path, given.get("pixel"), given.get("box"))
     if "centre" in given:
         series = replace(series, centre_m=given["centre"])
-    series = _chosen(series, frames)
-    block = _block(known | given)
+    series = with_centre(series.only(frames) if frames else series)
+    settings = _settings({"roughness": 0.0, "thickness": 0.0, **series.contact, **given})
     failures: list[str] = []
-    found_centre, results = invert_series(series, block, method, failures)
-    writer = TableWriter(destination, series) if destination else None
-    kept: list[Inverted] = []
-    is_complete = False
-    try:
-        with Bar("inverting", quiet=as_json) as bar:
-            for n, one in enumerate(results, 1):
-                kept.append(one)
-                if writer:
-                    writer.write(one)
-                bar.show("inverting", n / series.count)
-        if not kept:
-            raise UserError(f"{path}: none of its fields could be inverted; {failures[0]}")
-        is_complete = True
-    finally:
-        if writer:
-            writer.close(is_complete=is_complete)
+    inverted: list[Inverted] = []
+    with Bar("inverting", quiet=as_json) as bar:
+        for one in invert_series(series, settings, failures):
+            inverted.append(one)
+            bar.show("inverting", len(inverted) / len(series.frames))
+    if not inverted:
+        raise UserError(f"{path}: none of its fields could be inverted; {failures[0]}")
+    if destination is not None:
+        write_tractions(destination, series, inverted, overwrite)
     if as_json:
         print_json(
             plain(
                 {
-                    "centre_m": found_centre,
-                    "method": method,
-                    "fields": [_data(one) for one in kept],
+                    "centre_m": series.centre_m,
+                    "method": settings.method,
+                    "fields": [_data(one) for one in inverted],
                     "failures": failures,
                 }
             )
         )
     else:
-        _tell(kept, found_centre, method, destination, failures)
+        _tell(inverted, series, settings.method, destination, failures)
     return DONE
 
 
-def _from_fields(path: Path, given: dict[str, Any]) -> tuple[Series, dict[str, float]]:
-    found = read_fields(path, given.get("pixel"))
-    side = given.get("box", 2 * found.pitch_m[0])
-
-    def fields() -> Iterator[tuple[int, Any, Any]]:
-        return zip(found.frames, found.ux_m, found.sd_m, strict=True)
-
-    series = Series(found.x_m, found.y_m, None, len(found.frames), fields)
-    return series, {"box": side, "noise_box": side}
-
-
-def _from_session(path: Path) -> tuple[Series, dict[str, float]]:
-    with SessionReader(path) as session:
-        config = from_record(session.header.config_toml, f"{path}: settings")
-        contact = session.contact()
-        numbers = [
-            i
-            for i, s in enumerate(session.snapshots())
-            if s.conditions.phase is Phase.DRIVE and s.field is not None
-        ]
-        if not numbers:
-            raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
-        some = numbers[:: max(1, len(numbers) // 20)]
-        force = float(np.median(series_of(map(session.snapshot, some), "normal_force_n")))
-        grid = session.header.grid_x_px, session.header.grid_y_px
-    pixel_m = config.camera.pixel
-
-    def fields() -> Iterator[tuple[int, Any, Any]]:
-        with SessionReader(path) as session:
-            for i in numbers:
-                s = session.snapshot(i)
-                assert s.field is not None
-                lens_m = s.motion.lens_m if s.motion is not None else math.nan
-                yield (
-                    s.frame,
-                    s.field.ux_px * np.float64(pixel_m) - lens_m,
-                    s.field.ux_std_px * np.float64(pixel_m),
-                )
-
-    centre = (
-        None
-        if contact is None
-        else (contact.centre_px[0] * pixel_m, contact.centre_px[1] * pixel_m)
-    )
-    x_m, y_m = (np.asarray(axis, np.float64) * pixel_m for axis in grid)
-    return Series(x_m, y_m, centre, len(numbers), fields), _known(config, force)
-
-
-def _known(config: Config, force: float) -> dict[str, float]:
-    sample, dic, pixel_m = config.sample, config.dic, config.camera.pixel
-    return {
-        "normal_force": force,
-        "modulus": sample.young_modulus,
-        "poisson": sample.poisson,
-        "radius": sample.lens_radius,
-        "roughness": sample.roughness,
-        "thickness": sample.thickness,
-        "box": dic.averaging_box_px * pixel_m,
-        "noise_box": dic.box * pixel_m,
-    }
-
-
-def _block(known: dict[str, Any]) -> Block:
-    needed = ("normal_force", "modulus", "poisson", "radius")
-    missing = [flag(name) for name in needed if name not in known]
+def _settings(known: dict[str, Any]) -> InversionSettings:
+    missing = [flag(name) for name in options(ContactSettings) if name not in known]
     if missing:
         raise UserError(
             f"invert: {', '.join(missing)} not given; a file of fields does not say what they were"
             " measured on"
         )
-    return Block(
-        P=known["normal_force"],
-        E=known["modulus"],
-        nu=known["poisson"],
-        R=known["radius"],
-        roughness=known.get("roughness", 0.0),
-        thickness=known.get("thickness", 0.0) or math.inf,
-        box=known["box"],
-        noise_box=known["noise_box"],
-    )
-
-
-def _chosen(series: Series, frames: list[int]) -> Series:
-    if not frames:
-        return series
-    held = {number for number, *_ in series.fields()}
-    missing = sorted(set(frames) - held)
-    if missing:
-        raise UserError(
-            f"--frame: {missing[0]} is not there; the file has fields {min(held)} to {max(held)}"
-        )
-
-    def fields() -> Iterator[tuple[int, Any, Any]]:
-        return (field for field in series.fields() if field[0] in frames)
-
-    return replace(series, count=len(set(frames)), fields=fields)
+    try:
+        return InversionSettings(**known)
+    except SettingError as error:
+        raise UserError(f"invert: {error}") from None
 
 
 def _data(one: Inverted) -> dict[str, Any]:
@@ -213,7 +103,7 @@ def _data(one: Inverted) -> dict[str, Any]:
         "radius_m": one.profile[0],
         "sigma_pa": one.profile[1],
         "sigma_sd_pa": one.profile[2],
-        "residual_over_noise": noise_of(found),
+        "residual_over_noise": one.residual_over_noise,
         "stopped": str(found.stopped),
         "iterations": found.iterations,
         "is_covered": found.is_covered,
@@ -224,11 +114,12 @@ def _data(one: Inverted) -> dict[str, Any]:
 
 def _tell(
     results: list[Inverted],
-    centre: tuple[float, float],
+    series: FieldSeries,
     method: str,
     destination: Path | None,
     failures: list[str],
 ) -> None:
+    x, y = series.centre_m or (math.nan, math.nan)
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for name in ("frame", "Q (N)", "D (um)", "max (kPa)", "r (mm)", "residual", "stopped"):
         table.add_column(name, no_wrap=True)
@@ -241,14 +132,14 @@ def _tell(
             measured_text(found.D * 1e6, found.D_sd * 1e6),
             f"{np.nanmax(one.profile[1]) * 1e-3:.2f}",
             f"{one.peak_radius_m * 1e3:.2f}",
-            f"{noise_of(found):.2f}",
+            f"{one.residual_over_noise:.2f}",
             str(found.stopped)
             + ("" if found.is_converged else ", not converged")
             + ("" if found.is_covered else ", not covered"),
         )
     output().print(
-        f"{method}: {len(results)} fields, contact's centre at x = {centre[0] * 1e3:.3f} mm, y ="
-        f" {centre[1] * 1e3:.3f} mm"
+        f"{method}: {len(results)} fields, contact's centre at x = {x * 1e3:.3f} mm, y ="
+        f" {y * 1e3:.3f} mm"
     )
     Console(highlight=False, markup=False, width=max(Console().width, 110)).print(table)
     output().print(

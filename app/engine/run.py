@@ -24,8 +24,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from analysis.options import quantity
@@ -34,12 +32,12 @@ from app.engine.analyst import Analyst
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.experiment import Experiment, ExperimentFailed, Measured
-from app.engine.history import History
 from app.engine.intake import BenchDevices, Intake
-from app.engine.pipeline import Pipeline, summarise
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
-from app.records import ContactResult, Counts, Event, Health, Outcome, Phase, Snapshot, Summary
+from app.engine.usage import Usage
+from app.engine.watched import Watched
+from app.records import Counts, Event, Health, Outcome, Phase, Summary
 from app.settings import Config
 from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
@@ -66,7 +64,7 @@ class _Workers:
     analyst: Analyst
 
 
-class Run:
+class Run(Watched):
     """One loading experiment on one bench, recorded and analysed as it goes.
 
     Parameters
@@ -98,11 +96,8 @@ class Run:
         output: Path,
         prepare: Callable[[Callable[[str], None]], None],
     ) -> None:
-        self.config = config
-        self.title = title
+        super().__init__(config, title)
         self.output = output
-        self.pixel_m = config.camera.pixel
-        self.sample_rate_hz = float(config.forces.sample_rate)
         self._bench = bench
         self._create_sink = create_sink
         self._free_running = free_running
@@ -110,13 +105,11 @@ class Run:
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
         self._exposure = config.exposure_samples
-        self._pipeline = Pipeline(config)
-        self.grid_x_px, self.grid_y_px = self._pipeline.grid.x_px, self._pipeline.grid.y_px
         self._queue_s = max(
             config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
         )
         self._experiment = Experiment(config)
-        self._history = History(self.sample_rate_hz, self._exposure)
+        self._history = self._analysis.history
         self._intake = Intake(config, bench, self._history, patient=free_running)
         self._unhurried_depth = math.ceil(UNHURRIED_S * self.sample_rate_hz / config.camera.divisor)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
@@ -124,11 +117,6 @@ class Run:
         )
         self._ending = Ending(self._stop_actuator)
         self._workers: _Workers | None = None
-        self._state = "idle"
-        self._starting = threading.Lock()
-        self._ended = threading.Event()
-        self._thread: threading.Thread | None = None
-        self._outcome: Outcome | None = None
         self._progress = 0.0
 
     # ------------------------------------------------------------------ what others may call, from
@@ -144,15 +132,6 @@ class Run:
             self._state = "armed"
         self._thread = self._ending.spawn("control", self._control)
 
-    def wait(self, timeout: float | None = None) -> Outcome | None:
-        """The outcome once the run has ended and its threads are gone, None if it has not after
-        `timeout` seconds.
-        """
-        if self._ended.wait(timeout) and self._thread is not None:
-            # an interpreter that ends while the thread lets go of its arrays may crash
-            self._thread.join()
-        return self._outcome
-
     def request_stop(self, reason: str) -> None:
         """End the run in good order: the actuator stops now, what was measured is kept, the state
         is "done".
@@ -163,29 +142,9 @@ class Run:
         """Stop the actuator in the calling thread, then end the run."""
         self.request_stop("STOP MOTION was pressed")
 
-    def outcome(self) -> Outcome | None:
-        """How the run ended; None while it has not."""
-        return self._outcome
-
-    def contact(self) -> ContactResult | None:
-        """The apparent contact, once the reference was taken."""
-        return self._pipeline.contact
-
     def latest_image(self) -> NDArray[Any] | None:
         """The newest frame's image, not to be written to."""
         return self._workers.receiver.latest_image if self._workers else None
-
-    def snapshots_since(self, n: int) -> list[Snapshot]:
-        """The snapshots after the first `n`; of all but the newest the fields are gone
-        (`app.engine.series`).
-        """
-        return self._workers.analyst.series.since(n) if self._workers else []
-
-    def force_history(
-        self, n: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """About `n` points of the whole run: samples, P and Q in newtons."""
-        return self._history.block_means(n)
 
     def health(self) -> Health:
         """State, counts, queue and disk at this moment."""
@@ -215,8 +174,7 @@ class Run:
 
     def _live(self) -> None:
         """From the opening of the bench to the publishing of the outcome."""
-        process = psutil.Process()
-        used, began = process.cpu_times(), time.monotonic()
+        usage = Usage()
         sink: SessionSink | None = None
         LOG.info("run on the %s, session %s", self.title, self.output.name)
         try:
@@ -234,26 +192,19 @@ class Run:
             self._ending.call(sentence("control", error), failed=True)
         gc.unfreeze()
         self._ending.attempt("bench", self._bench.close)
-        self._pipeline.close()
-        now = process.cpu_times()
-        peak = (
-            self._workers.recorder.peak_memory_bytes if self._workers else process.memory_info().rss
+        self._analysis.close()
+        resources = usage.resources(
+            self._workers.recorder.peak_memory_bytes if self._workers else 0
         )
-        resources = {
-            "peak_memory_mib": round(peak / 2**20, 1),
-            "cpu_s": round(now.user + now.system - used.user - used.system, 2),
-            "wall_s": round(time.monotonic() - began, 2),
-        }
         outcome = self._outcome_now(self._summary(), resources)
         if sink is not None:
             self._finish(sink, outcome)
             if sink.receipt is not None:
                 resources["receipt"] = str(sink.receipt)
         self._ending.close()
-        self._outcome = self._outcome_now(outcome.summary, resources)
-        LOG.info("%s; %s; %s", self._outcome.state, self._outcome.counts, resources)
-        self._state = self._outcome.state
-        self._ended.set()
+        ended = self._outcome_now(outcome.summary, resources)
+        LOG.info("%s; %s; %s", ended.state, ended.counts, resources)
+        self._end(ended)
 
     def _say_preparing(self, what: str) -> None:
         LOG.info("%s", what)
@@ -285,11 +236,8 @@ class Run:
 
     def _summary(self) -> Summary | None:
         """What the run comes down to; None where no frame was analysed."""
-        snapshots = self.snapshots_since(0)
-        if not snapshots:
-            return None
         try:
-            return summarise(self.config, snapshots, self.contact(), self._pipeline.notes)
+            return self._analysis.summary()
         except Exception as error:
             LOG.debug("there is no summary", exc_info=error)
             self._ending.call(sentence("summary", error), failed=True)
@@ -328,7 +276,7 @@ class Run:
             self._to_analysis,
             self._ending,
         )
-        analyst = Analyst(self._pipeline, self._history, recorder, self._to_analysis)
+        analyst = Analyst(self._analysis, recorder, self._to_analysis)
         self._workers = workers = _Workers(recorder, receiver, analyst)
         recording = self._ending.spawn("recorder", recorder.work)
         others: list[threading.Thread] = []
@@ -490,7 +438,7 @@ class Run:
             frames_received=workers.receiver.received if workers else 0,
             frames_recorded=workers.recorder.frames_recorded if workers else 0,
             frames_lost=workers.receiver.lost if workers else 0,
-            frames_analysed=len(workers.analyst.series) if workers else 0,
+            frames_analysed=len(self._analysis.series),
             frames_skipped=self._to_analysis.skipped,
             samples=self._history.end - self._intake.samples_lost,
             samples_lost=self._intake.samples_lost,

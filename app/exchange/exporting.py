@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +14,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dic import Status
 from app.config import from_record, to_toml
 from app.errors import UserError
-from app.exchange.arrays import write_mat, write_npz, write_pvd
-from app.records import NUMBERS, Snapshot, numbers_of
+from app.exchange.arrays import write_mat, write_npz
+from app.exchange.fields import FieldTable
+from app.exchange.paraview import write_pvd
+from app.outputs import check_output, check_output_folder, new_file, new_folder
+from app.records import NUMBERS, DisplacementField, Snapshot
 from app.session.reader import SessionReader
 
-Tell = Callable[[str, float], None]
-
-KINDS = {  # ending -> what can be written so, the first unasked
+KINDS = {  # ending -> what can be written so; the first is the default
     "": ("images",),
     ".csv": ("fields", "results", "forces"),
     ".npz": ("arrays",),
@@ -34,10 +32,9 @@ KINDS = {  # ending -> what can be written so, the first unasked
 }
 FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason"
 FORCES = "sample,time_s,P_N,Q_N,normal_V,shear_V,stage_um"
-POINTS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_std_px,uy_std_px"
 BLOCK = 8192  # samples of a forces table made at a time
 # what an export writes into a folder
-_OWN = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
+_OURS = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
 
 
 def export(
@@ -47,10 +44,12 @@ def export(
     *,
     frames: str = "",
     overwrite: bool = False,
-    on_progress: Tell | None = None,
+    on_progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> str:
-    """What was written, one sentence. Files appear only when they are complete; one frame at a time
-    is in memory (see `write_mat`).
+    """Write what a session holds; one sentence about what was written.
+
+    Files appear only when they are complete; one frame at a time is in memory (but see
+    `app.exchange.arrays.write_mat`).
 
     Parameters
     ----------
@@ -64,22 +63,22 @@ def export(
     Raises
     ------
     UserError
-        Something asked can not be done, the output exists, or there is nothing to write; nothing
-        was written.
+        It can not be written so, the output exists, or there is nothing to write; nothing was
+        written.
     """
     kind = _kind(output, what)
     if frames and kind == "forces":
         raise UserError(
-            f"{output}: the forces are written sample by sample, frames {frames} were asked of"
-            " them; leave --frames out"
+            f"{output}: the forces are written sample by sample, not for frames {frames}; leave"
+            " --frames out"
         )
     wanted = frame_range(frames)
-    check_free(output, overwrite)
-    if output.exists() and output.samefile(session):
-        raise UserError(f"{output}: this is the session itself; choose another name")
+    if kind == "images":
+        check_output_folder(output, overwrite)
+    else:
+        check_output(output, overwrite, inputs={"session": [session]})
     with SessionReader(session) as reader:
-        chosen = _Chosen(reader, wanted, on_progress or (lambda _text, _share: None))
-        return _WRITERS[kind](chosen, output, overwrite)
+        return _WRITERS[kind](_Chosen(reader, wanted, on_progress), output, overwrite)
 
 
 def _kind(output: Path, what: str) -> str:
@@ -97,136 +96,92 @@ def _kind(output: Path, what: str) -> str:
 
 
 def frame_range(text: str) -> range:
-    """Trigger numbers from ``first:end:step`` or one number; empty: all.
+    """Trigger numbers from ``first:end:step`` or one number; all for an empty text.
 
     Raises
     ------
     UserError
         It is neither.
     """
-    single = re.fullmatch(r"\d{1,15}", text)
-    parts = re.fullmatch(r"(\d{0,15}):(\d{0,15})(?::(\d{1,15}))?", text)
-    if single:
+    if re.fullmatch(r"\d{1,15}", text):
         return range(int(text), int(text) + 1)
-    if text and (parts is None or (parts[3] is not None and int(parts[3]) == 0)):
+    parts = re.fullmatch(r"(\d{0,15}):(\d{0,15})(?::(\d{1,15}))?", text or ":")
+    if parts is None or int(parts[3] or 1) == 0:
         raise UserError(
-            f"--frames: '{text}' was asked; give first:end:step, such as 10:200:5 (200 is not"
+            f"--frames: '{text}' can not be read; give first:end:step, such as 10:200:5 (200 is not"
             " included), or one number"
         )
-    first, end, step = parts.groups() if parts else ("", "", "")
-    return range(int(first or 0), int(end or 10**15), int(step or 1))
-
-
-def check_free(output: Path, overwrite: bool) -> None:
-    """Refuse a place for new files that does not exist or is taken.
-
-    Raises
-    ------
-    UserError
-        So it is.
-    """
-    if not output.parent.is_dir():
-        raise UserError(
-            f"{output}: the folder {output.parent} does not exist; create it or choose another"
-        )
-    taken = any(output.iterdir()) if output.is_dir() else output.exists()
-    if taken and not overwrite:
-        what = "the folder is not empty" if output.is_dir() else "a file of that name exists"
-        raise UserError(f"{output}: {what}; choose another name or give --overwrite")
-
-
-@contextmanager
-def appearing(output: Path, overwrite: bool) -> Iterator[Path]:
-    """A name beside `output` for a new file or folder, which takes its place at the end or is
-    removed if anything fails.
-
-    Of a folder that is there already only what an export writes is replaced.
-    """
-    unfinished = output.with_name(f"{output.name}.{os.getpid()}.part")
-    try:
-        yield unfinished
-        check_free(output, overwrite)
-        if not unfinished.is_dir() or not output.exists():
-            unfinished.replace(output)
-            return
-        for old in [path for path in output.iterdir() if _OWN.fullmatch(path.name)]:
-            old.unlink()
-        for made in list(unfinished.iterdir()):
-            made.replace(output / made.name)
-    except OSError as error:
-        raise UserError(
-            f"{output}: can not be written ({error.strerror or error}); make room or choose another"
-            " place"
-        ) from None
-    finally:
-        if unfinished.is_dir():
-            shutil.rmtree(unfinished)
-        unfinished.unlink(missing_ok=True)
+    return range(int(parts[1] or 0), int(parts[2] or 10**15), int(parts[3] or 1))
 
 
 class _Chosen:
-    """A session, and the frames of it that were asked for."""
+    """A session, and the frames of it that are to be written."""
 
-    def __init__(self, reader: SessionReader, wanted: range, tell: Tell) -> None:
-        self.reader, self.tell = reader, tell
+    def __init__(
+        self, reader: SessionReader, wanted: range, tell: Callable[[str, float], None]
+    ) -> None:
+        self.reader, self.header, self.tell = reader, reader.header, tell
         triggers = reader.triggers()
         self.triggers = triggers[[int(index) in wanted for index in triggers["index"]]]
-        # rows of results
-        self.results = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]
+        # rows of results, and those of them that have a displacement field
+        self.rows = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]
+        has_field = reader.have_fields()
+        self.measured = [i for i in self.rows if has_field[i]]
 
-    def snapshots(self) -> Iterator[Snapshot]:
-        """What was found on each of the frames, with progress."""
-        for n, i in enumerate(self.results):
-            self.tell(f"frame {n + 1} of {len(self.results)}", n / len(self.results))
-            yield self.reader.snapshot(i)
+    def fields(self) -> Iterator[tuple[Snapshot, DisplacementField]]:
+        """The displacement field of each frame that has one.
 
-    def has_fields(self) -> None:
-        """Refuse frames without displacement fields."""
-        if not any(self.reader.snapshot(i).field for i in reversed(self.results)):
+        Raises
+        ------
+        UserError
+            None has.
+        """
+        if not self.measured:
             raise UserError(
                 f"{self.reader.path}: no displacement field was measured on these frames;"
                 " `slipscope info` lists what there is"
             )
+        for n, i in enumerate(self.measured):
+            self.tell(f"field {n + 1} of {len(self.measured)}", n / len(self.measured))
+            snapshot = self.reader.snapshot(i)
+            assert snapshot.field is not None
+            yield snapshot, snapshot.field
 
 
 def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    reader, triggers = chosen.reader, chosen.triggers
+    reader, header, triggers = chosen.reader, chosen.header, chosen.triggers
     if not len(triggers):
         raise UserError(
-            f"{reader.path}: it has none of the frames that were asked; `slipscope info` says how"
-            " many there are"
+            f"{reader.path}: it has none of the frames that were chosen; `slipscope info` says how many there are"
         )
     received = int(triggers["received"].sum())
-    itemsize = np.dtype(reader.header.frame_dtype).itemsize
-    needed = received * math.prod(reader.header.frame_shape) * itemsize
+    needed = received * math.prod(header.frame_shape) * np.dtype(header.frame_dtype).itemsize
     free = shutil.disk_usage(output.parent).free
     if needed > free:
         raise UserError(
             f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make"
             " room or choose --frames"
         )
-    settings = to_toml(from_record(reader.header.config_toml, f"{reader.path}: settings"))
-    with appearing(output, overwrite) as folder:
-        folder.mkdir()
-        rows = _Conditions(reader)
+    settings = to_toml(from_record(header.config_toml, f"{reader.path}: settings"))
+    with new_folder(output, overwrite, _OURS) as folder:
+        exposures = _Exposures(reader)
         with _text(folder / "metadata.csv") as table:
             table.write(
                 "# sample: that of the forces on which the exposure began; time_s: from sample 0;"
                 " phase_sample: on which its phase did;\n"
                 "# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is"
-                f" {reader.header.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
+                f" {header.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
             )
             cells = csv.writer(table, lineterminator="\n")
             for n, (index, sample, is_there, _, reason) in enumerate(triggers.tolist()):
                 name = f"{index:06d}.tiff" if is_there else ""
                 chosen.tell(name or f"frame {index}", n / len(triggers))
                 if is_there:
-                    _, pixels = cv2.imencode(
-                        ".tiff", reader.frame(index)[2], [cv2.IMWRITE_TIFF_COMPRESSION, 1]
-                    )
-                    # OpenCV itself opens only some paths on Windows
-                    (folder / name).write_bytes(pixels.tobytes())
-                cells.writerow([index, *rows.of(sample), name, reason])
+                    image = reader.frame(index)[2]
+                    # uncompressed; OpenCV itself opens only some paths on Windows
+                    _, encoded = cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+                    (folder / name).write_bytes(encoded.tobytes())
+                cells.writerow([index, *exposures.cells(sample), name, reason])
         _forces_table(chosen, folder / "forces.csv")
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (
@@ -235,38 +190,34 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     )
 
 
-class _Conditions:
-    """What the bench did during an exposure, as the cells of a table."""
+class _Exposures:
+    """What the bench did during exposures, as cells of a table."""
 
     def __init__(self, reader: SessionReader) -> None:
-        self._rate, self._exposure = reader.header.sample_rate_hz, reader.header.exposure_samples
-        self._forces = reader.forces().forces
-        self._stage = _stage_um(reader)
-        self._phases = [
-            (event.sample, event.text) for event in reader.events() if event.kind == "phase"
-        ]
+        self._header, self._forces = reader.header, reader.forces().forces
+        self._stage_um = _stage_um(reader)
+        self._phases = [event for event in reader.events() if event.kind == "phase"]
 
-    def of(self, sample: int) -> list[str]:
+    def cells(self, sample: int) -> list[str]:
         """Cells sample, time_s, phase, phase_sample, P_N, Q_N, stage_um."""
-        exposed = self._forces[sample : sample + self._exposure]
+        length = self._header.exposure_samples
+        exposed = self._forces[sample : sample + length]
         forces = exposed.mean(axis=0) if len(exposed) else np.full(2, np.nan)
-        began, phase = next(
-            (found for found in reversed(self._phases) if found[0] <= sample), ("", "")
-        )
-        stage = self._stage(np.array([sample + self._exposure / 2]))
+        phase = next((event for event in reversed(self._phases) if event.sample <= sample), None)
+        numbers = [*forces.tolist(), float(self._stage_um(np.array([sample + length / 2]))[0])]
         return [
             str(sample),
-            _cell(sample / self._rate),
-            phase,
-            str(began),
-            *map(_cell, forces.tolist()),
-            _cell(float(stage[0])),
+            _cell(sample / self._header.sample_rate_hz),
+            phase.text if phase else "",
+            str(phase.sample) if phase else "",
+            *map(_cell, numbers),
         ]
 
 
 def _stage_um(reader: SessionReader) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """Position of the stage in um at samples, linear between its readings; NaN where it was never
-    read.
+    """A function that gives the position of the stage in um at samples.
+
+    Positions are linear between the readings, and NaN if there are none.
     """
     samples, metres = reader.positions()
     known = np.isfinite(metres)
@@ -276,7 +227,7 @@ def _stage_um(reader: SessionReader) -> Callable[[NDArray[Any]], NDArray[np.floa
 
 
 def _cell(value: float) -> str:
-    """The number with all its digits, so that it comes back to the bit; nothing for NaN."""
+    """The number with all its digits, so that reading it gives the same bits; nothing for NaN."""
     return "" if math.isnan(value) else repr(value)
 
 
@@ -285,99 +236,70 @@ def _text(path: Path) -> Any:
 
 
 def _write_forces(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    with appearing(output, overwrite) as path:
+    with new_file(output, overwrite) as path:
         return f"{output}: {_forces_table(chosen, path)} samples"
 
 
 def _forces_table(chosen: _Chosen, path: Path) -> int:
-    """Number of samples written, one a line, missing ones without forces."""
-    reader = chosen.reader
-    forces = reader.forces()
-    volts, newtons = forces.volts, forces.forces
-    stage = _stage_um(reader)
+    """Write all samples, one a line; how many there are."""
+    rate = chosen.header.sample_rate_hz
+    held, stage_um = chosen.reader.forces(), _stage_um(chosen.reader)
+    count = len(held.volts)
     with _text(path) as table:
         table.write(
-            f"# {reader.header.sample_rate_hz:.9g} samples a second; cells of missing samples are"
-            f" empty\n{FORCES}\n"
+            f"# {rate:.9g} samples a second; cells of missing samples are empty\n{FORCES}\n"
         )
-        for start in range(0, len(volts), BLOCK):
-            chosen.tell("forces", start / len(volts))
-            samples = np.arange(start, min(start + BLOCK, len(volts)))
-            rows = np.column_stack(
-                [newtons[start : start + BLOCK], volts[start : start + BLOCK], stage(samples)]
-            ).tolist()
-            for sample, row in zip(samples.tolist(), rows, strict=True):
-                table.write(
-                    f"{sample},{sample / reader.header.sample_rate_hz!r},{','.join(map(_cell, row))}\n"
-                )
-    return len(volts)
+        for start in range(0, count, BLOCK):
+            chosen.tell("forces", start / count)
+            part, samples = slice(start, start + BLOCK), np.arange(start, min(start + BLOCK, count))
+            rows = np.column_stack([held.forces[part], held.volts[part], stage_um(samples)])
+            for sample, row in zip(samples.tolist(), rows.tolist(), strict=True):
+                table.write(f"{sample},{sample / rate!r},{','.join(map(_cell, row))}\n")
+    return count
 
 
 def _write_results(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    if not chosen.results:
+    if not chosen.rows:
         raise UserError(
             f"{chosen.reader.path}: none of these frames was analysed; `slipscope info` lists what"
             " there is"
         )
-    with appearing(output, overwrite) as path, _text(path) as table:
+    with new_file(output, overwrite) as path, _text(path) as table:
         table.write(",".join(NUMBERS) + "\n")
-        for snapshot in chosen.snapshots():
-            values = numbers_of(snapshot).values()
-            table.write(
-                ",".join(_cell(v) if isinstance(v, float) else str(v) for v in values) + "\n"
-            )
-    return f"{output}: results of {len(chosen.results)} frames"
+        for row in chosen.reader.results()[chosen.rows].tolist():
+            cells = (_cell(v) if isinstance(v, float) else str(v) for v in row)
+            table.write(",".join(cells) + "\n")
+    return f"{output}: results of {len(chosen.rows)} frames"
 
 
 def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    reader = chosen.reader
-    chosen.has_fields()
-    labels = [status.label for status in Status]
-    places = [f"{x:.1f},{y:.1f}" for y in reader.header.grid_y_px for x in reader.header.grid_x_px]
-    count = 0
-    with appearing(output, overwrite) as path, _text(path) as table:
-        table.write(
-            f"# a pixel is {reader.header.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the top-left"
-            " pixel, y points down;"
-            f" the motion of the lens is not taken off\n{POINTS}\n"
+    x_px, y_px = chosen.header.grid_x_px, chosen.header.grid_y_px
+    with new_file(output, overwrite) as path, _text(path) as file:
+        file.write(
+            f"# a pixel is {chosen.header.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the"
+            " top-left pixel, y points down; the motion of the lens is not taken off\n"
         )
-        for snapshot in chosen.snapshots():
-            found = snapshot.field
-            if found is None:
-                continue
-            count += 1
-            planes = (
-                found.ux_px,
-                found.uy_px,
-                found.status,
-                found.zncc,
-                found.ux_std_px,
-                found.uy_std_px,
-            )
-            for place, ux, uy, status, zncc, ux_std, uy_std in zip(
-                places, *(p.ravel().tolist() for p in planes), strict=False
-            ):
-                label = labels[status] if status < len(labels) else status
-                table.write(
-                    f"{snapshot.frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}\n"
-                )
-    return f"{output}: {count} fields of {len(places)} points"
+        table = FieldTable(file, x_px, y_px)
+        for snapshot, field in chosen.fields():
+            table.append(snapshot.frame, field)
+    return f"{output}: {len(chosen.measured)} fields of {len(x_px) * len(y_px)} points"
 
 
 def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    with appearing(output, overwrite) as path:
-        write = write_mat if output.suffix.lower() == ".mat" else write_npz
-        return f"{output}: {write(path, chosen.reader, chosen.results, chosen.tell)}"
+    write = write_mat if output.suffix.lower() == ".mat" else write_npz
+    with new_file(output, overwrite) as path:
+        return f"{output}: {write(path, chosen.reader, chosen.rows, chosen.tell)} arrays"
 
 
 def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    chosen.has_fields()
     folder = output.with_suffix("")
-    check_free(folder, overwrite)
-    with appearing(output, overwrite) as path, appearing(folder, overwrite) as images:
-        images.mkdir()
-        count = write_pvd(path, images, folder.name, chosen.reader, chosen.snapshots())
-    return f"{output}: {count} fields, one file each in {folder}"
+    check_output_folder(folder, overwrite)
+    with (
+        new_file(output, overwrite) as path,
+        new_folder(folder, overwrite, _OURS) as unfinished,
+    ):
+        write_pvd(path, unfinished, folder.name, chosen.header, chosen.fields())
+    return f"{output}: {len(chosen.measured)} fields, one file each in {folder}"
 
 
 _WRITERS: dict[str, Callable[[_Chosen, Path, bool], str]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.dic_files import read_image
 from app.errors import UserError
-from app.exchange.analysing import Taken
+from app.exchange.images import read_image, size_text
 from app.exchange.tables import Table
+from drivers.camera_folder import SUFFIXES, images_of, in_order_of_numbers
 
-SUFFIXES = (".png", ".tif", ".tiff")
 # times as many frames as there are images: more, and their numbers count something else
 MOST_LOST = 10
 
@@ -28,8 +27,8 @@ MOST_LOST = 10
 class Sources:
     """What is to be imported, see ``slipscope import --help``; None: not given.
 
-    `images` are files or one folder; in a folder metadata.csv, forces.csv and settings.toml are
-    used if they are there and no others are given.
+    `images` are files or one folder; metadata.csv, forces.csv and settings.toml in a folder are
+    used unless others are given.
     """
 
     images: Sequence[Path]
@@ -46,8 +45,11 @@ class Sources:
 
 
 @dataclass(slots=True)
-class Frame:
-    """A trigger: its file, or why there is none; sample -1 until it is known."""
+class ImportedTrigger:
+    """A trigger of the camera: the file of its image, or the reason why there is none.
+
+    `sample` and `phase_sample` are -1 until they are known.
+    """
 
     index: int
     sample: int = -1
@@ -57,40 +59,33 @@ class Frame:
     phase_sample: int = -1
 
 
-def found_files(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]:
+def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]:
     """The sources with those that lie in the folder, and the image files in the order of their
     numbers.
     """
-    folder = sources.images[0] if len(sources.images) == 1 and sources.images[0].is_dir() else None
-    files = list(sources.images)
-    if folder is not None:
-        files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
-        for name in ("metadata", "forces", "settings"):
-            path = folder / (f"{name}.toml" if name == "settings" else f"{name}.csv")
-            if getattr(sources, name) is None and path.is_file():
-                sources = replace(sources, **{name: path})  # type: ignore[arg-type]
-                remarks.append(f"{path} is used")
+    files = in_order_of_numbers(sources.images)
+    if len(files) == 1 and files[0].is_dir():
+        folder = files[0]
+        beside = {"metadata": "metadata.csv", "forces": "forces.csv", "settings": "settings.toml"}
+        for name, file in beside.items():
+            if getattr(sources, name) is None and (folder / file).is_file():
+                sources = replace(sources, **{name: folder / file})  # type: ignore[arg-type]
+                remarks.append(f"{folder / file} is used")
+        files = images_of(folder)
+        if not files:
+            raise UserError(
+                f"{folder}: no image ({', '.join(SUFFIXES)}) in this folder; check the name"
+            )
     for path in files:
         if not path.is_file():
             raise UserError(
                 f"{path}: there is no such file; give image files, or one folder of them"
             )
-    if not files:
-        raise UserError(
-            f"{folder}: no image ({', '.join(SUFFIXES)}) in this folder; check the name"
-        )
-    return sources, sorted(
-        files,
-        key=lambda path: [
-            int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))
-        ],
-    )
+    return sources, files
 
 
-def numbered(files: list[Path], remarks: list[str]) -> list[Frame]:
-    """A frame for each file; the numbers at the end of the names tell which are missing, if they
-    count images.
-    """
+def numbered(files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
+    """A trigger for each file, by the last number in its name if these numbers count the images."""
     found = [re.search(r"(\d+)\D*$", path.stem) for path in files]
     steps = [int(b[1]) - int(a[1]) for a, b in pairwise(found) if a and b]
     step = Counter(steps).most_common(1)[0][0] if steps and all(found) else 1
@@ -100,7 +95,7 @@ def numbered(files: list[Path], remarks: list[str]) -> list[Frame]:
     if counts and sum(steps) // step < (MOST_LOST + 1) * len(files):
         numbers = [int(name[1]) for name in found if name]
         return [
-            Frame((number - numbers[0]) // step, path=path)
+            ImportedTrigger((number - numbers[0]) // step, path=path)
             for number, path in zip(numbers, files, strict=True)
         ]
     if len(files) > 1:
@@ -108,11 +103,11 @@ def numbered(files: list[Path], remarks: list[str]) -> list[Frame]:
             "the names of the images do not count them: each is taken to follow the one before"
             " without a loss"
         )
-    return [Frame(index, path=path) for index, path in enumerate(files)]
+    return [ImportedTrigger(index, path=path) for index, path in enumerate(files)]
 
 
-def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Frame]:
-    """A frame for each row of the metadata."""
+def listed(table: Table, files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
+    """A trigger for each row of the metadata."""
     numbers = table.numbers.get("frame", np.arange(table.rows, dtype=np.float64))
     if not (
         np.isfinite(numbers).all()
@@ -128,36 +123,51 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Frame]:
             f"{table.path}: frames up to {numbers[-1]:.0f} in {table.rows} rows; number the frames"
             " by the camera's triggers"
         )
-    frames = [Frame(int(number)) for number in numbers]
-    names = table.texts.get("file")
-    if names is None and len(files) != table.rows:
+    names = table.texts.get("file") or [path.name for path in files]
+    if len(names) != table.rows:
         raise UserError(
             f"{table.path}: {table.rows} rows for {len(files)} images; add a column file, empty"
             " where an image was lost"
         )
+    nothing = [""] * table.rows
+    reasons, phases = (table.texts.get(name, nothing) for name in ("reason", "phase"))
+    begins = np.nan_to_num(table.numbers.get("phase_sample", np.full(table.rows, -1.0)), nan=-1.0)
     by_name = {path.name: path for path in files}
-    for i, frame in enumerate(frames):
-        name = files[i].name if names is None else names[i]
+    triggers = []
+    for number, name, reason, phase, began in zip(
+        numbers, names, reasons, phases, begins, strict=True
+    ):
         path = by_name.pop(name, table.path.parent / name)
-        frame.reason = table.texts["reason"][i] if "reason" in table.texts else ""
-        if name and os.path.isfile(path):  # False also of a name that no disk can hold
-            frame.path = path
-        else:
-            frame.reason = frame.reason or (
+        trigger = ImportedTrigger(int(number), reason=reason, phase=phase, phase_sample=int(began))
+        if name and os.path.isfile(path):  # False also for a name that no disk can hold
+            trigger.path = path
+        elif not reason:
+            trigger.reason = (
                 f"'{name}' is not there" if name else f"no file is named in {table.path.name}"
             )
-        frame.phase = table.texts["phase"][i] if "phase" in table.texts else ""
-        began = table.numbers["phase_sample"][i] if table.has("phase_sample") else np.nan
-        frame.phase_sample = int(began) if np.isfinite(began) else -1
+        triggers.append(trigger)
     if by_name:
         remarks.append(
             f"{len(by_name)} images that {table.path} does not name are left out, the first:"
             f" {next(iter(by_name))}"
         )
-    return frames
+    return triggers
 
 
-def first_image(frames: list[Frame]) -> NDArray[Any]:
+def with_lost(triggers: list[ImportedTrigger]) -> list[ImportedTrigger]:
+    """The triggers, and between them those that have neither an image nor a row."""
+    whole = triggers[:1]
+    for trigger in triggers[1:]:
+        before = whole[-1]
+        for index in range(before.index + 1, trigger.index):
+            share = (index - before.index) / (trigger.index - before.index)
+            sample = before.sample + round(share * (trigger.sample - before.sample))
+            whole.append(ImportedTrigger(index, sample, reason="no image of it was given"))
+        whole.append(trigger)
+    return whole
+
+
+def first_image(triggers: list[ImportedTrigger]) -> NDArray[Any]:
     """The first image that there is: the others must be like it.
 
     Raises
@@ -165,7 +175,7 @@ def first_image(frames: list[Frame]) -> NDArray[Any]:
     UserError
         There is none, or not of 8 or 16 bit.
     """
-    path = next((frame.path for frame in frames if frame.path), None)
+    path = next((trigger.path for trigger in triggers if trigger.path), None)
     if path is None:
         raise UserError(
             "import: not one of the images named in the metadata is there; run it where they are"
@@ -179,39 +189,14 @@ def first_image(frames: list[Frame]) -> NDArray[Any]:
     return image
 
 
-def with_lost(frames: list[Frame]) -> list[Frame]:
-    """The frames, and between them those of which there is neither an image nor a row."""
-    whole: list[Frame] = []
-    for frame in frames:
-        before = whole[-1] if whole else None
-        for index in range(before.index + 1 if before else frame.index, frame.index):
-            assert before is not None
-            share = (index - before.index) / (frame.index - before.index)
-            whole.append(
-                Frame(
-                    index,
-                    before.sample + round(share * (frame.sample - before.sample)),
-                    reason="no image of it was given",
-                )
-            )
-        whole.append(frame)
-    return whole
-
-
-def taken(frames: list[Frame], shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[Taken]:
-    """Each frame's image when it is its turn, or why there is none."""
-    for frame in frames:
-        image: NDArray[Any] | str = frame.reason
-        if frame.path is not None:
-            try:
-                image = read_image(frame.path)
-            except UserError as error:
-                image = str(error)
-            else:
-                if image.shape != shape or image.dtype != dtype:
-                    sizes = [
-                        f"{s[1]} x {s[0]} {t}"
-                        for s, t in ((image.shape, image.dtype), (shape, dtype))
-                    ]
-                    image = f"'{frame.path.name}' is {sizes[0]}, the first image {sizes[1]}"
-        yield frame.index, frame.sample, image
+def image_or_reason(trigger: ImportedTrigger, first: NDArray[Any]) -> NDArray[Any] | str:
+    """The image of a trigger, or why there is none that is like the first."""
+    if trigger.path is None:
+        return trigger.reason
+    try:
+        image = read_image(trigger.path)
+    except UserError as error:
+        return str(error)
+    if image.shape != first.shape or image.dtype != first.dtype:
+        return f"'{trigger.path.name}' is {size_text(image)}, the first image {size_text(first)}"
+    return image

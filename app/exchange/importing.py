@@ -1,8 +1,8 @@
-"""Images and forces of other benches and programs, made into a session: settings, times and phases."""
+"""Images and forces of other benches and programs, made into a session: settings, times, phases."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,30 +12,35 @@ from numpy.typing import NDArray
 
 from analysis.options import quantity
 from app.config import load
-from app.engine.pipeline import sensor_chain
+from app.engine.analyst import Analysis
+from app.engine.pipeline import header_of, sensor_chain
 from app.errors import UserError
-from app.exchange.analysing import Measurements, analyse
-from app.exchange.exporting import appearing, check_free
 from app.exchange.frames import (
-    Frame,
+    ImportedTrigger,
     Sources,
+    files_of,
     first_image,
-    found_files,
+    image_or_reason,
     listed,
     numbered,
-    taken,
     with_lost,
 )
 from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples, read_table
-from app.records import Outcome, Phase
-from app.session.journal import journal_of
+from app.offline.loop import Measurements, Trigger, record_analysis
+from app.records import Event, LostTrigger, Outcome, Phase, Position, ReceivedFrame
+from app.session.files import check_new_session
+from app.session.versions import versions
+from app.session.writer import LONGEST_GAP_S
 from app.settings import Config
 
-# between forces in newtons and those that the readings in volts mean, of the largest
+F64 = NDArray[np.float64]
+
+# largest difference, as a fraction of the largest force, between forces in newtons and those that
+# follow from the readings in volts
 DISAGREEMENT = 1e-3
-FOOT = (0.05, 0.15)  # shares of the rise of Q through which a line leads back to its start
-SMOOTH_S = 0.05  # Q is averaged over so much to find it
-RISE = 6.0  # standard deviations of Q before it that are no rise
+FOOT = (0.05, 0.15)  # shares of the rise of Q; the line through them leads back to its start
+SMOOTH_S = 0.05  # Q is averaged over this time to find its rise
+RISE = 6.0  # a change of Q by fewer standard deviations of its noise is no rise
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,27 +56,19 @@ def import_files(
     output: Path,
     *,
     overwrite: bool = False,
-    on_progress: Callable[[str, float], None] | None = None,
+    on_progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> Imported:
-    """A session at `output` with all images, forces and results, complete or not there at all; what
-    became of it.
+    """Make a session at `output` of all images and forces, analysed as in a live run; it is complete
+    or not there at all.
 
     Raises
     ------
     UserError, ConfigError
-        Something can not be used, or is needed and not known.
+        Something can not be used, or is needed and missing.
     """
-    tell = on_progress or (lambda _text, _share: None)
-    if output.is_dir():
-        raise UserError(f"{output}: a file was asked, but this is a folder; add a file name")
-    check_free(output, overwrite)
-    if journal_of(output).exists() and not overwrite:
-        raise UserError(
-            f"{output}: its journal is there, so a session of that name is recorded or was cut"
-            " short; choose another name"
-        )
+    check_new_session(output, overwrite, has_picture=False)
     remarks: list[str] = []
-    sources, files = found_files(sources, remarks)
+    sources, files = files_of(sources, remarks)
     table = read_table(sources.metadata, FRAMES) if sources.metadata else None
     frames = numbered(files, remarks) if table is None else listed(table, files, remarks)
     first = first_image(frames)
@@ -82,22 +79,35 @@ def import_files(
             "no settings: the sample, the lens and the sensors are those that `slipscope config`"
             " prints"
         )
-    _place(frames, table, config)
+    places = None if table is None else _samples(table, config)
+    for n, frame in enumerate(frames):
+        frame.sample = frame.index * config.camera.divisor if places is None else round(places[n])
     frames = with_lost(frames)
     measured = _measurements(config, frames, table, forces, sources, remarks)
-    with appearing(output, overwrite) as unfinished:
-        try:
-            outcome = analyse(
-                config,
-                measured,
-                taken(frames, first.shape, first.dtype),
-                unfinished,
-                lambda index: tell(f"frame {index}", index / (frames[-1].index + 1)),
-            )
-        except BaseException:
-            journal_of(unfinished).unlink(missing_ok=True)
-            raise
-    journal_of(output).unlink(missing_ok=True)  # of the session that was replaced
+    missing = sum(frame.path is None for frame in frames)
+    reason = f"imported: {len(frames) - missing} images, {missing} lost, from {sources.images[0]}"
+    reason += f", forces from {sources.forces}" if sources.forces else ""
+    measured.events.append(Event(len(measured.volts), "import", reason))
+
+    def triggers() -> Iterator[Trigger]:
+        for frame in frames:
+            image = image_or_reason(frame, first)
+            if isinstance(image, str):
+                yield LostTrigger(frame.index, frame.sample, image), None
+            else:
+                yield ReceivedFrame(frame.index, frame.sample, image), image
+            on_progress(f"frame {frame.index}", frame.index / (frames[-1].index + 1))
+
+    first_trigger = max(0, frames[0].sample - frames[0].index * config.camera.divisor)
+    outcome = record_analysis(
+        Analysis(config),
+        measured,
+        triggers(),
+        header_of(config, versions(), first_trigger),
+        output,
+        lambda: reason,
+        overwrite=overwrite,
+    )
     return Imported(outcome, tuple(remarks))
 
 
@@ -106,21 +116,23 @@ def _settings(
 ) -> Config:
     """The settings of the analysis: those given, with what the images and the options say."""
     if sources.settings is None:
-        is_timed = sources.divisor is not None or (
-            table is not None and (table.has("sample") or table.has("time_s"))
-        )
-        for known, option, what in (
+        is_timed = table is not None and (table.has("sample") or table.has("time"))
+        for given, option, what in (
             (sources.pixel_um, "--pixel", "the size of a pixel, um"),
             (
                 sources.rate_hz,
                 "--rate",
                 "the samples of the forces per second (without forces: of the times of images), Hz",
             ),
-            (is_timed or None, "--divisor", "samples from one image to the next"),
+            (
+                sources.divisor or is_timed or None,
+                "--divisor",
+                "samples from one image to the next",
+            ),
         ):
-            if known is None:
+            if given is None:
                 raise UserError(f"import: {what}, is not known; give {option}, or --settings")
-    asked: dict[str, Any] = {
+    known: dict[str, Any] = {
         "camera.width": first.shape[1],
         "camera.height": first.shape[0],
         "camera.max_rate": 10000,  # they are taken already
@@ -129,53 +141,44 @@ def _settings(
         "camera.divisor": sources.divisor,
     }
     if forces is None:
-        asked["sample.lens_compliance"] = 0  # without Q nobody knows how far the lens moved
-    overrides = [f"{key}={value}" for key, value in asked.items() if value is not None]
+        known["sample.lens_compliance"] = 0  # without Q nobody knows how far the lens moved
+    overrides = [f"{key}={value}" for key, value in known.items() if value is not None]
+
+    def loaded(*more: str) -> Config:
+        return load(sources.settings, [*overrides, *sources.overrides, *more])
+
     if sources.divisor is None and table is not None:
-        rate = load(
-            sources.settings, [*overrides, *sources.overrides, "camera.divisor=1000000"]
-        ).forces.sample_rate
+        rate = loaded("camera.divisor=1000000").forces.sample_rate
         at = clock_samples(table, float(rate))
         if at is not None and len(at) > 1:
             numbers = table.numbers.get("frame", np.arange(table.rows))
-            overrides.append(
-                f"camera.divisor={max(1, round(float(np.median(np.diff(at) / np.diff(numbers)))))}"
-            )
-    config = load(sources.settings, [*overrides, *sources.overrides])
+            apart = float(np.median(np.diff(at) / np.diff(numbers)))
+            overrides.append(f"camera.divisor={max(1, round(apart))}")
+    config = loaded()
     if config.camera.dtype != first.dtype:
         word = "Mono8" if first.dtype == np.uint8 else "Mono16"
-        config = load(
-            sources.settings, [*overrides, *sources.overrides, f"camera.pixel_format={word}"]
-        )
+        config = loaded(f"camera.pixel_format={word}")
     return config
 
 
-def _place(frames: list[Frame], table: Table | None, config: Config) -> None:
-    """Give each frame its sample."""
-    at = None if table is None else _samples(table, config)
-    for i, frame in enumerate(frames):
-        frame.sample = frame.index * config.camera.divisor if at is None else round(float(at[i]))
-
-
-def _samples(table: Table, config: Config) -> NDArray[np.float64]:
-    """The sample of each row; of images without times that of their number."""
+def _samples(table: Table, config: Config) -> F64:
+    """The sample of each row; where the table has no times, that of its number."""
     at = clock_samples(table, float(config.forces.sample_rate))
-    return (
-        table.numbers.get("frame", np.arange(table.rows, dtype=np.float64)) * config.camera.divisor
-        if at is None
-        else at
-    )
+    if at is not None:
+        return at
+    rows = np.arange(table.rows, dtype=np.float64)
+    return table.numbers.get("frame", rows) * config.camera.divisor
 
 
 def _measurements(
     config: Config,
-    frames: list[Frame],
+    frames: list[ImportedTrigger],
     table: Table | None,
     forces: Table | None,
     sources: Sources,
     remarks: list[str],
 ) -> Measurements:
-    exposure = config.exposure_samples
+    exposure, rate = config.exposure_samples, config.forces.sample_rate
     volts = np.empty((0, 2)) if forces is None else _volts(config, forces)
     end = max(len(volts), frames[-1].sample + exposure)
     volts = np.concatenate([volts, np.full((end - len(volts), 2), np.nan)])
@@ -183,68 +186,72 @@ def _measurements(
         remarks.append(
             "no forces: P, Q and what follows from them are not known; the displacement fields are"
         )
-    phases = _listed_phases(frames) if table is not None and not _asked_phases(sources) else []
+    is_told = (sources.background, sources.reference, sources.drive) != (None, None, None)
+    phases = [] if is_told else _listed_phases(frames)
     phases = phases or _phases(config, frames, volts, sources, remarks)
     if phases[-1][1] is not Phase.END:
         phases.append((end, Phase.END))
     ends = [*range(config.forces.block, end, config.forces.block), end]
     stage = np.full(len(ends), np.nan)
-    for found in (forces, table):
-        if (
-            found is not None
-            and found.has("stage_m")
-            and np.isfinite(found.numbers["stage_m"]).any()
-        ):
-            at, known = _samples(found, config), np.isfinite(found.numbers["stage_m"])
-            middle = exposure / 2 if found is table else 0.0
-            stage = np.interp(np.array(ends), at[known] + middle, found.numbers["stage_m"][known])
+    for given in (forces, table):
+        if given is not None and np.isfinite(given.numbers.get("stage", np.nan)).any():
+            metres = given.numbers["stage"]
+            at, known = _samples(given, config), np.isfinite(metres)
+            middle = exposure / 2 if given is table else 0.0
+            stage = np.interp(np.array(ends), at[known] + middle, metres[known])
             break
-    missing = sum(frame.path is None for frame in frames)
-    source = (
-        f"imported: {len(frames) - missing} images, {missing} lost, from {sources.images[0]}"
-        + (f", forces from {sources.forces}" if sources.forces else "")
-    )
-    first_trigger = max(0, frames[0].sample - frames[0].index * config.camera.divisor)
-    return Measurements(
-        volts, list(zip(ends, stage.tolist(), strict=True)), phases, first_trigger, source
-    )
+    gaps = _gaps(volts, int(LONGEST_GAP_S * rate))
+    events = [Event(sample, "phase", str(phase)) for sample, phase in phases]
+    events += [
+        Event(first, "gap", f"{count} samples lost: not among the imported forces")
+        for first, count in gaps
+    ]
+    positions = [Position(*one) for one in zip(ends, stage.tolist(), strict=True)]
+    return Measurements(volts, gaps, positions, events)
 
 
-def _volts(config: Config, table: Table) -> NDArray[np.float64]:
-    """Readings by sample; of forces in newtons those that the settings' sensors would have had."""
+def _gaps(volts: F64, longest: int) -> list[tuple[int, int]]:
+    """First sample and length of the stretches without readings, none longer than `longest`."""
+    missing = np.isnan(volts).any(axis=1)
+    edges = np.flatnonzero(np.diff(missing, prepend=False, append=False))
+    return [
+        (first, min(longest, end - first))
+        for begin, end in edges.reshape(-1, 2).tolist()
+        for first in range(begin, end, longest)
+    ]
+
+
+def _volts(config: Config, table: Table) -> F64:
+    """Readings by sample; for forces in newtons, those that the sensors of the settings would have
+    given.
+    """
     chain, rate = sensor_chain(config), float(config.forces.sample_rate)
-    newtons = by_sample(table, ("P_N", "Q_N"), rate) if table.has("P_N", "Q_N") else None
-    if not table.has("normal_V", "shear_V"):
+    newtons = by_sample(table, ("p", "q"), rate) if table.has("p", "q") else None
+    if not table.has("normal", "shear"):
         if newtons is None:
             raise UserError(
                 f"{table.path}: the header has neither P_N and Q_N nor normal_V and shear_V; name"
                 " the columns so"
             )
         return chain.volts(newtons)
-    volts = by_sample(table, ("normal_V", "shear_V"), rate)
+    volts = by_sample(table, ("normal", "shear"), rate)
     if newtons is not None:
-        off = np.abs(chain.forces(volts) - newtons)
-        if off.size and np.nanmax(off, initial=0.0) > DISAGREEMENT * np.nanmax(
-            np.abs(newtons), initial=1e-3
-        ):
+        off = np.nanmax(np.abs(chain.forces(volts) - newtons), initial=0.0)
+        if off > DISAGREEMENT * np.nanmax(np.abs(newtons), initial=1e-3):
             raise UserError(
-                f"{table.path}: the readings in volts mean forces that are up to"
-                f" {np.nanmax(off):.3g} N from those in newtons by the"
-                f" settings ({quantity(config.forces, 'sensitivity_shear')},"
-                f" {quantity(config.forces, 'stiffness_shear')} for Q); give the --settings"
-                " of the bench, or leave the wrong columns out"
+                f"{table.path}: the readings in volts mean forces that are up to {off:.3g} N from"
+                " those in newtons by the settings"
+                f" ({quantity(config.forces, 'sensitivity_shear')},"
+                f" {quantity(config.forces, 'stiffness_shear')} for Q); give the --settings of the"
+                " bench, or leave the wrong columns out"
             )
     return volts
 
 
-def _asked_phases(sources: Sources) -> bool:
-    return any(
-        number is not None for number in (sources.background, sources.reference, sources.drive)
-    )
-
-
-def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
-    """The phases that the metadata names; none where it names none."""
+def _listed_phases(frames: list[ImportedTrigger]) -> list[tuple[int, Phase]]:
+    """The phases that the metadata name, with the samples on which they began; none if they name
+    none.
+    """
     phases: list[tuple[int, Phase]] = []
     for frame in frames:
         if frame.phase and (not phases or frame.phase != phases[-1][1]):
@@ -262,83 +269,75 @@ def _listed_phases(frames: list[Frame]) -> list[tuple[int, Phase]]:
 
 def _phases(
     config: Config,
-    frames: list[Frame],
-    volts: NDArray[np.float64],
+    frames: list[ImportedTrigger],
+    volts: F64,
     sources: Sources,
     remarks: list[str],
 ) -> list[tuple[int, Phase]]:
-    """The phases by the frames that were asked for; without --drive from where Q rises."""
-    there = {frame.index: frame.sample for frame in frames if frame.path is not None}
-    first = (
-        min(index for index in there if index != sources.background)
-        if len(there) > 1
-        else min(there)
-    )
-    asked = {
-        "--background": sources.background,
-        "--reference": sources.reference if sources.reference is not None else first,
-    }
-    for option, index in asked.items():
-        if index is not None and index not in there:
+    """The phases by the frames that the options name; without --drive from where Q rises."""
+    exposure, rate = config.exposure_samples, config.forces.sample_rate
+    images = {frame.index: frame.sample for frame in frames if frame.path is not None}
+    background, reference = sources.background, sources.reference
+    if reference is None:
+        reference = min((i for i in images if i != background), default=min(images))
+    for option, index in (("--background", background), ("--reference", reference)):
+        if index is not None and index not in images:
             raise UserError(
-                f"{option}: frame {index} was asked, there is no image of it; frames {min(there)}"
-                f" to {max(there)} are there"
+                f"{option}: frame {index} has no image; there are images of frames {min(images)} to"
+                f" {max(images)}"
             )
-    exposure, reference = config.exposure_samples, there[asked["--reference"] or 0]
-    rest = reference + exposure
-    phases = [(0, Phase.CONTACT), (reference, Phase.REFERENCE)]
-    if asked["--background"] is not None:
-        free = there[asked["--background"]] + exposure
-        if free > reference:
+    rest = images[reference] + exposure
+    phases = [(0, Phase.CONTACT), (images[reference], Phase.REFERENCE)]
+    if background is not None:
+        pressed = images[background] + exposure
+        if pressed > images[reference]:
             raise UserError(
-                f"--background: frame {asked['--background']} does not come before the reference;"
-                " choose another"
+                f"--background: frame {background} does not come before the reference; choose"
+                " another"
             )
-        phases = [(0, Phase.BACKGROUND), (free, Phase.CONTACT), (reference, Phase.REFERENCE)]
+        phases[:1] = [(0, Phase.BACKGROUND), (pressed, Phase.CONTACT)]
     if sources.drive is not None:
         drive = next((frame.sample for frame in frames if frame.index == sources.drive), -1)
         if drive < rest:
             raise UserError(
-                f"--drive: frame {sources.drive} is not one after the reference (frame"
-                f" {asked['--reference']}); choose another"
+                f"--drive: frame {sources.drive} does not come after the reference (frame"
+                f" {reference}); choose another"
             )
     elif np.isfinite(volts[rest:]).any():
-        drive = rest + _rise(
-            sensor_chain(config).forces(volts[rest:])[:, 1], config.forces.sample_rate
-        )
+        drive = rest + _rise(sensor_chain(config).forces(volts[rest:])[:, 1], rate)
         remarks.append(
-            f"the drive begins at sample {drive} ({drive / config.forces.sample_rate:.3f} s), where"
-            " Q begins to rise"
+            f"the drive begins at sample {drive} ({drive / rate:.3f} s), where Q begins to rise"
         )
     else:
         drive = next((frame.sample for frame in frames if frame.sample >= rest), rest)
         remarks.append(
-            "the drive is taken to begin on the frame after the reference; --drive says another"
+            "the drive is taken to begin on the frame after the reference; --drive changes that"
         )
-    remarks.append(f"the reference is frame {asked['--reference']}")
+    remarks.append(f"the reference is frame {reference}")
     return [*phases, (drive, Phase.DRIVE)]
 
 
-def _rise(shear: NDArray[np.float64], rate: float) -> int:
-    """Sample on which Q leaves its rest: a line through 5 and 15 % of the rise to its greatest
-    value, led back to 0.
+def _rise(shear: F64, rate: float) -> int:
+    """Sample on which Q begins to rise: where a line through 5 and 15 % of its rise to the greatest
+    value meets its mean at rest.
 
     Raises
     ------
     UserError
-        It does not rise.
+        Q does not rise.
     """
     width = max(1, round(SMOOTH_S * rate))
     blocks = shear[: len(shear) // width * width].reshape(-1, width)
-    mean = blocks.mean(axis=1)[np.isfinite(blocks).all(axis=1)]
-    middle = ((np.arange(len(blocks)) + 0.5) * width)[np.isfinite(blocks).all(axis=1)]
+    known = np.isfinite(blocks).all(axis=1)
+    mean, middle = blocks[known].mean(axis=1), ((np.arange(len(blocks)) + 0.5) * width)[known]
     if len(mean) < 4:
         raise UserError(
             "import: too few forces after the reference to find where Q rises; say where the drive"
             " begins with --drive"
         )
     top = int(np.argmax(np.abs(mean)))
-    rest = np.median(mean[: max(1, int(np.argmax(np.abs(mean) > 0.5 * np.abs(mean[top]))))][:20])
+    half = int(np.argmax(np.abs(mean) > 0.5 * np.abs(mean[top])))
+    rest = np.median(mean[: max(1, half)][:20])
     noise = float(np.nanstd(np.diff(shear)) / np.sqrt(2 * width))
     height = abs(mean[top] - rest)
     shares = np.abs(mean[: top + 1] - rest) / max(height, 1e-300)
@@ -347,10 +346,10 @@ def _rise(shear: NDArray[np.float64], rate: float) -> int:
             f"import: Q does not rise after the reference (by {height:.3g} N at most); say where"
             " the drive begins with --drive"
         )
-    feet = []
-    for level in FOOT:
-        below = int(np.flatnonzero(shares < level)[-1])
-        step = (level - shares[below]) / (shares[below + 1] - shares[below])
-        feet.append(middle[below] + step * (middle[below + 1] - middle[below]))
-    start = feet[0] - FOOT[0] * (feet[1] - feet[0]) / (FOOT[1] - FOOT[0])
+    places = []
+    for share in FOOT:
+        below = int(np.flatnonzero(shares < share)[-1])
+        part = (share - shares[below]) / (shares[below + 1] - shares[below])
+        places.append(middle[below] + part * (middle[below + 1] - middle[below]))
+    start = places[0] - FOOT[0] * (places[1] - places[0]) / (FOOT[1] - FOOT[0])
     return max(0, round(float(start)))

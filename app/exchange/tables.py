@@ -1,11 +1,10 @@
-"""Tables of forces and of images from other benches and programs: text with a header that names
-quantity and unit.
+"""Tables in text files, from other benches and programs: the names in their headers say which
+quantity a column holds, and in which unit.
 """
 
 from __future__ import annotations
 
 import csv
-import math
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,42 +17,52 @@ from app.errors import UserError
 
 F64 = NDArray[np.float64]
 
-TEXT = 0.0
-_TIMES = {"sample": ("sample", 1.0), "time_s": ("time_s", 1.0), "time_ms": ("time_s", 1e-3)}
-_STAGE = {"stage_m": ("stage_m", 1.0), "stage_mm": ("stage_m", 1e-3), "stage_um": ("stage_m", 1e-6)}
-FORCES = {  # name in the header, small letters -> quantity and factor to its unit
-    **_TIMES,
-    **_STAGE,
-    "p_n": ("P_N", 1.0),
-    "q_n": ("Q_N", 1.0),
-    "p_mn": ("P_N", 1e-3),
-    "q_mn": ("Q_N", 1e-3),
-    "normal_v": ("normal_V", 1.0),
-    "shear_v": ("shear_V", 1.0),
+# unit in small letters -> what a number in this unit is multiplied by
+TIME = {"s": 1.0, "ms": 1e-3}
+LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+FORCE = {"n": 1.0, "mn": 1e-3}
+VOLTAGE = {"v": 1.0}
+NUMBER = {"": 1.0}
+TEXT: dict[str, float] = {}
+
+_ON_THE_CLOCK = {"sample": NUMBER, "time": TIME, "stage": LENGTH}
+FORCES = _ON_THE_CLOCK | {"p": FORCE, "q": FORCE, "normal": VOLTAGE, "shear": VOLTAGE}
+FRAMES = _ON_THE_CLOCK | {
+    "frame": NUMBER,
+    "phase_sample": NUMBER,
+    "phase": TEXT,
+    "file": TEXT,
+    "reason": TEXT,
 }
-FRAMES = {
-    **_TIMES,
-    **_STAGE,
-    "frame": ("frame", 1.0),
-    "phase_sample": ("phase_sample", 1.0),
-    **{name: (name, TEXT) for name in ("phase", "file", "reason")},
-}
-ON_THE_CLOCK = 0.01  # of a sample: a time this near to one is its
+
+ROUNDING = 0.01  # of a sample: a time that is this close to a sample is that sample's
 HOLE = 1.9  # between rows further apart than this many usual distances nothing was measured
 LONGEST_S = 3600.0  # without a row
-# samples for each row, and beyond: a table of few rows must not take all memory
+# samples for each row, and samples beyond: a table of few rows must not take all memory
 SPARSEST, SPARE = 1000, 1 << 22
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The columns of a table that are known, by quantity: numbers with NaN for empty cells, or
-    texts.
+    """The columns of a table that have a known name, by quantity.
+
+    Attributes
+    ----------
+    numbers : dict of str to ndarray
+        In SI units, or in pixels; NaN for empty cells.
+    texts : dict of str to list of str
+    units : dict of str to str
+        Unit that the header names for each quantity.
+    header : tuple of str
+        All names in the header.
+    rows : int
     """
 
     path: Path
     numbers: dict[str, F64]
     texts: dict[str, list[str]]
+    units: dict[str, str]
+    header: tuple[str, ...]
     rows: int
 
     def has(self, *names: str) -> bool:
@@ -61,70 +70,90 @@ class Table:
         return all(name in self.numbers for name in names)
 
 
-def read_table(path: Path, known: Mapping[str, tuple[str, float]]) -> Table:
-    """The columns of a text file whose header names are in `known`; lines that begin with # are
-    left out.
+def read_table(path: Path, quantities: Mapping[str, Mapping[str, float]]) -> Table:
+    """The columns of a text file whose names are a quantity and its unit, such as ``P_mN``.
 
-    Commas, semicolons or tabulators part the cells; except with commas, a number may have a decimal
-    comma.
+    Commas, semicolons or tabs separate the cells; unless commas do, numbers may have a decimal
+    comma. Lines that begin with # are comments. Columns with other names are left out.
+
+    Parameters
+    ----------
+    quantities : mapping
+        Quantity in small letters -> unit in small letters -> factor to SI; `NUMBER` for a quantity
+        without unit, `TEXT` for words.
 
     Raises
     ------
     UserError
-        It can not be read, or a cell is no number where one must be.
+        The table can not be read, or a cell is no number where one must be.
     """
-    numbers: dict[str, array[float]] = {}
+    known = {
+        f"{quantity}_{unit}" if unit else quantity: (quantity, unit, factor)
+        for quantity, units in quantities.items()
+        for unit, factor in (units or {"": 1.0}).items()
+    }
     texts: dict[str, list[str]] = {}
+    numbers: dict[str, array[float]] = {}
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = (line for line in file if line.strip() and not line.lstrip().startswith("#"))
             head = next(lines, "")
-            parting = max(",;\t", key=head.count)
-            header = [name.strip() for name in head.split(parting)]
-            columns = [
-                (i, *known[name.lower()]) for i, name in enumerate(header) if name.lower() in known
-            ]
-            if len({name for _, name, _ in columns}) < len(columns):
+            separator = max(",;\t", key=head.count)
+            header = tuple(name.strip() for name in head.split(separator))
+            found = {
+                i: known[name.lower()] for i, name in enumerate(header) if name.lower() in known
+            }
+            if len({quantity for quantity, *_ in found.values()}) < len(found):
                 raise UserError(
                     f"{path}: the header names a quantity twice: {', '.join(header)}; leave one out"
                 )
-            for _, name, factor in columns:
-                if factor == TEXT:
-                    texts[name] = []
+            for quantity, *_ in found.values():
+                if quantities[quantity]:
+                    numbers[quantity] = array("d")
                 else:
-                    numbers[name] = array("d")
+                    texts[quantity] = []
             count = 0
-            for count, row in enumerate(csv.reader(lines, delimiter=parting), start=1):
+            for count, row in enumerate(csv.reader(lines, delimiter=separator), start=1):
                 if len(row) != len(header):
                     raise UserError(
-                        f"{path}: row {count} has {len(row)} cells, the header {len(header)}; mend"
-                        " the table"
+                        f"{path}: row {count} has {len(row)} cells, the header {len(header)};"
+                        " correct the table"
                     )
-                for i, name, factor in columns:
-                    if factor == TEXT:
-                        texts[name].append(row[i].strip())
-                    else:
-                        numbers[name].append(
-                            _number(path, count, header[i], row[i].strip(), parting) * factor
+                for i, (quantity, _, factor) in found.items():
+                    if quantity in texts:
+                        texts[quantity].append(row[i].strip())
+                        continue
+                    cell = row[i].strip()
+                    try:
+                        value = float(cell) if cell else np.nan
+                    except ValueError:
+                        value = _with_decimal_comma(cell, separator)
+                    if value in (np.inf, -np.inf):
+                        raise UserError(
+                            f"{path}: '{cell[:40]}' in column {header[i]}, row {count}, is no"
+                            " number; write numbers, nothing where there is none"
                         )
+                    numbers[quantity].append(value * factor)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UserError(f"{path}: can not be read: {error}; give a table in UTF-8 text") from None
     if not count:
         raise UserError(f"{path}: no rows found; give a table with a header")
-    return Table(path, {name: np.array(column) for name, column in numbers.items()}, texts, count)
+    return Table(
+        path,
+        {quantity: np.array(column) for quantity, column in numbers.items()},
+        texts,
+        {quantity: unit for quantity, unit, _ in found.values()},
+        header,
+        count,
+    )
 
 
-def _number(path: Path, row: int, name: str, cell: str, parting: str) -> float:
+def _with_decimal_comma(cell: str, separator: str) -> float:
+    """The number in a cell; infinity where there is none."""
     try:
-        value = float(cell.replace(",", ".") if parting != "," else cell) if cell else math.nan
+        return float(cell.replace(",", ".")) if separator != "," else np.inf
     except ValueError:
-        value = math.inf
-    if math.isinf(value):
-        raise UserError(
-            f"{path}: '{cell[:40]}' in column {name}, row {row}, is no number; write numbers,"
-            " nothing where there is none"
-        )
-    return value
+        return np.inf
 
 
 def clock_samples(table: Table, rate_hz: float) -> F64 | None:
@@ -138,8 +167,8 @@ def clock_samples(table: Table, rate_hz: float) -> F64 | None:
     """
     if table.has("sample"):
         name, at = "sample", table.numbers["sample"]
-    elif table.has("time_s"):
-        name, at = "time_s", table.numbers["time_s"] * rate_hz
+    elif table.has("time"):
+        name, at = f"time_{table.units['time']}", table.numbers["time"] * rate_hz
     else:
         return None
     steps = np.diff(at, prepend=-1e-9)
@@ -153,21 +182,22 @@ def clock_samples(table: Table, rate_hz: float) -> F64 | None:
         row = int(np.argmax(steps))
         raise UserError(
             f"{table.path}: {name} of row {row + 1} comes {steps[row] / rate_hz:.4g} s after the"
-            " one before (or the start);"
-            f" count from the start of the recording, with pauses of {LONGEST_S:g} s at most"
+            " one before (or the start); count from the start of the recording, with pauses of"
+            f" {LONGEST_S:g} s at most"
         )
     if at[-1] > SPARSEST * table.rows + SPARE:
         raise UserError(
-            f"{table.path}: {table.rows} rows over {at[-1]:.4g} samples at {rate_hz:g} Hz found;"
-            " give a lower --rate, or fewer hours"
+            f"{table.path}: {table.rows} rows cover {at[-1]:.4g} samples at {rate_hz:g} Hz; give a"
+            " lower --rate, or fewer hours"
         )
     near = np.rint(at)
-    return np.where(np.abs(at - near) < ON_THE_CLOCK, near, at)
+    return np.where(np.abs(at - near) < ROUNDING, near, at)
 
 
 def by_sample(table: Table, columns: tuple[str, ...], rate_hz: float) -> F64:
-    """Columns of a table as one row per sample from 0 on, shape (n, columns), linear between its
-    rows; NaN where there are none.
+    """Columns of a table as one row per sample from 0 on, shape (n, columns).
+
+    Values are linear between the rows of the table; NaN where it has a hole.
 
     Raises
     ------
@@ -181,9 +211,9 @@ def by_sample(table: Table, columns: tuple[str, ...], rate_hz: float) -> F64:
             " measured"
         )
     usual = float(np.median(np.diff(at))) if len(at) > 1 else 1.0
-    if usual < 1 - ON_THE_CLOCK:
+    if usual < 1 - ROUNDING:
         raise UserError(
-            f"{table.path}: {rate_hz / usual:.6g} rows a second found, the sample clock has"
+            f"{table.path}: it has {rate_hz / usual:.6g} rows a second, the sample clock"
             f" {rate_hz:g}; give --rate {rate_hz / usual:.6g}"
         )
     samples = np.arange(int(at[-1]) + 1, dtype=np.float64)

@@ -1,15 +1,13 @@
-"""Displacement fields of plain images in one HDF5 file, NeXus style: ``/entry/fields`` is an NXdata
-of (frame, y, x).
+"""Displacement fields between plain images in one HDF5 file, in the style of NeXus: the group
+``/entry/fields`` is an NXdata with the axes (frame, y, x).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -19,15 +17,31 @@ from app.errors import UserError
 from app.session.checked import NUMBER, CheckedFile
 from app.session.layout import FORMAT_ATTRIBUTE
 
+_COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
+    "ux": ("ux_px", "f4", "px", "displacement along x"),
+    "uy": ("uy_px", "f4", "px", "displacement along y"),
+    "ux_errors": ("ux_std_px", "f4", "px", "standard uncertainty of ux"),
+    "uy_errors": ("uy_std_px", "f4", "px", "standard uncertainty of uy"),
+    "zncc": ("zncc", "f4", "1", "zero-mean normalised cross-correlation"),
+    "status": ("status", "u1", "1", "status"),
+    "iterations": ("iterations", "u1", "1", "iterations of the correlation"),
+}
+_AXES = {  # dataset -> unit, meaning
+    "frame": ("1", "image after the reference"),
+    "y": ("px", "y of the box centre; 0 is the centre of the top row of pixels"),
+    "x": ("px", "x of the box centre; 0 is the centre of the left column of pixels"),
+}
+
 
 class FieldsWriter:
-    """Writes the fields of a series of images, one after the other; frame 1 is the first image
-    after the reference.
+    """Writes the fields of a series of images, one after the other.
+
+    Frame 1 is the first image after the reference. Use it with `contextlib.closing`.
 
     Parameters
     ----------
     path : Path
-        The file; one of that name is replaced.
+        The file, which must not exist.
     images : sequence of str
         Names of the images, in order; one field of each follows by `append`.
     x_px, y_px : ndarray, shape (nx,) and (ny,)
@@ -51,55 +65,31 @@ class FieldsWriter:
         units: Mapping[str, str],
     ) -> None:
         self._next = 0
-        self._file = h5py.File(path, "w")
+        self._file = h5py.File(path, "x")
         self._file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "SlipScope"})
         entry = self._group(self._file, "entry", "NXentry", default="fields")
-        self._dataset(entry, "title", f"displacement from {settings['reference']}")
+        entry["title"] = f"displacement from {settings['reference']}"
         source = self._group(entry, "settings", "NXcollection")
-        self._dataset(source, "images", np.array(list(images), dtype=h5py.string_dtype()))
+        source["images"] = np.array(list(images), dtype=h5py.string_dtype())
         for name, value in settings.items():
-            self._dataset(
-                source, name, value, **({} if isinstance(value, str) else {"units": units[name]})
-            )
+            source[name] = value
+            if not isinstance(value, str):
+                source[name].attrs["units"] = units[name]
         others = [name for name in _COLUMNS if name != "ux"]
         data = self._group(
-            entry,
-            "fields",
-            "NXdata",
-            signal="ux",
-            axes=["frame", "y", "x"],
-            auxiliary_signals=others,
+            entry, "fields", "NXdata", signal="ux", axes=list(_AXES), auxiliary_signals=others
         )
-        self._dataset(
-            data,
-            "frame",
-            np.arange(1, len(images) + 1),
-            units="1",
-            long_name="image after the reference",
-        )
-        self._dataset(
-            data,
-            "y",
-            y_px,
-            units="px",
-            long_name="y of the box centre; 0 is the centre of the top row of pixels",
-        )
-        self._dataset(
-            data,
-            "x",
-            x_px,
-            units="px",
-            long_name="x of the box centre; 0 is the centre of the left column of pixels",
-        )
+        for name, values in (("frame", np.arange(1, len(images) + 1)), ("y", y_px), ("x", x_px)):
+            data[name] = values
+            data[name].attrs["units"], data[name].attrs["long_name"] = _AXES[name]
         shape = (len(images), len(y_px), len(x_px))
         meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
         self._columns = {}
         for name, (attribute, dtype, unit, text) in _COLUMNS.items():
-            self._columns[attribute] = data.create_dataset(
-                name, shape, dtype, chunks=(1, *shape[1:])
-            )
+            column = data.create_dataset(name, shape, dtype, chunks=(1, *shape[1:]))
             long_name = f"{text}: {meanings}" if name == "status" else text
-            self._columns[attribute].attrs.update({"units": unit, "long_name": long_name})
+            column.attrs.update({"units": unit, "long_name": long_name})
+            self._columns[attribute] = column
 
     def append(self, field: Any, /) -> None:
         """Write the field of the next image, an `analysis.dic.Field`."""
@@ -111,53 +101,27 @@ class FieldsWriter:
         """Close the file. May be called twice."""
         self._file.close()
 
-    def __enter__(self) -> FieldsWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     @staticmethod
     def _group(parent: Any, name: str, nx_class: str, **attributes: Any) -> Any:
         group = parent.create_group(name)
         group.attrs.update({"NX_class": nx_class, **attributes})
         return group
 
-    @staticmethod
-    def _dataset(parent: Any, name: str, value: Any, **attributes: str) -> None:
-        parent.create_dataset(name, data=value).attrs.update(attributes)
 
+class FieldsHeld(NamedTuple):
+    """The fields of u_x in a file, in pixels, NaN where not measured.
 
-_COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
-    "ux": ("ux_px", "f4", "px", "displacement along x"),
-    "uy": ("uy_px", "f4", "px", "displacement along y"),
-    "ux_errors": ("ux_std_px", "f4", "px", "standard uncertainty of ux"),
-    "uy_errors": ("uy_std_px", "f4", "px", "standard uncertainty of uy"),
-    "zncc": ("zncc", "f4", "1", "zero-mean normalised cross-correlation"),
-    "status": ("status", "u1", "1", "status"),
-    "iterations": ("iterations", "u1", "1", "steps taken to the place"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class FieldsFile:
-    """What `read_fields_file` found; pixels, NaN where not measured; `ux_px` and `sd_px` have the
-    shape (frames, ny, nx).
+    `ux_px` and its standard uncertainty `sd_px` have the shape (frames, ny, nx).
     """
 
     x_px: NDArray[np.float64]
     y_px: NDArray[np.float64]
+    frames: tuple[int, ...]
     ux_px: NDArray[np.float64]
     sd_px: NDArray[np.float64]
-    frames: tuple[int, ...]
 
 
-def read_fields_file(path: Path) -> FieldsFile:
+def read_fields_file(path: Path) -> FieldsHeld:
     """The fields of u_x in a file that `FieldsWriter` wrote.
 
     Raises
@@ -168,22 +132,21 @@ def read_fields_file(path: Path) -> FieldsFile:
     shapes = {
         "x": ("nx",),
         "y": ("ny",),
+        "frame": ("frames",),
         "ux": ("frames", "ny", "nx"),
         "ux_errors": ("frames", "ny", "nx"),
-        "frame": ("frames",),
     }
     with closing(CheckedFile(path, "file of displacement fields")) as file:
         datasets = [
             file.dataset(f"/entry/fields/{name}", shape, NUMBER) for name, shape in shapes.items()
         ]
-        found = [np.asarray(file.read(dataset), np.float64) for dataset in datasets]
-    x, y, ux, sd, frame = found
+        x, y, frame, ux, sd = (np.asarray(file.read(data), np.float64) for data in datasets)
     if ux.shape != (len(frame), len(y), len(x)) or sd.shape != ux.shape:
         raise UserError(
             f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x"
             f" {len(y)} points; correlate again"
         )
-    return FieldsFile(x, y, ux, sd, tuple(int(n) for n in frame))
+    return FieldsHeld(x, y, tuple(int(n) for n in frame), ux, sd)
 
 
 def is_session(path: Path) -> bool:

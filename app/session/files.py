@@ -1,5 +1,5 @@
-"""The two files of a session while it is recorded: made together, and let go of where HDF5 can not
-go on.
+"""The files of a session: where they may lie, and how session and journal are made together, and
+let go of where HDF5 can not go on.
 """
 
 from __future__ import annotations
@@ -7,13 +7,15 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 
 import h5py
 
 from app.errors import UserError
+from app.outputs import check_output, new_file
 from app.session.journal import Journal, journal_of
 
 # no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if
@@ -22,6 +24,67 @@ RESERVE_BYTES = 32 << 20
 METADATA_BYTES = 1 << 19  # and no chunks: HDF5's caches would grow for the first hours of a run
 # checksummed headers, and no open-for-writing mark that would lock the file after a kill
 _LIBVER = ("v108", "v108")
+
+
+def picture_of(session: Path) -> Path:
+    """Where the picture of a session lies: beside it, under the same name."""
+    return session.with_suffix(".png")
+
+
+def files_of(session: Path) -> dict[str, Path]:
+    """The files that may belong to a session, by what they are."""
+    return {
+        "session": session,
+        "journal of a session that was cut short": journal_of(session),
+        "picture": picture_of(session),
+    }
+
+
+def check_new_session(
+    session: Path, overwrite: bool, *, read: Iterable[Path] = (), has_picture: bool = True
+) -> None:
+    """Refuse a name for a session if it or a file that belongs to it must not be written.
+
+    Parameters
+    ----------
+    read : iterable of Path
+        Sessions that are read meanwhile.
+    has_picture : bool
+        Whether a picture of the session will be drawn.
+
+    Raises
+    ------
+    UserError
+    """
+    check_output(session, overwrite, what="session", inputs={"session": read})
+    if picture_of(session) == session:
+        raise UserError(
+            f"{session}: the session would have the name of its own picture; choose another ending,"
+            " such as .h5"
+        )
+    for what, path in files_of(session).items():
+        if has_picture or what != "picture":
+            check_output(path, overwrite, what=what)
+
+
+@contextmanager
+def new_session(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A name beside `path` for a session to write, which takes its place when the block ends.
+
+    Whatever ends the block early, nothing is left of it, and a session that was at `path` before
+    stays as it was.
+
+    Raises
+    ------
+    UserError
+        The session can not be written.
+    """
+    with new_file(path, overwrite) as unfinished:
+        try:
+            yield unfinished
+        finally:
+            journal_of(unfinished).unlink(missing_ok=True)
+        journal_of(path).unlink(missing_ok=True)  # of the session that is replaced
 
 
 def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:

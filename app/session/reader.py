@@ -264,6 +264,11 @@ class SessionReader:
             rows[column.attribute] = held
         return rows
 
+    def have_fields(self) -> NDArray[np.bool_]:
+        """Which snapshots have a displacement field."""
+        has: NDArray[np.bool_] = self._results["field"] != NO_ROW
+        return has
+
     def snapshots(self) -> Iterator[Snapshot]:
         """The results of each analysed frame, in order."""
         yield from map(self.snapshot, range(len(self._results["frame"])))

@@ -25,6 +25,7 @@ from app.records import (
     Samples,
     SourceFrame,
 )
+from app.session.files import check_new_session, new_session
 from app.session.journal import StoredFrame, Torn, journal_of, read_journal
 from app.session.reader import UNREADABLE_IMAGE, Altered, SessionReader
 from app.session.receipt import Receipt, verify
@@ -99,14 +100,11 @@ def repair(
     Raises
     ------
     UserError
-        There is nothing to repair from, or the output can not be made there.
-    OSError
-        The output can not be written.
+        There is nothing to repair from, or the output can not be written.
     """
     if not session.is_file():
         raise UserError(f"{session}: there is no such session; check the name")
-    if output.absolute() == session.absolute() or (output.exists() and output.samefile(session)):
-        raise UserError(f"{output}: a repair never changes the session itself; give another name")
+    check_new_session(output, overwrite, read=[session], has_picture=False)
     journal, has_journal = journal_of(session), False
     if journal.is_file():
         has_journal = isinstance(next(read_journal(journal), None), Header)
@@ -118,7 +116,9 @@ def repair(
             return Repaired(session, None, source, 0, 0, 0, whole, receipt)
     try:
         found = _journal_of(session, progress) if has_journal else _file_of(session, progress)
-        return _write(session, output, source, found, overwrite)
+        with new_session(output, overwrite) as unfinished:
+            repaired = _write(session, unfinished, source, found)
+        return replace(repaired, output=output)
     except _NONSENSE as error:
         raise UserError(
             f"{session}: what its {source} holds makes no session: {error}; use a copy of it if"
@@ -126,11 +126,9 @@ def repair(
         ) from error
 
 
-def _write(
-    session: Path, output: Path, source: str, found: Iterator[Any], overwrite: bool
-) -> Repaired:
+def _write(session: Path, output: Path, source: str, found: Iterator[Any]) -> Repaired:
     """Give a new writer every record that was found."""
-    writer = SessionWriter.create(output, next(found), overwrite=overwrite)
+    writer = SessionWriter.create(output, next(found))
     frames: set[int] = set()
     torn = unread = cut = 0
     try:

@@ -119,7 +119,8 @@ def test_replay_with_another_setting_makes_a_second_file_and_replays_it(
     [
         (("--set", "run.travel=9"), "run.travel is 22.0 in the session, as it was measured"),
         (("--set", "dic.bocks=9"), "unknown key 'dic.bocks'"),
-        (("-o", "session.h5"), "exists"),
+        (("-o", "session.h5"), "this is the session itself, which is never changed"),
+        (("-o", "session.png"), "would have the name of its own picture"),
         (("-o", "session.h5", "--overwrite"), "this is the session itself, which is never changed"),
         (("-o", "no/such/folder.h5"), "does not exist"),
     ],

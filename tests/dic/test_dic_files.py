@@ -13,8 +13,9 @@ from blobs import Speckle
 from scipy.interpolate import RegularGridInterpolator
 
 from analysis.dic import Correlation
-from app.dic_files import PLANES, correlate_files, read_image
 from app.errors import UserError
+from app.exchange.correlating import PLANES, correlate_files
+from app.exchange.images import read_image
 
 DATA = Path(__file__).parents[1] / "data" / "dic_challenge"
 
@@ -307,7 +308,7 @@ def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
     for images, output, settings, options, words in [
         ([], "a.csv", {}, {}, "no images"),
         (pictures, "a.txt", {}, {}, "ending '.txt'"),
-        (pictures, "none/a.csv", {}, {}, "existing folder"),
+        (pictures, "none/a.csv", {}, {}, "does not exist"),
         (pictures, "a.csv", {"box": 119}, {}, "do not fit"),
         (pictures, "a.csv", {}, {"mask": mask}, "mask.png: 160 x 119 uint8 found"),
         (pictures, "a.csv", {}, {"mask": tmp_path / "no.png"}, "no such file"),

@@ -7,7 +7,7 @@ import pytest
 from hil_run import SMALL, HilRun
 
 from app import config, live
-from app.reanalysis import Reanalysis
+from app.offline.reanalysis import Reanalysis
 
 WITH_E = "stress.method=axisymmetric"  # the fit that gives Young's modulus
 

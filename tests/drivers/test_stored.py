@@ -186,14 +186,14 @@ def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(
     ahead = []
 
     def slow_down(run):
-        step = run._pipeline.step
+        step = run._analysis.pipeline.step
 
         def slowly(index, sample, image, now):
             time.sleep(1.0 if index in (60, 61) else 0)
             ahead.append(run._history.end - sample)
             return step(index, sample, image, now)
 
-        run._pipeline.step = slowly
+        run._analysis.pipeline.step = slowly
 
     outcome = again(
         tmp_path / "slow.h5", recorded, "forces", "camera", "actuator", sabotage=slow_down

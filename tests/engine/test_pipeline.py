@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from app import config, live
 from app.engine.pipeline import Pipeline, summarise
+from app.offline.replay import difference
 from app.records import Phase
-from app.replay import difference
 from app.session.reader import SessionReader
 
 OVERRIDES = (

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from app import config, live
-from app.playback import Playback
-from app.replay import difference, make_replay
+from app.offline.playback import Playback
+from app.offline.replay import Replay, difference
 from app.session.reader import SessionReader
 
 SMALL = (
@@ -99,7 +99,7 @@ def test_the_end_wakes_whoever_waits(paused):
 
 
 def test_any_frame_is_shown_as_it_was_recorded_and_the_replay_is_the_same_to_the_bit(session):
-    replay = make_replay(session, pace=None)
+    replay = Replay(session, pace=None)
     replay.playback.pause()
     replay.start()
     for n in (1, 2, 3):
@@ -124,7 +124,7 @@ def test_any_frame_is_shown_as_it_was_recorded_and_the_replay_is_the_same_to_the
 
 
 def test_a_standing_replay_can_be_ended(session):
-    replay = make_replay(session, pace=1.0)
+    replay = Replay(session, pace=1.0)
     replay.playback.pause()
     replay.start()
     replay.request_stop("enough")

@@ -5,6 +5,7 @@ tells where it comes from.
 import hashlib
 import math
 import shutil
+import threading
 
 import h5py
 import numpy as np
@@ -13,10 +14,11 @@ import pytest
 from app import config, live
 from app.config import ConfigError
 from app.errors import UserError
-from app.reanalysis import Reanalysis
-from app.replay import difference, make_replay
+from app.offline.reanalysis import Reanalysis
+from app.offline.replay import Replay, difference
 from app.session import Session
 from app.session.files import RESERVE_BYTES
+from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.repair import repair
@@ -75,7 +77,7 @@ def analysed(session, name, *overrides, **options):
 
 
 def replayed(path):
-    replay = make_replay(path, pace=None)
+    replay = Replay(path, pace=None)
     replay.start()
     assert replay.wait(PATIENCE_S).state == "done"
     return replay.comparison()
@@ -210,7 +212,7 @@ def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(
             UserError, match=r"b\.h5: its images are in a\.h5, which does not lie beside it"
         ):
             analysis.frames[0]
-    for use in (lambda: make_replay(other, pace=None), lambda: verify(other)):
+    for use in (lambda: Replay(other, pace=None), lambda: verify(other)):
         with pytest.raises(UserError, match="does not lie beside it") as refused:
             use()
         assert refused.type is UserError  # nothing was found that is not as recorded
@@ -220,7 +222,7 @@ def test_another_session_of_that_name_is_not_taken_for_it(session, other):
     with h5py.File(session, "r+") as file:
         file["entry/start_time"][()] = "2001-01-01T00:00:00+00:00"
     with pytest.raises(UserError, match=r"a\.h5 is not the session that was analysed"):
-        make_replay(other, pace=None)
+        Replay(other, pace=None)
 
 
 def test_an_image_that_has_changed_is_not_taken_for_the_one_that_was_analysed(session, other):
@@ -275,10 +277,17 @@ def test_a_full_disk_fails_by_name_and_leaves_nothing(session, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(SessionWriter, "_append_snapshot", full)
-    outcome, _path = analysed(session, "b.h5")
+    outcome, path = analysed(session, "b.h5")
     assert outcome.state == "failed"
     assert "No space left on device" in outcome.reason
     assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
+    path.write_bytes(b"earlier")
+    outcome, _ = analysed(session, "b.h5", overwrite=True)
+    assert outcome.state == "failed"
+    assert {p.name: p.read_bytes() == b"earlier" for p in session.parent.iterdir()} == {
+        "a.h5": False,
+        "b.h5": True,
+    }
 
 
 def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
@@ -292,15 +301,21 @@ def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
     assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
 
 
-def test_one_that_was_cut_short_is_repaired(session, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        SessionWriter,
-        "close",
-        lambda writer: [f.close() for f in (writer._file, writer._on_disk, writer._journal)],
-    )
-    monkeypatch.setattr(SessionWriter, "_finish", lambda writer, outcome: writer.flush())
-    analysed(session, "b.h5")
+def test_one_that_was_killed_is_repaired_from_what_lies_beside(session, monkeypatch):
+    """A program that is killed leaves the file that it had not finished, with its journal."""
+    cut = session.with_name("cut.h5")
+
+    def kill(writer, outcome):
+        writer.flush()
+        shutil.copy(writer._path, cut)
+        shutil.copy(journal_of(writer._path), journal_of(cut))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SessionWriter, "_finish", kill)
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+    outcome, path = analysed(session, "b.h5")
     monkeypatch.undo()
-    repaired = repair(session.with_name("b.h5"), session.with_name("c.h5"))
-    assert repaired.torn == 0
+    assert (outcome.state, path.exists()) == ("failed", False)
+    repaired = repair(cut, session.with_name("c.h5"))
+    assert (repaired.source, repaired.torn) == ("journal", 0)
     assert replayed(session.with_name("c.h5")).all_identical

@@ -10,8 +10,8 @@ import pytest
 
 from app import config, live
 from app.engine.run import Run
+from app.offline.replay import Replay, difference
 from app.records import Motion, Phase, Snapshot
-from app.replay import difference, make_replay
 from app.session.reader import SessionReader
 from drivers.errors import DeviceFault
 from drivers.protocols import LostFrame
@@ -122,7 +122,7 @@ def test_two_runs_are_equal_whatever_the_pace(session, tmp_path):
 
 
 def replayed(path):
-    replay = make_replay(path, pace=None)
+    replay = Replay(path, pace=None)
     replay.start()
     outcome = replay.wait(TIMEOUT)
     assert outcome.state == "done", outcome.reason
@@ -258,7 +258,7 @@ def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path
 @pytest.mark.parametrize(
     ("where", "words"),
     [
-        (lambda run: setattr(run._pipeline, "step", broken("pipeline")), "it went away"),
+        (lambda run: setattr(run._analysis.pipeline, "step", broken("pipeline")), "it went away"),
         (
             lambda run: setattr(
                 run._workers.recorder._sink,

@@ -202,14 +202,14 @@ def test_a_disk_that_pauses_for_less_than_the_queue_holds_costs_nothing(tmp_path
 
 def test_an_analysis_ten_times_too_slow_costs_nothing_but_its_own_frames(tmp_path):
     def slow_down(s):
-        step = s.run._pipeline.step
+        step = s.run._analysis.pipeline.step
 
         def slowly(index, sample, image, now):
             if now.phase is Phase.DRIVE:
                 s.until(s.world.now + 10 * DIVISOR)
             return step(index, sample, image, now)
 
-        s.run._pipeline.step = slowly
+        s.run._analysis.pipeline.step = slowly
 
     s = Stressed(tmp_path / "lag.h5", slow_down)
     assert (s.outcome.state, s.outcome.reason) == ("done", "the drive of 60 um is complete")
@@ -226,7 +226,7 @@ def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_p
     began = []
 
     def slow_down(s):
-        take, is_driving = s.run._pipeline._take_reference, s.is_driving
+        take, is_driving = s.run._analysis.pipeline._take_reference, s.is_driving
 
         def slowly(*frame):
             s.is_driving = lambda: True  # the analysis is behind: nobody waits for it
@@ -236,7 +236,7 @@ def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_p
             s.is_driving, s.run._bench.forces.backlog = is_driving, lambda: 0
             return take(*frame)
 
-        s.run._pipeline._take_reference = slowly
+        s.run._analysis.pipeline._take_reference = slowly
 
     s = Stressed(tmp_path / "slow-reference.h5", slow_down)
     assert (s.outcome.state, s.outcome.reason) == ("done", "the drive of 60 um is complete")

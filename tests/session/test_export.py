@@ -18,10 +18,10 @@ from numpy.testing import assert_array_equal
 from PIL import Image
 from session_material import GRID_X, GRID_Y, SHAPE, Session, make_writer, record
 
-from app.commands import exchange
+from app.commands import files
 from app.errors import UserError
 from app.exchange.exporting import export, frame_range
-from app.field_files import read_fields
+from app.exchange.fields import read_fields
 from app.records import ReceivedFrame, numbers_of, series_of
 
 PIXEL = 7.04e-6
@@ -133,7 +133,9 @@ def test_fields_as_a_table_that_invert_reads(session: Session, tmp_path: Path) -
     assert found.frames == tuple(snapshot.frame for snapshot in measured)
     np.testing.assert_allclose(found.x_m, GRID_X * PIXEL)
     np.testing.assert_allclose(
-        found.ux_m, np.stack([s.field.ux_px for s in measured]) * PIXEL, atol=1e-6 * PIXEL
+        [ux for _, ux, _ in found.fields()],
+        np.stack([s.field.ux_px for s in measured]) * PIXEL,
+        atol=1e-6 * PIXEL,
     )
     first = rows_of(tmp_path / "fields.csv")[2]
     status = ("ok", "low_contrast", "out_of_image", "decorrelated", "not_converged")[
@@ -300,7 +302,7 @@ def test_the_command_says_what_it_wrote(
     session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
-        exchange.export(session.path, tmp_path / "f.csv", "", "2:5", overwrite=False, as_json=False)
+        files.export(session.path, tmp_path / "f.csv", "", "2:5", overwrite=False, as_json=False)
         == 0
     )
     assert capsys.readouterr().out == f"{tmp_path / 'f.csv'}: 2 fields of 6 points\n"

@@ -15,14 +15,14 @@ import short_run
 from PIL import Image
 
 from app import config, live
-from app.commands import exchange
+from app.commands import files
 from app.config import ConfigError
 from app.errors import UserError
 from app.exchange.exporting import export
 from app.exchange.frames import Sources
 from app.exchange.importing import Imported, import_files
+from app.offline.replay import Replay, difference
 from app.records import Phase, series_of
-from app.replay import Replay, difference
 from app.session.reader import SessionReader
 
 SHORT = (*short_run.SHORT, "sample.lens_compliance=1.5")
@@ -357,7 +357,7 @@ def test_the_command_tells_what_was_assumed(
     few: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sources = Sources(images=[few], overrides=("dic.step=20",), **KNOWN)
-    assert exchange.import_(sources, tmp_path / "c.h5", overwrite=False, as_json=False) == 0
+    assert files.import_(sources, tmp_path / "c.h5", overwrite=False, as_json=False) == 0
     said = capsys.readouterr().out
     assert "imported: 7 images, 1 lost" in said
     assert "the reference is frame 0" in said
@@ -378,7 +378,7 @@ def test_a_few_rows_over_hours_are_refused(
     (tmp_path / "table.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     with pytest.raises(
         UserError,
-        match=r"table\.csv: 7 rows over 2\.1e\+07 samples at 1000 Hz found; give a lower --rate",
+        match=r"table\.csv: 7 rows cover 2\.1e\+07 samples at 1000 Hz; give a lower --rate",
     ):
         imported(tmp_path / "new.h5", few, **{name: tmp_path / "table.csv"}, **KNOWN)
     assert not (tmp_path / "new.h5").exists()

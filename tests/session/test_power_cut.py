@@ -11,8 +11,8 @@ from power_cut import Disk
 from session_material import SHAPE, make_snapshot, make_writer
 
 from app.errors import UserError
+from app.offline.replay import difference
 from app.records import Event, ReceivedFrame, Samples
-from app.replay import difference
 from app.session.reader import SessionReader
 from app.session.repair import repair
 

@@ -26,8 +26,8 @@ from session_material import (
 )
 
 from app.errors import UserError
+from app.offline.replay import difference
 from app.records import Gap, Samples
-from app.replay import difference
 from app.session import journal
 from app.session.journal import Journal, StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
@@ -200,7 +200,7 @@ def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
 def test_what_can_not_be_repaired_says_why(tmp_path: Path) -> None:
     written = cut_short(tmp_path)
     with pytest.raises(
-        UserError, match=r"cut\.h5: a repair never changes the session itself; give another name"
+        UserError, match=r"cut\.h5: this is the session itself, which is never changed"
     ):
         repair(written.path, written.path)
     with pytest.raises(UserError, match="there is no such session"):
@@ -318,6 +318,6 @@ def test_failed_repair_leaves_no_output(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(
         "app.session.files.shutil.disk_usage", lambda _: type("usage", (), {"free": 0})
     )
-    with pytest.raises(OSError, match="the disk is full"):
+    with pytest.raises(UserError, match=r"repaired\.h5: it can not be written: the disk is full"):
         repair(written.path, tmp_path / "repaired.h5")
     assert not list(tmp_path.glob("repaired*"))

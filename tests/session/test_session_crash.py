@@ -21,8 +21,8 @@ from session_material import COUNTS, SHAPE, make_snapshot, make_writer, record
 
 from app.engine.recorder import Recorder
 from app.errors import UserError
+from app.offline.replay import difference
 from app.records import UNFINISHED, LostTrigger, Outcome, ReceivedFrame
-from app.replay import difference
 from app.session import columns, files
 from app.session.journal import journal_of
 from app.session.reader import SessionReader

@@ -1,0 +1,38 @@
+"""What an experiment takes of the computer."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import psutil
+
+
+class Usage:
+    """Counts what this process takes from now on."""
+
+    def __init__(self) -> None:
+        self._process = psutil.Process()
+        self._began = time.monotonic()
+        self._cpu_s = self._cpu()
+        self._peak_bytes = 0
+
+    def look(self) -> None:
+        """Take note of the memory in use."""
+        self._peak_bytes = max(self._peak_bytes, self._process.memory_info().rss)
+
+    def resources(self, peak_bytes: int = 0) -> dict[str, Any]:
+        """Largest memory (`peak_bytes` is what others have noted), processor time of all threads,
+        and time elapsed.
+        """
+        self.look()
+        self._peak_bytes = max(self._peak_bytes, peak_bytes)
+        return {
+            "peak_memory_mib": round(self._peak_bytes / 2**20, 1),
+            "cpu_s": round(self._cpu() - self._cpu_s, 2),
+            "wall_s": round(time.monotonic() - self._began, 2),
+        }
+
+    def _cpu(self) -> float:
+        used = self._process.cpu_times()
+        return float(used.user + used.system)

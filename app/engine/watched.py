@@ -1,0 +1,73 @@
+"""What the window and the terminal see of an experiment, live or recorded."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.analyst import Analysis
+from app.records import ContactResult, Outcome, Snapshot
+from app.settings import Config
+
+
+class Watched:
+    """An experiment that is being analysed, to be read from any thread.
+
+    Attributes
+    ----------
+    config : Config
+    title : str
+        What it is, for people.
+    pixel_m, sample_rate_hz : float
+    grid_x_px, grid_y_px : ndarray, shape (nx,) and (ny,)
+        Centres of the correlation boxes.
+    """
+
+    def __init__(self, config: Config, title: str) -> None:
+        self.config, self.title = config, title
+        self.pixel_m = config.camera.pixel
+        self.sample_rate_hz = float(config.forces.sample_rate)
+        self._analysis = Analysis(config)
+        grid = self._analysis.pipeline.grid
+        self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
+        self._state = "idle"
+        self._starting = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._ended = threading.Event()
+        self._outcome: Outcome | None = None
+
+    def wait(self, timeout: float | None = None) -> Outcome | None:
+        """The outcome once the experiment has ended and its threads are gone; None if it has not
+        after `timeout` seconds.
+        """
+        if self._ended.wait(timeout) and self._thread is not None:
+            # an interpreter that ends while the thread lets go of its arrays may crash
+            self._thread.join()
+        return self._outcome
+
+    def outcome(self) -> Outcome | None:
+        """How the experiment ended; None while it has not."""
+        return self._outcome
+
+    def contact(self) -> ContactResult | None:
+        """The apparent contact, once the reference was taken."""
+        return self._analysis.pipeline.contact
+
+    def snapshots_since(self, n: int) -> list[Snapshot]:
+        """The snapshots after the first `n`; only the newest holds all its parts
+        (`app.engine.series`).
+        """
+        return self._analysis.series.since(n)
+
+    def force_history(
+        self, n: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """About `n` points of the experiment so far: samples, P and Q in newtons."""
+        return self._analysis.history.block_means(n)
+
+    def _end(self, outcome: Outcome) -> None:
+        self._outcome = outcome
+        self._state = outcome.state
+        self._ended.set()

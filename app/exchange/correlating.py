@@ -1,0 +1,223 @@
+"""Displacement fields between plain image files, written as a table (CSV), as one HDF5 file, or as
+NumPy arrays (npz).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.dic import Field, Grid, Status, Tracker, compile_kernels, open_tracker
+from analysis.dic.updating import UpdatingTracker
+from analysis.options import as_written, options
+from analysis.settings import Correlation
+from app.errors import UserError
+from app.exchange.fields import FieldTable
+from app.exchange.images import read_image, size_text
+from app.outputs import check_output, new_file
+from app.session.fields import FieldsWriter
+
+ENDINGS = (".h5", ".csv", ".npz")
+PLANES = ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "status", "iterations")
+
+
+@dataclass(frozen=True, slots=True)
+class CorrelationSummary:
+    """How a series of image files was correlated.
+
+    Attributes
+    ----------
+    frames, points : int
+        Number of images, and of points on the grid.
+    statuses : dict
+        Label of each `analysis.dic.Status` -> number of points of all images that have it.
+    points_per_s : float
+        Points that were to be measured, divided by the elapsed time of their correlation, without
+        compilation, reading and writing.
+    ux_std_px, uy_std_px, zncc : float
+        Standard uncertainties and correlation: median over the images of the medians over the
+        points of an image; NaN if no point was measured.
+    updates : int
+        How often the reference was replaced.
+    drift_px : float
+        Root mean square of the standard uncertainty that this added to u_x.
+    """
+
+    output: Path
+    frames: int
+    points: int
+    statuses: dict[str, int]
+    points_per_s: float
+    ux_std_px: float
+    uy_std_px: float
+    zncc: float
+    updates: int
+    drift_px: float
+
+
+def correlate_files(
+    reference: Path,
+    images: Sequence[Path],
+    output: Path,
+    correlation: Correlation = Correlation(),  # noqa: B008 - frozen
+    *,
+    mask: Path | None = None,
+    roi: tuple[int, int, int, int] | None = None,
+    overwrite: bool = False,
+    on_progress: Callable[[str, float], None] = lambda text, share: None,
+) -> CorrelationSummary:
+    """Write the displacement field of each image against the reference.
+
+    Parameters
+    ----------
+    output : Path
+        ``.csv``: one line per point, see `app.exchange.fields.FieldTable`; ``.h5``: see
+        `app.session.fields`; ``.npz``: x_px, y_px, `PLANES`, each (frames, ny, nx), and the texts
+        status_names, images and settings (name, value). The arrays of an npz are kept in memory
+        until the end.
+    mask : Path, optional
+        An image of the reference's size; pixels of the reference may be used where it is not 0.
+    roi : tuple of int, optional
+        Left, top, right, bottom, px: only boxes with their centre in this region are measured.
+    on_progress : callable
+        Called with what is being done and the share done, 0 to 1.
+
+    Raises
+    ------
+    UserError
+        A file or an option can not be used; nothing was written.
+    """
+    if not images:
+        raise UserError(f"{reference}: there are no images to correlate with it; name at least one")
+    inputs = [reference, *images, *([mask] if mask else [])]
+    check_output(output, overwrite, endings=ENDINGS, inputs={"image": inputs})
+    for path in inputs:
+        if not path.is_file():
+            raise UserError(f"{path}: there is no such file; check the name")
+    first = read_image(reference)
+    usable = None if mask is None else _read_like(mask, first, reference, is_mask=True) != 0
+    _check_region(roi, first, reference)
+    on_progress("preparing the correlation", 0.0)
+    try:
+        tracker = open_tracker(correlation, first, usable=usable, roi=roi)
+    except ValueError as error:
+        raise UserError(f"{reference}: {error}") from None
+    record = {
+        "reference": str(reference),
+        "mask": str(mask or ""),
+        "roi": " ".join(map(str, roi or ())),
+        **as_written(correlation),
+    }
+    names = [str(path) for path in images]
+    account = _Account()
+    with closing(tracker), new_file(output, overwrite) as unfinished:
+        compile_kernels(correlation, first.dtype)
+        with _writer(unfinished, names, tracker.grid, record) as append:
+            for n, path in enumerate(images):
+                on_progress(path.name, n / len(images))
+                append(account.timed(tracker, _read_like(path, first, reference)))
+    on_progress("done", 1.0)
+    return account.summary(output, len(images), tracker)
+
+
+class _Account:
+    """Counts the fates of the points of a series, and times their correlation."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(len(Status), np.int64)
+        self._medians: list[list[float]] = []
+        self._seconds = 0.0
+
+    def timed(self, tracker: Tracker, image: NDArray[Any]) -> Field:
+        """The field of the next image."""
+        began = time.perf_counter()
+        field = tracker.track(image)
+        self._seconds += time.perf_counter() - began
+        self._counts += np.bincount(field.status.ravel(), minlength=len(Status))
+        ok = field.status == Status.OK
+        if ok.any():
+            planes = (field.ux_std_px, field.uy_std_px, field.zncc)
+            self._medians.append([float(np.median(plane[ok])) for plane in planes])
+        return field
+
+    def summary(self, output: Path, frames: int, tracker: Tracker) -> CorrelationSummary:
+        """The account of the whole series."""
+        ux_std, uy_std, zncc = (
+            np.median(self._medians, axis=0).tolist() if self._medians else [math.nan] * 3
+        )
+        updating = tracker if isinstance(tracker, UpdatingTracker) else None
+        return CorrelationSummary(
+            output,
+            frames,
+            tracker.grid.shape[0] * tracker.grid.shape[1],
+            {status.label: int(self._counts[status]) for status in Status},
+            int(self._counts.sum() - self._counts[Status.MASKED]) / self._seconds,
+            ux_std,
+            uy_std,
+            zncc,
+            updating.updates if updating else 0,
+            updating.drift_px if updating else 0.0,
+        )
+
+
+def _read_like(
+    path: Path, first: NDArray[Any], reference: Path, *, is_mask: bool = False
+) -> NDArray[Any]:
+    """The image in a file, if it has the size and, unless it is a mask, the pixels of the reference."""
+    image = read_image(path)
+    if image.shape != first.shape or (image.dtype != first.dtype and not is_mask):
+        raise UserError(
+            f"{path}: {size_text(image)} found, the reference {reference} is {size_text(first)};"
+            f" use {'a mask of its size' if is_mask else 'images of one size and depth'}"
+        )
+    if not np.isfinite(image).all():
+        raise UserError(f"{path}: grey levels that are not finite found; replace them by numbers")
+    return image
+
+
+def _check_region(
+    roi: tuple[int, int, int, int] | None, first: NDArray[Any], reference: Path
+) -> None:
+    rows, columns = first.shape
+    left, top, right, bottom = roi or (0, 0, columns, rows)
+    if not (0 <= left < right <= columns and 0 <= top < bottom <= rows):
+        raise UserError(
+            f"{reference}: a region from ({left}, {top}) to ({right}, {bottom}) px asked of"
+            f" {columns} x {rows} px; give left, top, right and bottom inside the image"
+        )
+
+
+@contextmanager
+def _writer(
+    path: Path, images: list[str], grid: Grid, settings: dict[str, Any]
+) -> Iterator[Callable[[Field], None]]:
+    """A function that writes the field of the next image."""
+    labels, ending = [status.label for status in Status], path.suffix.lower()
+    if ending == ".csv":
+        with path.open("x", encoding="utf-8", newline="\n") as file:
+            table = FieldTable(file, grid.x_px, grid.y_px, more=["iterations"])
+            numbers = iter(range(1, len(images) + 1))
+            yield lambda field: table.append(next(numbers), field)
+    elif ending == ".h5":
+        units = {name: option.unit or "1" for name, option in options(Correlation).items()}
+        writer = FieldsWriter(path, images, grid.x_px, grid.y_px, labels, settings, units)
+        with closing(writer):
+            yield writer.append
+    else:
+        fields: list[Field] = []
+        yield fields.append
+        arrays: dict[str, Any] = {
+            name: np.stack([getattr(field, name) for field in fields]) for name in PLANES
+        }
+        arrays |= {"x_px": grid.x_px, "y_px": grid.y_px, "status_names": labels, "images": images}
+        arrays["settings"] = [(name, str(value)) for name, value in settings.items()]
+        with path.open("xb") as file:
+            np.savez(file, **arrays)

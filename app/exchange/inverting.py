@@ -1,0 +1,194 @@
+"""Shear tractions from a series of displacement fields."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.contact.rings import ring_means
+from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.problem import InversionProblem, mask_radius
+from analysis.inversion.regularised import RegularisedInversion
+from analysis.inversion.result import Inversion, RadialInversion
+from analysis.inversion.van_cittert import van_cittert
+from analysis.mechanics import hertz
+from app.errors import UserError
+from app.exchange.fields import FieldSeries
+from app.outputs import new_file
+from app.settings import InversionSettings
+
+F64 = NDArray[np.float64]
+
+ENDINGS = (".csv", ".npz")
+# share of the bump that the contact makes in the field: the part above gives the contact's centre
+HALF = 0.5
+_PROFILE = "r_mm,sigma_kpa,sigma_sd_kpa"
+_WHOLE = "x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um"
+
+
+@dataclass(frozen=True, slots=True)
+class Inverted:
+    """The traction under one field; `profile` is its azimuthal mean about the contact's centre as
+    (r, sigma, standard uncertainty).
+    """
+
+    number: int
+    result: Inversion
+    profile: tuple[F64, F64, F64]
+
+    @property
+    def peak_radius_m(self) -> float:
+        """Where the profile is largest."""
+        r, sigma, _ = self.profile
+        return float(r[np.nanargmax(sigma)])
+
+    @property
+    def residual_over_noise(self) -> float:
+        """Root mean square of the residual in units of the noise."""
+        return math.sqrt(self.result.chi2)
+
+
+def with_centre(series: FieldSeries) -> FieldSeries:
+    """The series with the contact's centre, computed from the last field unless it is known: the
+    centroid of the upper half of the bump that the contact makes in u_x.
+
+    Raises
+    ------
+    UserError
+        There is no bump.
+    """
+    if series.centre_m is not None:
+        return series
+    *_, (_, ux, _) = series.fields()
+    rim = np.concatenate([ux[0], ux[-1], ux[:, 0], ux[:, -1]])
+    bump = np.nan_to_num(np.nanmedian(rim) - ux) if np.isfinite(rim).any() else np.zeros(ux.shape)
+    weight = np.maximum(bump - HALF * bump.max(), 0.0)
+    if not weight.sum() > 0:
+        raise UserError(
+            "invert: no contact stands out of the last field; give its place with --centre"
+        )
+    x, y = weight.sum(axis=0) @ series.x_m, weight.sum(axis=1) @ series.y_m
+    return replace(series, centre_m=(float(x / weight.sum()), float(y / weight.sum())))
+
+
+def invert_series(
+    series: FieldSeries, settings: InversionSettings, failures: list[str]
+) -> Iterator[Inverted]:
+    """The traction under each field of a series whose centre is known, one at a time.
+
+    Fields that can not be inverted are left out; `failures` gets a sentence about each.
+
+    Raises
+    ------
+    UserError
+        The fields do not allow any inversion.
+    """
+    pitch, centre = series.pitch_m, series.centre_m
+    if centre is None:
+        raise ValueError("invert_series: the centre must be known; use `with_centre`")
+    if abs(float(series.y_m[1] - series.y_m[0]) / pitch - 1) > 1e-3:
+        raise UserError(
+            "invert: the points lie at another distance along x than along y; interpolate them on a"
+            " square grid"
+        )
+    x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
+    P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
+    try:
+        radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
+        solve = _solver(series, settings, x, y, radius)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    return _inverted(series, solve, x, y, radius, failures)
+
+
+Solve = Callable[[F64, F64 | None], Inversion]
+
+
+def _solver(
+    series: FieldSeries, settings: InversionSettings, x: F64, y: F64, radius: float
+) -> Solve:
+    """The function that inverts a field and its standard uncertainty."""
+    pitch, E, nu = series.pitch_m, settings.modulus, settings.poisson
+    r, theta = np.hypot(x, y), np.arctan2(y, x)
+    more = {"box": series.box_m, "thickness": settings.depth}
+    if settings.method in ("cgls", "van-cittert"):
+        problem = InversionProblem(r < radius, pitch, E, nu, **more)
+        iterate = conjugate_gradient if settings.method == "cgls" else van_cittert
+        return lambda ux, sd: iterate(problem, ux, sd)
+    more["edge"] = hertz.contact_radius(settings.normal_force, E, nu, settings.radius)
+    more["noise_box"] = series.noise_box_m
+    if settings.method == "regularised":
+        return RegularisedInversion(x, y, radius, E, nu, **more).solve
+    profile = AxisymmetricInversion(x, y, pitch, radius, E, nu, **more)
+    return lambda ux, sd: profile.solve(ring_means(r, ux, pitch, theta=theta))
+
+
+def _inverted(
+    series: FieldSeries, solve: Solve, x: F64, y: F64, radius: float, failures: list[str]
+) -> Iterator[Inverted]:
+    r, theta = np.hypot(x, y), np.arctan2(y, x)
+    for number, ux, sd in series.fields():
+        try:
+            result = solve(ux, sd if np.isfinite(sd).any() else None)
+        except ValueError as error:
+            failures.append(f"field {number}: {error}")
+            continue
+        if isinstance(result, RadialInversion):
+            inside = result.radius < radius
+            profile = result.radius[inside], result.sigma[inside], result.sigma_sd[inside]
+        else:
+            rings = ring_means(r, result.sigma, series.pitch_m, radius, theta=theta)
+            profile = rings.radius, rings.mean, rings.standard_error
+        yield Inverted(number, result, profile)
+
+
+def write_tractions(
+    path: Path, series: FieldSeries, inverted: Sequence[Inverted], overwrite: bool
+) -> None:
+    """Write the tractions as a table (.csv) or as arrays (.npz).
+
+    A CSV has the columns frame, r_mm, sigma_kpa, sigma_sd_kpa or, of methods that invert the whole
+    field, frame, x_mm, y_mm, sigma_kpa, sigma_sd_kpa, residual_um. An npz has frame, D_m, D_sd_m,
+    Q_n, Q_sd_n, radius_m, profile_pa, profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa,
+    sigma_sd_pa, residual_m.
+    """
+    is_whole = not isinstance(inverted[0].result, RadialInversion)
+    with new_file(path, overwrite) as unfinished:
+        if path.suffix.lower() == ".npz":
+            with unfinished.open("xb") as file:
+                np.savez(file, **_arrays(series, inverted, is_whole))
+            return
+        x, y = np.meshgrid(series.x_m, series.y_m)
+        with unfinished.open("x", encoding="utf-8", newline="\n") as table:
+            table.write(f"frame,{_WHOLE if is_whole else _PROFILE}\n")
+            for one in inverted:
+                whole = (x, y, one.result.sigma, one.result.sigma_sd, one.result.residual)
+                si = np.column_stack(
+                    [part.ravel() for part in (whole if is_whole else one.profile)]
+                )
+                scale = (1e3, 1e3, 1e-3, 1e-3, 1e6) if is_whole else (1e3, 1e-3, 1e-3)
+                rows = np.column_stack([np.full(len(si), one.number), si * scale])
+                np.savetxt(table, rows, ["%d", *["%.7g"] * len(scale)], ",")
+
+
+def _arrays(series: FieldSeries, inverted: Sequence[Inverted], is_whole: bool) -> dict[str, Any]:
+    arrays: dict[str, Any] = {
+        "frame": np.array([one.number for one in inverted]),
+        "radius_m": inverted[0].profile[0],
+        "profile_pa": np.array([one.profile[1] for one in inverted]),
+        "profile_sd_pa": np.array([one.profile[2] for one in inverted]),
+    }
+    attributes = {"D_m": "D", "D_sd_m": "D_sd", "Q_n": "Q", "Q_sd_n": "Q_sd"}
+    if is_whole:
+        arrays |= {"x_m": series.x_m, "y_m": series.y_m}
+        attributes |= {"sigma_pa": "sigma", "sigma_sd_pa": "sigma_sd", "residual_m": "residual"}
+    for name, attribute in attributes.items():
+        arrays[name] = np.array([getattr(one.result, attribute) for one in inverted])
+    return arrays

@@ -1,0 +1,1 @@
+"""Recorded experiments through the analysis: replays, further analyses, and their loop."""

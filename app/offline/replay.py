@@ -1,0 +1,259 @@
+"""A saved session sent through the same analysis again, frame for frame as it was analysed.
+
+No device is involved, nor could be.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import from_record, revised
+from app.engine.watched import Watched
+from app.errors import UserError
+from app.offline.loop import Measurements, Trigger, analyse
+from app.offline.playback import Browser, Playback
+from app.records import Counts, Health, Outcome, Position, ReceivedFrame, Record, Snapshot
+from app.schema import values
+from app.session.layout import FORMAT_VERSION
+from app.session.reader import SessionReader
+
+
+def difference(a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION) -> str:
+    """The first dataset in which two snapshots differ by a bit, of those that a session of that
+    version of the format has; empty where there is none.
+    """
+    for (column, x), (_, y) in zip(values(a), values(b), strict=True):
+        same = np.array_equal(column.stored(x), column.stored(y), equal_nan=True)
+        if column.since <= version and not same:
+            return column.path.removeprefix("/entry/")
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """How many replayed frames gave the recorded results, bit for bit."""
+
+    frames: int
+    identical: int
+    first_difference: str
+
+    @property
+    def all_identical(self) -> bool:
+        """Whether every replayed frame gave the recorded results."""
+        return self.frames == self.identical
+
+
+class _Comparing:
+    """Takes the results of a replay and compares them with those that were recorded."""
+
+    receipt = None
+
+    def __init__(self) -> None:
+        self.recorded: Iterator[Snapshot] = iter(())
+        self.format = FORMAT_VERSION
+        self.comparison = Comparison(0, 0, "")
+
+    def append(self, record: Record, /) -> None:
+        """Compare a snapshot with the next one that was recorded; everything else is left aside."""
+        if not isinstance(record, Snapshot):
+            return
+        unlike = difference(record, next(self.recorded), self.format)
+        before = self.comparison
+        self.comparison = Comparison(
+            before.frames + 1,
+            before.identical + (not unlike),
+            before.first_difference or (unlike and f"frame {record.frame}: {unlike}"),
+        )
+
+    def flush(self) -> None:
+        """Nothing is written."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class Replay(Watched):
+    """A session played again, with the same methods as a live `app.engine.run.Run`.
+
+    Parameters
+    ----------
+    pace : float or None
+        Seconds of the experiment per second; None: as fast as the machine can.
+    overrides : sequence of str
+        ``table.key=value`` of settings that differ from those of the session.
+
+    Raises
+    ------
+    UserError, ConfigError
+        There is no session, it has no results to repeat, or a setting can not be changed.
+    """
+
+    def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
+        with SessionReader(path) as session:
+            recorded = from_record(session.header.config_toml, f"{path}: settings")
+            super().__init__(revised(recorded, overrides), f"replay of {path.name}")
+            self._recorded_counts = session.outcome.counts
+            self._frames = self._frames_of(session)
+        self.path = path
+        self.playback = Playback(pace)
+        self.browser = Browser(path)
+        self._comparing = _Comparing()
+        self._phase = self._reason = self._preparing = ""
+        self._latest_image: NDArray[Any] | None = None
+
+    def start(self) -> None:
+        """Begin to play; returns at once.
+
+        Raises
+        ------
+        RuntimeError
+            It has begun before.
+        """
+        with self._starting:
+            if self._state != "idle":
+                raise RuntimeError(f"replay: it is {self._state} already; make a new one")
+            self._state = "running"
+        self._thread = threading.Thread(target=self._play, name="slipscope-replay", daemon=True)
+        self._thread.start()
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames to play."""
+        return len(self._frames)
+
+    @property
+    def can_browse(self) -> bool:
+        """Whether any frame can be looked at."""
+        return True
+
+    @property
+    def is_browsing(self) -> bool:
+        """Whether a recorded frame is shown rather than the newest one that was played."""
+        return self.browser.number is not None
+
+    @property
+    def place(self) -> int:
+        """Number of the frame that is shown, from 0."""
+        number = self.browser.number
+        return max(0, self._done - 1) if number is None else number
+
+    def request_stop(self, reason: str) -> None:
+        """End after the current frame."""
+        self._reason = self._reason or reason
+        self.playback.end()
+
+    def stop_motion(self) -> None:
+        """End the replay, in which nothing moves."""
+        self.request_stop("STOP MOTION was pressed")
+
+    def latest_image(self) -> NDArray[Any] | None:
+        """The image of the frame that is looked at, or else of the newest one."""
+        browsed = self.browser.look()
+        return self._latest_image if browsed is None else browsed[1]
+
+    def browsed(self) -> Snapshot | None:
+        """Recorded results of the frame that is looked at; None while it is the newest one that was
+        played.
+        """
+        browsed = self.browser.look()
+        return None if browsed is None else browsed[0]
+
+    def health(self) -> Health:
+        """State and progress at this moment; the counts are those of the recorded run, except for
+        the frames analysed here.
+        """
+        paused = "paused; Space continues" if self.playback.is_paused else ""
+        return Health(
+            state=self._state,
+            reason=self._reason or self._preparing or paused,
+            phase=self._phase,
+            counts=self._outcome.counts if self._outcome else self._counts(),
+            queue_fill=0.0,
+            queue_seconds=0.0,
+            disk_free_bytes=-1,  # nothing is written
+            sample=self._analysis.history.end,
+            progress=1.0 if self._outcome else self._done / len(self._frames),
+        )
+
+    def comparison(self) -> Comparison:
+        """The replayed results against the recorded ones."""
+        return self._comparing.comparison
+
+    @property
+    def _done(self) -> int:
+        return len(self._analysis.series)
+
+    def _counts(self) -> Counts:
+        skipped = max(0, self._recorded_counts.frames_received - len(self._frames))
+        return replace(self._recorded_counts, frames_analysed=self._done, frames_skipped=skipped)
+
+    def _play(self) -> None:
+        outcome = None
+        try:
+            self._preparing = "compiling the image correlation"
+            with SessionReader(self.path) as session:
+                outcome = self._analyse(session)
+        except Exception as error:
+            self._reason = f"replay of {self.path.name}: {error}"
+        finally:
+            self._end(outcome or Outcome("failed", self._reason, self._counts(), None, {}))
+
+    def _analyse(self, session: SessionReader) -> Outcome:
+        self._comparing.recorded, self._comparing.format = session.snapshots(), session.format
+        outcome = analyse(
+            self._analysis,
+            self._measurements(session),
+            self._triggers(session),
+            self._comparing,
+            lambda: self._why_ended("analysed frames were replayed"),
+        )
+        return replace(outcome, counts=self._counts())
+
+    def _why_ended(self, done: str) -> str:
+        self._reason = self._reason or f"all {self._done} {done}"
+        return self._reason
+
+    def _frames_of(self, session: SessionReader) -> list[int]:
+        """Trigger numbers of the frames to play, in order."""
+        analysed, _ = session.analysed_frames(), session.images_path  # may be in another file
+        if not analysed:
+            raise UserError(
+                f"{session.path}: no frame of this session was analysed; give -o ANALYSIS.h5 to do"
+                " so now"
+            )
+        return analysed
+
+    def _measurements(self, session: SessionReader) -> Measurements:
+        positions = zip(*(column.tolist() for column in session.positions()), strict=True)
+        return Measurements(
+            session.forces().volts,
+            session.gaps(),
+            [Position(*position) for position in positions],
+            session.events(),
+        )
+
+    def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
+        """Each frame when it is its turn."""
+        for index in self._frames:
+            _, sample, image = session.frame(index)
+            if not self._is_due(sample):
+                return
+            yield ReceivedFrame(index, sample, image), image
+            self._show(sample, image)
+
+    def _is_due(self, sample: int) -> bool:
+        """Whether a frame is to be played, once its time has come; False: the replay is over."""
+        self._preparing = ""
+        return self.playback.wait_for_turn(sample / self.sample_rate_hz)
+
+    def _show(self, sample: int, image: NDArray[Any]) -> None:
+        """Let the window see a frame that has been analysed."""
+        self._latest_image = image
+        self._phase = str(self._analysis.history.phase_at(sample))
