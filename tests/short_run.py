@@ -1,4 +1,6 @@
-"""Settings of an experiment that takes seconds."""
+"""Settings of experiments that take seconds: each the smallest that still shows what its tests look
+for.
+"""
 
 # a small contact in a small picture: 0.03 N, 0.86 mm, 22 um of travel
 SHORT = (
@@ -13,3 +15,20 @@ SHORT = (
     "sim.force_noise=0.02",
     "sim.press_time=0.75",
 )
+# For tests of the bench: the contact slides after 5.5 s of a drive of 12 s, which begins at sample
+# DRIVE. No traction: the summary of one takes longer than the run itself.
+SMALL = (
+    "camera.width=480",
+    "camera.height=360",
+    "camera.pixel=16",
+    "run.normal_force=0.1",
+    "run.background_time=0.2",
+    "sim.press_time=0.3",
+    "run.settle_time=0.2",
+    "run.reference_time=0.4",
+    "run.travel=60",
+    "dic.threads=1",
+    "stress.method=none",
+)
+DRIVE = 1800
+TRACTION = "stress.method=axisymmetric"

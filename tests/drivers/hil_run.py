@@ -6,20 +6,13 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import short_run
 
 from app import config, live
 from app.session.reader import SessionReader
 from drivers.sim.images import Renderer
 
-SMALL = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "run.travel=40",
-    "dic.threads=1",
-    "stress.method=none",
-)
+SMALL = (*short_run.SMALL, "run.travel=30")
 # longer than a run: a busy machine may be late, the world's time passes all the same
 PATIENT = "forces.buffer=60"
 TIMEOUT = 400

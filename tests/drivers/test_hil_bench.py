@@ -5,11 +5,10 @@ bench.
 import numpy as np
 import pytest
 from hil_run import SMALL, HilRun
+from short_run import TRACTION
 
 from app import config, live
 from app.offline.reanalysis import Reanalysis
-
-WITH_E = "stress.method=axisymmetric"  # the fit that gives Young's modulus
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +19,7 @@ def hil(tmp_path_factory):
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
     path = tmp_path_factory.mktemp("hil") / "sim.h5"
-    run = live.make_run(config.load(None, [*SMALL, "run.travel=60", WITH_E]), path, pace=None)
+    run = live.make_run(config.load(None, [*SMALL, "run.travel=60", TRACTION]), path, pace=None)
     run.start()
     return run.wait(400)
 
@@ -50,7 +49,7 @@ def test_the_forces_are_those_of_the_world_to_the_bit(hil):
 def test_the_results_are_those_of_the_simulated_bench_within_noise(hil, simulated):
     # a busy machine skips some
     every_frame = Reanalysis(
-        hil.path, hil.path.with_name("every-frame.h5"), pace=None, overrides=[WITH_E]
+        hil.path, hil.path.with_name("every-frame.h5"), pace=None, overrides=[TRACTION]
     )
     every_frame.start()
     a, b = every_frame.wait(400).summary, simulated.summary

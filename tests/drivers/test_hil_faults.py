@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hil_run import HilRun
 
-DRIVE = 5500  # a sample by which the drive has begun
+DRIVE = 2500  # a sample by which the drive has begun
 
 
 @pytest.fixture
@@ -20,39 +20,39 @@ def ended(tmp_path):
 
 def test_losses_are_found_at_their_true_index_and_the_run_goes_on(ended):
     e = ended(
-        "lost-trigger 20",
-        "lost-frame 25 2",
-        "lost-trigger 60 3",
-        "late-trigger 50 7",
-        "lost-frame 75",
+        "lost-trigger 5",
+        "lost-frame 8 2",
+        "lost-trigger 35 3",
+        "late-trigger 25 7",
+        "lost-frame 50",
     )
     assert e.outcome.state == "done", e.outcome.reason
     assert e.is_accounted_for()
-    assert set(e.lost) == {20, 25, 26, 60, 61, 62, 75}
-    assert all("missed" in e.lost[n] for n in (20, 60, 61, 62)), e.lost
-    assert all("missed" not in e.lost[n] for n in (25, 26, 75)), e.lost
+    assert set(e.lost) == {5, 8, 9, 35, 36, 37, 50}
+    assert all("missed" in e.lost[n] for n in (5, 35, 36, 37)), e.lost
+    assert all("missed" not in e.lost[n] for n in (8, 9, 50)), e.lost
     assert {n: sample - 125 * n for n, (sample, _) in e.triggers.items() if sample != 125 * n} == {
-        50: 7
+        25: 7
     }
     assert e.wrong_frames() == []
 
 
 def test_a_corrupt_picture_is_kept(ended):
-    e = ended("corrupt-frame 60")
+    e = ended("corrupt-frame 30")
     assert e.outcome.state == "done", e.outcome.reason
     assert e.is_accounted_for()
     assert e.counts.frames_lost == 0
-    assert e.wrong_frames(range(58, 63)) == [60]
+    assert e.wrong_frames(range(28, 33)) == [30]
 
 
 def test_a_camera_that_goes_away_ends_the_run_and_stops_the_drive(ended):
-    e = ended("camera-gone 60", pace=1.0)
+    e = ended("camera-gone 35", pace=1.0)
     assert e.outcome.state == "failed"
     assert "camera" in e.outcome.reason
     assert e.is_accounted_for()
     # those that it had exposed and not handed over are gone with it
     assert set(e.frames) == set(range(len(e.frames)))
-    assert 40 < len(e.frames) <= 60
+    assert 15 < len(e.frames) <= 35
     assert e.stands()
 
 
@@ -117,5 +117,5 @@ def test_a_cut_line_ends_the_run_and_says_that_the_stop_was_not_confirmed(ended)
 
 def test_a_noisy_line_is_asked_again(ended):
     e = ended(f"noisy-line {DRIVE} 10")
-    assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 40 um is complete")
+    assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 30 um is complete")
     assert e.is_accounted_for()

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 from contracts import CameraContract, ForceSourceContract
+from short_run import SMALL
 
 from app import config, live
 from app.session.reader import SessionReader
@@ -15,15 +16,6 @@ from drivers.protocols import Frame, LostFrame, LostSamples, TriggerTrain
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.stored import StoredActuator, StoredCamera, StoredForces
 
-SMALL = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "run.travel=60",
-    "dic.threads=1",
-    "stress.method=none",
-)
 TRAIN = TriggerTrain(0, 100)
 
 

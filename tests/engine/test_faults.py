@@ -5,21 +5,14 @@ does, and what the file holds.
 import h5py
 import numpy as np
 import pytest
+import short_run
 
 from app import config, live
 from app.session.reader import SessionReader
 from drivers.sim.faults import FAULTS, parse
 
-SMALL = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "run.travel=60",
-    "dic.threads=1",
-    "stress.method=none",
-)
-DRIVE = 4500  # a sample by which the drive has begun; it ends beyond 16,000
+SMALL = (*short_run.SMALL, "run.travel=30")
+DRIVE = short_run.DRIVE + 200  # it ends beyond 7900
 TIMEOUT = 400
 
 
@@ -85,14 +78,14 @@ def whole(e):
 @pytest.mark.parametrize(
     ("fault", "where", "words"),
     [
-        ("lost-trigger 60 3", (60, 61, 62), "missed trigger"),
-        ("lost-frame 70", (70,), "lost on its way"),
+        ("lost-trigger 30 3", (30, 31, 32), "missed trigger"),
+        ("lost-frame 40", (40,), "lost on its way"),
     ],
 )
 def test_a_lost_image_is_a_named_loss_at_its_index_and_the_run_goes_on(ended, fault, where, words):
     e = ended(fault)
     assert whole(e)
-    assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 30 um is complete")
     assert tuple(e.lost) == where
     assert all(words in reason for reason in e.lost.values())
     assert all(sample == 125 * index for index, (sample, _) in e.triggers.items())
@@ -101,16 +94,16 @@ def test_a_lost_image_is_a_named_loss_at_its_index_and_the_run_goes_on(ended, fa
 
 @pytest.mark.parametrize("counted", [False, True])
 def test_a_late_trigger_is_seen_where_the_board_counts_the_exposures(ended, counted):
-    e = ended("late-trigger 60 7", *(["forces.exposure_counter=ctr1"] if counted else []))
+    e = ended("late-trigger 30 7", *(["forces.exposure_counter=ctr1"] if counted else []))
     assert whole(e)
     assert e.outcome.state == "done"
     assert e.counts.frames_lost == 0
-    assert e.triggers[60][0] == 125 * 60 + (7 if counted else 0)
-    assert e.triggers[61][0] == 125 * 61
+    assert e.triggers[30][0] == 125 * 30 + (7 if counted else 0)
+    assert e.triggers[31][0] == 125 * 31
 
 
 def test_a_corrupt_picture_is_kept_and_only_its_own_points_are_lost(ended, tmp_path):
-    e = ended("corrupt-frame 60")
+    e = ended("corrupt-frame 30")
     assert whole(e)
     assert e.outcome.state == "done"
     with SessionReader(tmp_path / "faulty.h5") as s:
@@ -119,20 +112,20 @@ def test_a_corrupt_picture_is_kept_and_only_its_own_points_are_lost(ended, tmp_p
             for snapshot in s.snapshots()
             if snapshot.field is not None
         }
-    assert 0.3 < lost[60] < 0.7
-    assert max(lost[59], lost[61], lost[62]) < 0.05
-    assert e.frames[60][200:].std() > 2 * e.frames[59][200:].std()
+    assert 0.3 < lost[30] < 0.7
+    assert max(lost[29], lost[31], lost[32]) < 0.05
+    assert e.frames[30][200:].std() > 2 * e.frames[29][200:].std()
 
 
 def test_a_camera_that_goes_away_ends_the_run_and_stops_the_drive(ended):
-    e = ended("camera-gone 60")
+    e = ended("camera-gone 30")
     assert whole(e)
     assert e.outcome.state == "failed"
-    assert "simulated camera: it was unplugged at trigger 60" in e.outcome.reason
+    assert "simulated camera: it was unplugged at trigger 30" in e.outcome.reason
     assert e.stands()
-    assert set(e.frames) == set(range(60))
+    assert set(e.frames) == set(range(30))
     assert all("no image came before the run ended" in reason for reason in e.lost.values())
-    assert 0 < e.world.stage_m() < 60e-6
+    assert 0 < e.world.stage_m() < 30e-6
 
 
 def test_an_overflow_is_a_gap_with_its_length_and_ends_the_run(ended):
@@ -151,11 +144,11 @@ def test_an_overflow_is_a_gap_with_its_length_and_ends_the_run(ended):
 
 
 def test_a_run_may_go_on_after_an_overflow_and_nothing_is_shifted(ended, tmp_path):
-    e = ended(f"daq-overflow {DRIVE} 300", "forces.on_overflow=continue")
+    e = ended(f"daq-overflow {DRIVE} 300", "forces.on_overflow=continue", "run.travel=60")
     assert whole(e)
     assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 60 um is complete")
     assert e.gaps == [(DRIVE, 300)]
-    calm = Ended(tmp_path / "calm.h5", "late-trigger 999999")
+    calm = Ended(tmp_path / "calm.h5", "late-trigger 999999", "run.travel=60")
     np.testing.assert_array_equal(e.volts[:DRIVE], calm.volts[:DRIVE])
     n = min(len(e.volts), len(calm.volts))
     # the drive began at another block
@@ -208,7 +201,7 @@ def test_a_cut_line_ends_the_run_and_says_that_the_stop_was_not_confirmed(ended)
     assert len(e.volts) >= DRIVE
     e.world.advance(30_000)
     assert not e.world.is_moving()  # a bounded move ends by itself
-    assert e.world.stage_m() <= 60.001e-6
+    assert e.world.stage_m() <= 30.001e-6
 
 
 def test_a_line_that_is_not_there_can_not_be_noisy(ended, tmp_path):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import short_run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -13,15 +14,7 @@ from app.offline.replay import difference
 from app.records import Phase
 from app.session.reader import SessionReader
 
-OVERRIDES = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "run.travel=40",
-    "dic.threads=1",
-    "stress.method=none",
-)
+OVERRIDES = (*short_run.SMALL, "run.travel=40")
 
 
 @pytest.fixture(scope="module")

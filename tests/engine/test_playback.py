@@ -7,21 +7,14 @@ import time
 
 import numpy as np
 import pytest
+import short_run
 
 from app import config, live
 from app.offline.playback import Playback
 from app.offline.replay import Replay, difference
 from app.session.reader import SessionReader
 
-SMALL = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "run.travel=30",
-    "dic.threads=1",
-    "stress.method=none",
-)
+SMALL = (*short_run.SMALL, "run.travel=30")
 PATIENCE_S = 400.0
 
 

@@ -7,6 +7,7 @@ import threading
 import h5py
 import numpy as np
 import pytest
+from short_run import DRIVE, SMALL, TRACTION
 
 from app import config, live
 from app.engine.run import Run
@@ -16,15 +17,6 @@ from app.session.reader import SessionReader
 from drivers.errors import DeviceFault
 from drivers.protocols import LostFrame
 
-SMALL = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "run.travel=60",
-    "dic.threads=1",
-    "stress.method=none",
-)
 TIMEOUT = 400
 
 
@@ -130,7 +122,7 @@ def replayed(path):
 
 
 def test_replay_gives_the_live_results_to_the_bit(tmp_path):
-    _, outcome = run_to(tmp_path / "whole.h5", "stress.method=axisymmetric")
+    _, outcome = run_to(tmp_path / "whole.h5", TRACTION)
     assert outcome.summary.law_mu == pytest.approx(0.93, rel=0.02)
     replay = replayed(tmp_path / "whole.h5")
     assert replay.comparison().all_identical, replay.comparison()
@@ -283,7 +275,7 @@ def test_an_exception_anywhere_stops_the_actuator_first(where, words, tmp_path):
     assert stopped_by_itself(journals[0])
     assert "Traceback" not in outcome.reason
     with SessionReader(tmp_path / "x.h5") as s:
-        assert len(s.forces().volts) > 3000
+        assert len(s.forces().volts) > DRIVE + 500
 
 
 def test_stop_motion_stops_in_the_calling_thread(tmp_path):

@@ -10,6 +10,7 @@ from collections import namedtuple
 
 import numpy as np
 import pytest
+from short_run import SMALL
 
 from app import config, live
 from app.records import Phase, ReceivedFrame
@@ -18,15 +19,6 @@ from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from drivers.errors import DeviceFault
 
-SMALL = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "run.travel=60",
-    "dic.threads=1",
-    "stress.method=none",
-)
 DIVISOR = 125
 PACE = 1e6  # not None: the bench does not wait for the disk, nor for the analysis
 TIMEOUT = 400

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from short_run import SMALL
 
 from app import config, live
 from app.gui.window import MainWindow
@@ -12,26 +13,10 @@ from app.session.reader import SessionReader
 
 BLOCKED_S = 10.0
 DIVISOR = 125
-QUICK = (
-    "run.background_time=0.2",
-    "sim.press_time=0.3",
-    "run.settle_time=0.2",
-    "run.reference_time=0.4",
-    "run.travel=60",
-)
-SMALL = (
-    "camera.width=480",
-    "camera.height=360",
-    "camera.pixel=16",
-    "run.normal_force=0.1",
-    "dic.threads=1",
-    "stress.method=none",
-)
 
 
-@pytest.mark.timeout(300)  # a cold start compiles the kernels first
 def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtbot, tmp_path):
-    run = live.make_run(config.load(None, [*SMALL, *QUICK]), tmp_path / "x.h5", pace=1.0)
+    run = live.make_run(config.load(None, SMALL), tmp_path / "x.h5", pace=1.0)
     read, blocks = run._bench.forces.read, []
     run._bench.forces.read = lambda timeout: blocks.append(read(timeout)) or blocks[-1]
     window = MainWindow(run)
