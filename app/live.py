@@ -11,17 +11,52 @@ import numpy as np
 
 from analysis import dic
 from analysis.contact.rings import ring_means
-from app.devices import make_bench
 from app.engine.pipeline import header_of
 from app.engine.run import Run
 from app.errors import UserError
 from app.session.files import RESERVE_BYTES, check_new_session
+from app.session.recording import SessionRecording
 from app.session.versions import versions
 from app.session.writer import SessionWriter
 from app.settings import Config
 from drivers.bench import DRIVERS, Bench, driver
+from drivers.bench import make_bench as bench_of
 from drivers.settings import CameraSettings
+from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
+
+
+def scenario(config: Config) -> Scenario:
+    """What the simulated world of these settings is made of."""
+    return Scenario(
+        sim=config.sim,
+        sample=config.sample,
+        forces=config.forces,
+        camera=config.camera,
+        normal_force=config.run.normal_force,
+    )
+
+
+def make_bench(config: Config, pace: float | None) -> Bench:
+    """The bench that the settings name, not yet open.
+
+    Raises
+    ------
+    UserError
+        The settings describe a world that can not be simulated.
+    """
+    is_played = "replay" in config.sources
+    try:
+        return bench_of(
+            config.forces,
+            config.camera,
+            config.actuator,
+            scenario=scenario(config),
+            recording=SessionRecording(Path(config.replay.session), pace) if is_played else None,
+            pace=pace,
+        )
+    except ValueError as error:
+        raise UserError(f"[sim]: {error}") from None
 
 
 def expected_bytes(config: Config) -> int:
@@ -61,7 +96,6 @@ def prepare(config: Config, say: Callable[[str], None]) -> None:
     ring_means(np.ones(8), np.ones(8), 1.0, theta=np.ones(8))
     if driver("camera", config.camera.source).nature in ("simulated", "emulated"):
         from drivers.sim.images import Renderer
-        from drivers.sim.scenario import Scenario
         from drivers.sim.world import World
 
         say("compiling the simulated camera")

@@ -7,17 +7,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from app.commands.doctor import Finding, as_data, examine, found_by
 from app.commands.terminal import DONE, FAILED, output, print_json, print_rows
 from app.config import load
-from app.doctor import Finding, as_data, examine, found_by
 
 
 def check(
     bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: float, as_json: bool
 ) -> int:
     """Check a bench and print what works; the exit code."""
-    from app.bench_check import check as findings_of
-    from app.devices import make_bench
+    from app.commands.bench_check import check as findings_of
+    from app.live import make_bench
 
     config = load(bench, tuple(overrides))
     findings: list[Finding] = []

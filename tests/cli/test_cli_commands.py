@@ -20,7 +20,7 @@ from typer.testing import Result
 
 from analysis.dic import Correlation
 from analysis.options import as_written
-from app import cli_files
+from app.cli import files as cli_files
 from app.commands import experiment
 from app.config import default_toml
 from app.records import Counts, Health, Outcome

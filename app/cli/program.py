@@ -1,5 +1,5 @@
 """The command `slipscope`: names, arguments and help of the commands, those of files and theory in
-`app.cli_files`. What a command does is in `app.commands`.
+`app.cli.files`. What a command does is in `app.commands`.
 
 Nothing heavy is imported here, so that `slipscope --help` answers at once.
 """
@@ -12,8 +12,9 @@ from typing import Annotated
 
 import typer
 
-from app import cli_files, cli_options, logs
-from app.cli_options import (
+from app import logs
+from app.cli import files, options
+from app.cli.options import (
     Bench,
     Headless,
     JsonFlag,
@@ -77,7 +78,7 @@ def slipscope(
     Without a command the window opens on the default (simulated) bench.
     """
     del version
-    cli_options.is_debugging = debug
+    options.is_debugging = debug
     if verbose:
         logs.to_terminal()
     if context.invoked_subcommand is None:
@@ -268,7 +269,7 @@ def doctor(as_json: JsonFlag = False) -> int:
     return bench.doctor(as_json)
 
 
-app.add_typer(cli_files.app)
+app.add_typer(files.app)
 
 
 def main() -> None:

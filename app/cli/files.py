@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from analysis.settings import Correlation
-from app.cli_options import Given, JsonFlag, Overrides, Overwrite, SessionFile, command, output
+from app.cli.options import Given, JsonFlag, Overrides, Overwrite, SessionFile, command, output
 from app.settings import InversionSettings, ModelSettings
 
 app = typer.Typer()

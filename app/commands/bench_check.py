@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.options import UNITS
-from app.doctor import Finding, problem
+from app.commands.doctor import Finding, problem
 from app.engine.pipeline import sensor_chain
 from app.settings import Config
 from drivers.bench import Bench
