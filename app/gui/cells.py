@@ -46,7 +46,7 @@ class Cell:
 
 
 def typeset(text: str) -> str:
-    """A number, a unit or a symbol with a true minus sign, Greek letters, and a dash for a range."""
+    """A number, unit or symbol with a true minus sign, Greek letters, and a dash for a range."""
     for plain, proper in (("-", "−"), ("mu", "μ"), ("um", "µm"), (" to ", "–")):
         text = text.replace(plain, proper)
     return text

@@ -60,7 +60,7 @@ def display_problem() -> str | None:
 
 
 def _platform() -> str:
-    """The platform that Qt would use: "xcb", "wayland", another one named in QT_QPA_PLATFORM, or ""."""
+    """The platform that Qt would use: "xcb", "wayland", one named in QT_QPA_PLATFORM, or ""."""
     named = os.environ.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
     has_x, has_wayland = bool(os.environ.get("DISPLAY")), bool(os.environ.get("WAYLAND_DISPLAY"))
     if named == "xcb":

@@ -1,4 +1,4 @@
-"""The line in which the window says what is wrong, or asks a question without getting in the way."""
+"""The line in which the window says what is wrong, or asks a question without blocking."""
 
 from __future__ import annotations
 

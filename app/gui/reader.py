@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from dataclasses import dataclass
@@ -9,10 +10,12 @@ from dataclasses import dataclass
 from app.gui.source import RunSource, Setup, setup_of
 from app.gui.view_state import ViewState, read, resolve
 
+LOG = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """The outcome of one look at the source: its view, or a sentence that says why there is none."""
+    """What came of one look at the source: its view, or a sentence that says why there is none."""
 
     setup: Setup | None
     view: ViewState | None
@@ -63,12 +66,13 @@ class ViewReader:
     def _work(self) -> None:
         setup: Setup | None = None
         view: ViewState | None = None
+        problem = ""
         while True:
             self._requested.wait()
             self._requested.clear()
             if self._closed:
                 return
-            problem = ""
+            before, problem = problem, ""
             try:
                 setup = setup or setup_of(self.source)
                 view = resolve(setup, read(self.source, view.curves.seen if view else 0), view)
@@ -77,6 +81,8 @@ class ViewReader:
                     f"The run could not be read ({type(error).__name__}: {error}); it goes on, and"
                     " STOP MOTION still works."
                 )
+                if problem != before:  # once, not at every look
+                    LOG.warning("the window could not read the run", exc_info=error)
             with self._lock:
                 self._answer = Answer(setup, view, problem)
             self._requested_at = None

@@ -80,7 +80,7 @@ class PlaybackControl(Protocol):
 
 
 class FrameBrowser(Protocol):
-    """Selects the recorded frame to look at, by its number from 0; None: the newest replayed one."""
+    """Selects the recorded frame to show, by its number from 0; None: the newest replayed one."""
 
     def show(self, number: int | None) -> None: ...
 

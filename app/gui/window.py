@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
@@ -24,6 +25,7 @@ from app.gui.view_state import ViewState
 from app.gui.widgets import column
 from app.records import Outcome
 
+LOG = logging.getLogger(__name__)
 TICK_MS = 15  # one part of the window is drawn per tick, so that a key waits for one part at most
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
 # after a redraw the window rests this many times as long as it took: the analysis needs the core
@@ -62,6 +64,7 @@ class MainWindow(QMainWindow):
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
         self._reported = False  # the notice shows a trouble with reading or drawing
+        self._logged = ""  # the last trouble with drawing that was logged
         # when the last redraw began, by the clock and in processor time of this thread
         self._drawn = (0.0, 0.0)
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
@@ -88,6 +91,7 @@ class MainWindow(QMainWindow):
         try:
             self._source.start()
         except Exception as error:
+            LOG.warning("the run did not start", exc_info=error)
             self.notice.say(f"The run did not start: {error}")
             return
         self._started, self._is_fresh = True, False
@@ -160,10 +164,11 @@ class MainWindow(QMainWindow):
         try:
             part()
         except Exception as error:
-            self._report(
-                f"The window could not draw the run ({type(error).__name__}: {error}); the run"
-                " itself goes on."
-            )
+            what = f"{type(error).__name__}: {error}"
+            if what != self._logged:  # once, not at every redraw
+                self._logged = what
+                LOG.warning("the window could not draw the run", exc_info=error)
+            self._report(f"The window could not draw the run ({what}); the run itself goes on.")
 
     def _look(self) -> None:
         """Take the newest answer of the source, and request the next."""
@@ -241,6 +246,7 @@ class MainWindow(QMainWindow):
         try:
             self._attach(self._make_source())
         except Exception as error:
+            LOG.warning("no run could be prepared", exc_info=error)
             self.notice.say(f"No run could be prepared: {error}")
 
     def _attach(self, source: RunSource) -> None:
@@ -262,6 +268,7 @@ class MainWindow(QMainWindow):
             try:
                 act(source)
             except Exception as error:
+                LOG.error("%s", failed, exc_info=error)
                 self._failures.append(f"{failed}: {error}")
 
         threading.Thread(target=work, name="slipscope-window-stop", daemon=True).start()
