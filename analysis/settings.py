@@ -141,7 +141,9 @@ class Correlation(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class StressSettings(Section):
-    """The shear traction sigma_xz, from the displacement field by the Green's tensor of the block."""
+    """The shear traction sigma_xz, from the displacement field by the Green's tensor of the
+    block.
+    """
 
     method: str = option(
         "axisymmetric",

@@ -86,8 +86,8 @@ def check_room(config: Config, output: Path) -> None:
 
 
 def prepare(config: Config, say: Callable[[str], None]) -> None:
-    """Compile what a run of these settings uses, so that nothing compiles during the run; cached for
-    the next start.
+    """Compile what a run of these settings uses, so that nothing compiles during the run; cached
+    for the next start.
 
     `say` is called with what is being prepared.
     """

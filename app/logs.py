@@ -16,7 +16,9 @@ FORMAT = "%(asctime)s %(levelname)-7s %(threadName)s %(name)s: %(message)s"
 
 
 class _SessionLog(logging.FileHandler):
-    """A log file that gives up once it can not be written: a full disk ends a run by its own name."""
+    """A log file that gives up once it can not be written: a full disk ends a run by its own
+    name.
+    """
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Write no more."""

@@ -232,7 +232,9 @@ class DisplacementField:
 
 @record("/entry/rings", rows="results", shape=("rings",))
 class RingProfile:
-    """Azimuthal mean of u_x about the contact's centre, shape (n,), the motion of the lens removed."""
+    """Azimuthal mean of u_x about the contact's centre, shape (n,), the motion of the lens
+    removed.
+    """
 
     radius_m: F64 = column("radius", "m", "mean radius of the ring")
     ux_m: F64 = column("ux", "m", "azimuthal mean of u_x, lens compliance removed")
@@ -241,8 +243,8 @@ class RingProfile:
 
 @record("/entry/results", rows="results")
 class Stick:
-    """The Cattaneo-Mindlin profile that fits the rings: stick radius c, and the traction mu p0 at the
-    centre of a contact that slides as a whole.
+    """The Cattaneo-Mindlin profile that fits the rings: stick radius c, and the traction mu p0 at
+    the centre of a contact that slides as a whole.
     """
 
     stick_radius_m: float = column("stick_radius", "m", "c; NaN where it can not be told")
@@ -470,7 +472,9 @@ def numbers_of(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def snapshot_of(numbers: Mapping[str, Any]) -> Snapshot:
-    """The snapshot that has these numbers and no arrays; parts of which all are NaN are not there."""
+    """The snapshot that has these numbers and no arrays; parts of which all are NaN are not
+    there.
+    """
     parts: dict[str, Any] = {}
     for name, kind in _PARTS.items():
         held = [numbers[number] for number in kind.__slots__]

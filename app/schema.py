@@ -119,7 +119,9 @@ def column(
 
 
 def columns(*named: tuple[str, str, str]) -> Any:
-    """Declare an array of shape (n, 2), each column of which is a dataset: (name, unit, meaning)."""
+    """Declare an array of shape (n, 2), each column of which is a dataset: (name, unit,
+    meaning).
+    """
     return field(metadata={"named": named, "how": ((), "float64", 0)})
 
 

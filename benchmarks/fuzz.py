@@ -134,7 +134,9 @@ CASES = (session_case, settings_case, repair_case) * 2 + (session_case, fields_c
 
 
 def make_whole(folder: Path) -> None:
-    """Write what the cases damage: a session, one cut short, fields, images and tables to import."""
+    """Write what the cases damage: a session, one cut short, fields, images and tables to
+    import.
+    """
     writer, _ = record(folder / "whole.h5")
     writer.append(CONTACT)
     shutil.copy(folder / "whole.h5", folder / "cut.h5")

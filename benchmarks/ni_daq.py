@@ -1,6 +1,6 @@
-"""Processor time of the NI driver and its emulated board, and the time of one read. The driver, NI's
-package, gRPC, the emulated board and the simulated world share one process, which samples at 1 kHz
-in blocks of 50 in real time; the share of a core is that of all of them together.
+"""Processor time of the NI driver and its emulated board, and the time of one read. The driver,
+NI's package, gRPC, the emulated board and the simulated world share one process, which samples at 1
+kHz in blocks of 50 in real time; the share of a core is that of all of them together.
 
     python -m benchmarks ni_daq [SECONDS]
 """

@@ -1,6 +1,6 @@
-"""Time of each stage of the live analysis of one frame, at full resolution: pictures of the simulated
-world during a drive at 23.8 frames/s go through the pipeline of a run. Medians on the wall clock
-and of the processor time of the process; the correlation uses two threads.
+"""Time of each stage of the live analysis of one frame, at full resolution: pictures of the
+simulated world during a drive at 23.8 frames/s go through the pipeline of a run. Medians on the
+wall clock and of the processor time of the process; the correlation uses two threads.
 
     python -m benchmarks pipeline [--frames 60] [--set key=value]...
 

@@ -1,5 +1,5 @@
-"""Processor time of a simulated picture of 1600 x 1200 pixels, and how far the fast renderer is from
-the exact one. The difference is given as an apparent displacement: the least-squares fit, over
+"""Processor time of a simulated picture of 1600 x 1200 pixels, and how far the fast renderer is
+from the exact one. The difference is given as an apparent displacement: the least-squares fit, over
 boxes of 20 px, of the gradient of the exact picture to the difference of the two pictures.
 
     python -m benchmarks render

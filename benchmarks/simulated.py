@@ -1,5 +1,5 @@
-"""Experiments on the simulated and on the emulated bench: what the benchmarks need of the program to
-run one, and its account.
+"""Experiments on the simulated and on the emulated bench: what the benchmarks need of the program
+to run one, and its account.
 """
 
 from __future__ import annotations

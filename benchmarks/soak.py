@@ -1,5 +1,5 @@
-"""A long run on the simulated bench at 1600 x 1200, recorded and analysed: does memory stay flat, is
-anything lost? Memory is compared with that after the first minute of the bench's clock, when
+"""A long run on the simulated bench at 1600 x 1200, recorded and analysed: does memory stay flat,
+is anything lost? Memory is compared with that after the first minute of the bench's clock, when
 everything that is made once has been made: by a line fitted to it from then on, and by its largest
 value.
 

@@ -1,4 +1,5 @@
-"""Speckle pictures whose displacement is known exactly, for the benchmarks of the image correlation.
+"""Speckle pictures whose displacement is known exactly, for the benchmarks of the image
+correlation.
 
 Nothing is interpolated: every blob of a random pattern is moved by the displacement at its own
 centre, deformed by the gradient there, and integrated over the pixels. The error that remains comes
@@ -97,8 +98,8 @@ class Frame:
 
 
 class Pattern:
-    """Gaussian blobs at random places, the same for the same seed: e^-2 diameters of 3-5 px, peaks of
-    0.4-1, 0.15 per square pixel.
+    """Gaussian blobs at random places, the same for the same seed: e^-2 diameters of 3-5 px, peaks
+    of 0.4-1, 0.15 per square pixel.
     """
 
     def __init__(self, size: tuple[int, int] = SIZE, seed: int = 1) -> None:

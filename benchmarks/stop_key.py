@@ -1,7 +1,7 @@
-"""Time from a press of Escape in the window to the stop command on the actuator's line, during a run
-at the camera's full rate. The bench has simulated forces and camera at 23.8 frames/s, 1600 x 1200,
-recorded and analysed with the traction of every frame, and the real driver of the SMC100 on an
-emulated controller with a line of 57600 baud. The key is pressed at random moments through the X
+"""Time from a press of Escape in the window to the stop command on the actuator's line, during a
+run at the camera's full rate. The bench has simulated forces and camera at 23.8 frames/s, 1600 x
+1200, recorded and analysed with the traction of every frame, and the real driver of the SMC100 on
+an emulated controller with a line of 57600 baud. The key is pressed at random moments through the X
 server; a command has arrived with the last byte of `ST`.
 
     xvfb-run -a python -m benchmarks stop_key [PRESSES]

@@ -1,5 +1,5 @@
-"""A stage on a Newport SMC100CC or CONEX-CC controller. The driver counts in metres, the controller in
-millimetres.
+"""A stage on a Newport SMC100CC or CONEX-CC controller. The driver counts in metres, the controller
+in millimetres.
 
 A controller keeps errors of the stage until the query ``TS`` reads its state, and the error of the
 last command until ``TE`` reads that.

@@ -196,8 +196,8 @@ def make_bench(
     recording: Recording | None = None,
     pace: float | None = 1.0,
 ) -> Bench:
-    """The bench of the three drivers that the settings name; its `open`, or a ``with`` block, claims
-    the hardware.
+    """The bench of the three drivers that the settings name; its `open`, or a ``with`` block,
+    claims the hardware.
 
     Parameters
     ----------

@@ -31,7 +31,9 @@ def find(folder: str = "") -> list[Found]:
 
 
 def images_of(folder: Path) -> list[Path]:
-    """The image files of a folder, in the order of their numbers; none if there is no such folder."""
+    """The image files of a folder, in the order of their numbers; none if there is no such
+    folder.
+    """
     if not folder.is_dir():
         return []
     return in_order_of_numbers(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)

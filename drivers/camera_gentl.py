@@ -148,7 +148,9 @@ class GenTLCamera(GenICamCamera):
 
 
 def _harvester(producer: str) -> Any:
-    """Harvesters with the producer, or with all that are registered, and a list of their cameras."""
+    """Harvesters with the producer, or with all that are registered, and a list of their
+    cameras.
+    """
     try:
         harvester = library("harvesters.core").Harvester()
     except ImportError as error:

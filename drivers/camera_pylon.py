@@ -1,5 +1,5 @@
-"""A Basler camera through pylon, triggered on a line by the DAQ board; no image is replaced by a newer
-one.
+"""A Basler camera through pylon, triggered on a line by the DAQ board; no image is replaced by a
+newer one.
 """
 
 from __future__ import annotations

@@ -18,7 +18,9 @@ class DeviceTimeout(DeviceError):
 
 
 class OutOfLimits(DeviceError):
-    """A command asked for a position, speed or rate outside the device's limits; nothing was done."""
+    """A command asked for a position, speed or rate outside the device's limits; nothing was
+    done.
+    """
 
 
 class DeviceFault(DeviceError):

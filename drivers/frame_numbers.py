@@ -14,8 +14,8 @@ from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
 
 PATIENCE_S = {"proved": 2.0, "timed": 2.0, "inferred": 1.0}
-"""Images, and the samples taken with them, reach the program within this time after the exposure, or
-within half a trigger period if that is longer.
+"""Images, and the samples taken with them, reach the program within this time after the exposure,
+or within half a trigger period if that is longer.
 """
 
 _IDS = 65535  # after 65535 a 16-bit frame id continues with 1; 0 is not used
@@ -48,8 +48,8 @@ class Delivered:
 
 
 class FrameNumbers:
-    """The account of one run: takes what the camera delivers, and gives a `Frame` or `LostFrame` for
-    each trigger.
+    """The account of one run: takes what the camera delivers, and gives a `Frame` or `LostFrame`
+    for each trigger.
 
     There are three ways, and the best possible one is used. *proved*: the board counts exposures;
     each of them belongs to the last trigger before it, and the camera numbers images as it exposes.
@@ -66,8 +66,8 @@ class FrameNumbers:
     clock : SampleClock
     exposure_samples : int
     first_id : int or None
-        Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None if the transport does not
-        define it: that of the first image is taken.
+        Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None if the transport does
+        not define it: that of the first image is taken.
     """
 
     def __init__(
@@ -117,8 +117,8 @@ class FrameNumbers:
         Parameters
         ----------
         fetch : callable
-            Gives the next image, or None if none comes within the given number of seconds; may raise
-            a `DeviceError`.
+            Gives the next image, or None if none comes within the given number of seconds; may
+            raise a `DeviceError`.
 
         Raises
         ------
@@ -148,7 +148,9 @@ class FrameNumbers:
         return answer
 
     def arrived(self, delivered: Delivered) -> None:
-        """Assign what was delivered to its exposure or trigger; DeviceFault if that is not possible."""
+        """Assign what was delivered to its exposure or trigger; DeviceFault if that is not
+        possible.
+        """
         if delivered.frame_id is None:
             if delivered.image is not None:
                 raise self._fault("an image came without a frame id; check cable and camera")
@@ -172,8 +174,8 @@ class FrameNumbers:
             self._waiting[number] = delivered
 
     def nothing_came(self, now_s: float) -> None:
-        """Note that no image is waiting at this time of the wall clock: what was exposed long before
-        is lost.
+        """Note that no image is waiting at this time of the wall clock: what was exposed long
+        before is lost.
         """
         patience_s = max(PATIENCE_S[self.way], self._train.divisor / self._rate / 2)
         self._seen.append((now_s, self._clock.now))
@@ -253,8 +255,8 @@ class FrameNumbers:
         return answer
 
     def _trigger(self, step: int, stamp_s: float | None) -> tuple[int, str]:
-        """Number of the trigger of an image `step` frame ids after the last one, and why the triggers
-        between have none, if that step is not the reason.
+        """Number of the trigger of an image `step` frame ids after the last one, and why the
+        triggers between have none, if that step is not the reason.
         """
         fits = self._newest + step
         if stamp_s and self._stamp:
@@ -281,7 +283,8 @@ class FrameNumbers:
             self._is_certain = True
         elif number > fits and not why:
             raise self._fault(
-                f"an image came after trigger {number - 1} had none, and it is unknown whether it is"
+                f"an image came after trigger {number - 1} had none, and it is unknown whether it"
+                " is"
                 f" that of trigger {number}; {_REMEDY}"
             )
         elif not (stamp_s and self._stamp):

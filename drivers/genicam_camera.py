@@ -1,5 +1,5 @@
-"""What cameras with GenICam features have in common, whichever library reaches them: their settings,
-their triggers, their frame numbers.
+"""What cameras with GenICam features have in common, whichever library reaches them: their
+settings, their triggers, their frame numbers.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ _LIMITS = (
 
 
 class GenICamCamera(ABC):
-    """A camera that the DAQ board triggers on a line; see `drivers.protocols.Camera`. A subclass calls
-    the library.
+    """A camera that the DAQ board triggers on a line; see `drivers.protocols.Camera`. A subclass
+    calls the library.
 
     Without a trigger line in the settings, trigger and exposure stay as the camera (or its frame
     grabber) is set.

@@ -1,5 +1,5 @@
-"""The line to a Newport controller, serial or over the network: sends commands and reads answers, from
-any thread.
+"""The line to a Newport controller, serial or over the network: sends commands and reads answers,
+from any thread.
 
 The controllers speak ASCII: ``1PA12.5`` has no answer, ``1TP`` has the answer ``1TP12.5``. A
 controller keeps the error of a command until ``TE`` reads it.
@@ -45,8 +45,8 @@ def _no_pyserial(who: str) -> DeviceNotFound:
 class NewportLine:
     """The line to one controller.
 
-    Only one query at a time waits for its answer, and those of a stop come first. Writing has a lock
-    of its own, held for one command only: a stop is sent at once, even while another answer is
+    Only one query at a time waits for its answer, and those of a stop come first. Writing has a
+    lock of its own, held for one command only: a stop is sent at once, even while another answer is
     awaited, because it has no answer that could be mistaken for that one.
     """
 
@@ -80,8 +80,8 @@ class NewportLine:
     def ask(
         self, query: str, form: str, *, urgent: bool = False, give_up: float | None = None
     ) -> str:
-        """The answer to a query, of the given form (a regular expression with one group); the query is
-        repeated if the answer is damaged or does not come.
+        """The answer to a query, of the given form (a regular expression with one group); the query
+        is repeated if the answer is damaged or does not come.
         """
         give_up, heard = give_up or time.monotonic() + PATIENCE_S, ""
         for _ in range(TRIES):
@@ -92,8 +92,8 @@ class NewportLine:
         raise self._unanswered(query, heard)
 
     def tell(self, command: str, *, done: str = "", unless_stopped_since: int | None = None) -> str:
-        """The letter of the error of a command, "@" for none. The command is repeated if its arrival
-        is in doubt, so that a repetition must do no harm.
+        """The letter of the error of a command, "@" for none. The command is repeated if its
+        arrival is in doubt, so that a repetition must do no harm.
 
         Parameters
         ----------
@@ -166,7 +166,8 @@ class NewportLine:
         # a dead line shows as OSError, as termios.error or, while the port is closed, as TypeError
         except Exception as error:
             raise DeviceFault(
-                f"{self._who}: '{command}' can not be sent, the line {self._name} is dead ({error}); a"
+                f"{self._who}: '{command}' can not be sent, the line {self._name} is dead"
+                f" ({error}); a"
                 " move under way ends by itself at its target: check cable and power, then start"
                 " again"
             ) from error
@@ -195,7 +196,8 @@ class NewportLine:
         self.heard = heard
         if heard:
             return DeviceFault(
-                f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy: the"
+                f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy:"
+                " the"
                 f" last answer was {heard!r}; check cable, shield, and the speed of the line"
             )
         return DeviceTimeout(

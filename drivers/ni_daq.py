@@ -187,7 +187,8 @@ class NiForces:
             ):
                 found = f"the nearest that the board has is {rate:.10g} Hz"
                 raise OutOfLimits(
-                    f"{self.name}: {self.sample_rate_hz:.10g} Hz was requested, {found}; use a sample rate"
+                    f"{self.name}: {self.sample_rate_hz:.10g} Hz was requested, {found}; use a"
+                    " sample rate"
                     " that divides 20 MHz"
                 )
         self._inputs.append(task)

@@ -2,14 +2,14 @@
 
 The DAQ sample counter is the only time base: sample 0 is the first sample after
 `ForceSource.start`. The board divides its sample clock to trigger the camera, so that trigger ``n``
-falls on sample ``first + n * divisor`` and every frame carries that number. The time of the computer
-appears nowhere.
+falls on sample ``first + n * divisor`` and every frame carries that number. The time of the
+computer appears nowhere.
 
 A driver is made from the settings of its device and the bench's `drivers.clock.SampleClock`. Every
 driver keeps these rules (``tests/contracts.py`` tests each of them):
 
-- Making a driver touches no hardware. `open` claims the hardware, and is the only place that imports
-  a vendor library; `close` may be called at any time, twice, and after a failure.
+- Making a driver touches no hardware. `open` claims the hardware, and is the only place that
+  imports a vendor library; `close` may be called at any time, twice, and after a failure.
 - Order of a run: ``camera.start(train)``, then ``forces.start(train)``, then reads;
   ``forces.stop()`` ends the trigger train.
 - `ForceSource.read` and `Camera.read` are each called from one thread, `Actuator.stop` and `close`
@@ -128,7 +128,9 @@ class Found:
 
 @runtime_checkable
 class ForceSource(Protocol):
-    """The DAQ board: two voltages on a hardware clock, and the camera triggers made from that clock."""
+    """The DAQ board: two voltages on a hardware clock, and the camera triggers made from that
+    clock.
+    """
 
     name: str
     sample_rate_hz: float

@@ -1,8 +1,8 @@
 """The three devices of a recorded experiment, played back on the sample clock, for benches on which
 only some devices are present.
 
-A stored force source keeps the pace of the recording, with each sample and each gap at its number. A
-stored camera delivers the image of a trigger when its exposure has passed on the clock. A stored
+A stored force source keeps the pace of the recording, with each sample and each gap at its number.
+A stored camera delivers the image of a trigger when its exposure has passed on the clock. A stored
 stage is where it was at the time, whatever it is told to do.
 """
 

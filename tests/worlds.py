@@ -9,8 +9,8 @@ TINY = {"width": 64, "height": 64}  # for cameras whose pictures nobody looks at
 
 
 def scenario(base=Scenario(), **changes):  # noqa: B008 - frozen
-    """A scenario with some settings changed, named as in the settings file, in SI units; a name that
-    several sections have goes to the first of `SECTIONS`.
+    """A scenario with some settings changed, named as in the settings file, in SI units; a name
+    that several sections have goes to the first of `SECTIONS`.
     """
     own = {f.name for f in fields(Scenario)} - set(SECTIONS)
     parts = {name: {} for name in SECTIONS}

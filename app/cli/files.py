@@ -215,8 +215,8 @@ def import_(
     Images are taken in the order of the numbers in their names, frame 0 first; a missing number is
     a lost frame. In a folder metadata.csv, forces.csv and settings.toml are used if they are there.
     Between the rows of a slower table forces are interpolated linearly; where rows are missing
-    there is a gap. Without --settings, --pixel, --rate and --divisor (or times in the metadata) must
-    be given, and the sample and the lens are those of `slipscope config`.
+    there is a gap. Without --settings, --pixel, --rate and --divisor (or times in the metadata)
+    must be given, and the sample and the lens are those of `slipscope config`.
 
     Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --rate 1000
     --divisor 100 --reference 12`

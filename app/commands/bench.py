@@ -1,5 +1,5 @@
-"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: which devices there are, and whether
-they work.
+"""`slipscope check`, `slipscope cameras` and `slipscope doctor`: which devices there are, and
+whether they work.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""`slipscope check`: tests a bench device by device, then takes a few seconds of data; moves only what
-it is allowed to.
+"""`slipscope check`: tests a bench device by device, then takes a few seconds of data; moves only
+what it is allowed to.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ class Quantity:
 
 
 class ShearedContact:
-    """The contact under a shear force Q: that of Cattaneo and Mindlin, and beside it that of a rough
-    interface if its elastic length is not 0.
+    """The contact under a shear force Q: that of Cattaneo and Mindlin, and beside it that of a
+    rough interface if its elastic length is not 0.
 
     A length below 1e-4 of the shift at which Cattaneo and Mindlin's contact slides leaves an edge
     that the modes resolve to 0.5 % of mu p0.
@@ -171,7 +171,9 @@ class ShearedContact:
         return self.shift - g0, -g2
 
     def curves(self) -> dict[str, F64]:
-        """Columns of the table: profiles over r, then the force over the displacement of the block."""
+        """Columns of the table: profiles over r, then the force over the displacement of the
+        block.
+        """
         mu, P, a, *_ = self.cm
         c = cattaneo_mindlin.stick_radius(self.Q, mu * P, a)
         # c is where Cattaneo and Mindlin's traction has its peak

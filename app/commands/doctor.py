@@ -114,8 +114,8 @@ def devices() -> list[Finding]:
 
 
 def found_by(module: str, *arguments: Any) -> list[Finding]:
-    """The devices that a driver finds on this computer, each with the name to write in the settings;
-    or why it can not search.
+    """The devices that a driver finds on this computer, each with the name to write in the
+    settings; or why it can not search.
     """
     from drivers.errors import DeviceError
 
@@ -129,8 +129,8 @@ def found_by(module: str, *arguments: Any) -> list[Finding]:
 
 
 def connected() -> list[Finding]:
-    """The devices that are connected to this computer; nothing is opened for longer than it takes to
-    read a name, and nothing moves.
+    """The devices that are connected to this computer; nothing is opened for longer than it takes
+    to read a name, and nothing moves.
     """
     return [
         Finding(kind, f"{f.label}: {f.value}", f.is_fine)

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def info(session: Path, as_json: bool, verify: bool = False) -> int:
-    """Print what a session holds and, with `verify`, the result of reading it back; the exit code, 1
-    if it is not as it was recorded.
+    """Print what a session holds and, with `verify`, the result of reading it back; the exit code,
+    1 if it is not as it was recorded.
     """
     from app.report.summary import Row, counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of

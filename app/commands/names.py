@@ -38,8 +38,8 @@ def new_session_name(now: datetime) -> Path:
 
 
 def next_free(session: Path) -> Path:
-    """`session`, or the first of ``name-2``, ``name-3`` ... of which neither a session nor a picture
-    or journal exists.
+    """`session`, or the first of ``name-2``, ``name-3`` ... of which neither a session nor a
+    picture or journal exists.
     """
     candidate, number = session, 1
     while any(path.exists() for path in files_of(candidate).values()):

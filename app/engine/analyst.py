@@ -1,4 +1,6 @@
-"""From frames to results: the analysis of an experiment, and the thread that does it in a live run."""
+"""From frames to results: the analysis of an experiment, and the thread that does it in a
+live run.
+"""
 
 from __future__ import annotations
 

@@ -16,7 +16,9 @@ LOG = logging.getLogger(__name__)
 
 
 def sentence(who: str, error: Exception) -> str:
-    """The reason a run ends with: what was meant for people as it is, anything else with its kind."""
+    """The reason a run ends with: what was meant for people as it is, anything else with its
+    kind.
+    """
     if isinstance(error, DeviceError | ExperimentFailed | UserError):
         return str(error)
     return f"{who}: {type(error).__name__}: {error}"
@@ -60,7 +62,9 @@ class Ending:
             self._note(f"the actuator did not confirm its stop: {error}", failed=True)
 
     def attempt(self, who: str, step: Callable[[], None]) -> None:
-        """Take one step of the ending; its failure is noted and the next step can still be taken."""
+        """Take one step of the ending; its failure is noted and the next step can still be
+        taken.
+        """
         try:
             step()
         except Exception as error:

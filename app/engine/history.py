@@ -92,7 +92,9 @@ class History:
             self._changed.notify_all()
 
     def wait_for(self, sample: int) -> bool:
-        """Whether everything up to `sample` is known, once it is or once no more samples will come."""
+        """Whether everything up to `sample` is known, once it is or once no more samples will
+        come.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._end >= sample or self._ended)
             return self._end >= sample

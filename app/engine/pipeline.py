@@ -118,7 +118,9 @@ class Pipeline:
         return self.config.camera.pixel
 
     def close(self) -> None:
-        """Let the tracker's threads go, and note what became of the reference and of the tractions."""
+        """Let the tracker's threads go, and note what became of the reference and of the
+        tractions.
+        """
         if self._tractions is not None:
             self.notes.extend(self._tractions.notes())
         if self._tracker is not None:

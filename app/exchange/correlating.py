@@ -171,7 +171,9 @@ class _Account:
 def _read_like(
     path: Path, first: NDArray[Any], reference: Path, *, is_mask: bool = False
 ) -> NDArray[Any]:
-    """The image in a file, if it has the size and, unless it is a mask, the pixels of the reference."""
+    """The image in a file, if it has the size and, unless it is a mask, the pixels of the
+    reference.
+    """
     image = read_image(path)
     if image.shape != first.shape or (image.dtype != first.dtype and not is_mask):
         raise UserError(

@@ -152,7 +152,8 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     reader, header, triggers = chosen.reader, chosen.header, chosen.triggers
     if not len(triggers):
         raise UserError(
-            f"{reader.path}: it has none of the frames that were chosen; `slipscope info` says how many there are"
+            f"{reader.path}: it has none of the frames that were chosen; `slipscope info` says how"
+            " many there are"
         )
     received = int(triggers["received"].sum())
     needed = received * math.prod(header.frame_shape) * np.dtype(header.frame_dtype).itemsize

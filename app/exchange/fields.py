@@ -1,4 +1,6 @@
-"""Displacement fields in files: read as a series from whatever holds them, and written as tables."""
+"""Displacement fields in files: read as a series from whatever holds them, and written as
+tables.
+"""
 
 from __future__ import annotations
 

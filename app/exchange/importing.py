@@ -58,8 +58,8 @@ def import_files(
     overwrite: bool = False,
     on_progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> Imported:
-    """Make a session at `output` of all images and forces, analysed as in a live run; it is complete
-    or not there at all.
+    """Make a session at `output` of all images and forces, analysed as in a live run; it is
+    complete or not there at all.
 
     Raises
     ------

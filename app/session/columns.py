@@ -90,8 +90,8 @@ def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Any]) -> 
 
 
 def append_image(images: h5py.Dataset, image: NDArray[Any]) -> tuple[int, NDArray[np.uint8]]:
-    """Row at which an image was added, written at once as one chunk, and the bytes of that chunk; if
-    it fails the image was not added.
+    """Row at which an image was added, written at once as one chunk, and the bytes of that chunk;
+    if it fails the image was not added.
     """
     _check_fits(images, image)
     row, chunk = int(images.shape[0]), np.frombuffer(_chunk_of(images, image), np.uint8)
@@ -115,8 +115,8 @@ def _chunk_of(images: h5py.Dataset, image: NDArray[Any]) -> bytes | NDArray[Any]
 
 
 def append_field(datasets: Mapping[str, h5py.Dataset], arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Row at which the arrays of a field were added, each to the dataset of its path; if one of them
-    fails none was added.
+    """Row at which the arrays of a field were added, each to the dataset of its path; if one of
+    them fails none was added.
     """
     for path, dataset in datasets.items():
         _check_fits(dataset, arrays[path])

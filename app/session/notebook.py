@@ -39,9 +39,9 @@ class FieldInMetres(NamedTuple):
     """The displacement of one frame from the reference; NaN where it could not be measured.
 
     `x_m` (nx,) and `y_m` (ny,) are places in the image, counted from its first pixel, y down.
-    `ux_m`, `uy_m`, their standard uncertainties `ux_sd_m`, `uy_sd_m` and the correlation `zncc` have
-    the shape (ny, nx). The lens moves by `lens_m`, as far as its holder gives way; this motion is
-    still in `ux_m`.
+    `ux_m`, `uy_m`, their standard uncertainties `ux_sd_m`, `uy_sd_m` and the correlation `zncc`
+    have the shape (ny, nx). The lens moves by `lens_m`, as far as its holder gives way; this motion
+    is still in `ux_m`.
     """
 
     frame: int

@@ -3,8 +3,8 @@
 Write, then count: an image goes to the file before the row that says it is there, and a write that
 fails is taken back, so that a full disk leaves a session without phantom rows. After `flush` the
 file is complete in itself and on the disk. Beside it grows a journal (`journal`), with which
-`repair` brings back what a killed program or a power cut left of the rest. `close` reads the session
-back, compares it with the journal, and removes the journal only where both agree.
+`repair` brings back what a killed program or a power cut left of the rest. `close` reads the
+session back, compares it with the journal, and removes the journal only where both agree.
 """
 
 from __future__ import annotations
@@ -282,8 +282,8 @@ class SessionWriter:
         self._write_text("run/reason", reason)
 
     def flush(self) -> None:
-        """Bring everything recorded so far to the disk; from there on the file can be read, whatever
-        happens to the program.
+        """Bring everything recorded so far to the disk; from there on the file can be read,
+        whatever happens to the program.
 
         The images come before the journal that names them, so that what the journal on the disk
         promises is there.

@@ -39,7 +39,9 @@ class NiError(Exception):
 
 @dataclass(eq=False)
 class Task:
-    """A task of a client: channels of one kind, their clock, their buffer, and where to read in it."""
+    """A task of a client: channels of one kind, their clock, their buffer, and where to read
+    in it.
+    """
 
     name: str
     kind: str = ""  # "ai", "ci", "co" or "do"
@@ -230,7 +232,9 @@ class Board:
         return None
 
     def stop(self, task: Task) -> None:
-        """Stop a task, whose resources stay reserved; if it is that of the samples, everything stops."""
+        """Stop a task, whose resources stay reserved; if it is that of the samples,
+        everything stops.
+        """
         with self._changed:
             was_running, task.is_running = task.is_running, False
             self._tasks = [other for other in self._tasks if other is not task]
@@ -309,8 +313,8 @@ class Board:
                 pass
 
     def total(self, task: Task) -> int:
-        """Samples that a task has taken since its start; once after an overflow by a fault, the number
-        that it would be after an overflow by late reading.
+        """Samples that a task has taken since its start; once after an overflow by a fault, the
+        number that it would be after an overflow by late reading.
         """
         was_full, task.is_full = task.is_full, False
         return task.lost + task.buffer if was_full else self._total - task.began

@@ -1,5 +1,5 @@
-"""The real pylon driver on pylon's emulated camera, which sees the simulated world and is triggered by
-the pulses of its board.
+"""The real pylon driver on pylon's emulated camera, which sees the simulated world and is triggered
+by the pulses of its board.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _READY_MS = 100
 
 @contextmanager
 def _emulation_listed() -> Iterator[None]:
-    """Set the variable that makes pylon list its emulated camera, and restore it, so that the camera
-    appears in no other list.
+    """Set the variable that makes pylon list its emulated camera, and restore it, so that the
+    camera appears in no other list.
     """
     before = os.environ.get("PYLON_CAMEMU")
     os.environ["PYLON_CAMEMU"] = "1"
@@ -50,12 +50,13 @@ def _emulation_listed() -> Iterator[None]:
 
 
 class EmulatedPylonCamera:
-    """A `PylonCamera` whose sensor sees the world: one image per pulse, at the middle of its exposure;
-    see `drivers.protocols.Camera`.
+    """A `PylonCamera` whose sensor sees the world: one image per pulse, at the middle of its
+    exposure; see `drivers.protocols.Camera`.
 
     pylon's emulated camera plays image files on software triggers. A thread follows the world: once
     an exposure has passed, it draws the image, writes it to the camera's next file and triggers the
-    camera. It runs at 23.8 frames/s at 1600 x 1200 with 24 ms of CPU each, and at 45 frames/s at most.
+    camera. It runs at 23.8 frames/s at 1600 x 1200 with 24 ms of CPU each, and at 45 frames/s at
+    most.
     """
 
     def __init__(self, settings: CameraSettings, clock: SampleClock, world: World) -> None:
@@ -176,8 +177,8 @@ class EmulatedPylonCamera:
         return self._follows and world.now >= end()
 
     def _expose(self, pulse: int) -> bool:
-        """Take the image of a pulse whose exposure has passed, with its faults; whether the camera is
-        still there.
+        """Take the image of a pulse whose exposure has passed, with its faults; whether the camera
+        is still there.
         """
         faults, device = self._world.faults, self._camera.device
         if faults.since("camera-gone", pulse):

@@ -1,5 +1,5 @@
-"""An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver connected
-to it.
+"""An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver
+connected to it.
 
 States, errors and commands are those of the manuals that `drivers.actuator_newport` names. What the
 manuals leave open, the emulation decides against the driver: an error stays in the memory until TE

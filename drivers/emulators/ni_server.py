@@ -1,5 +1,5 @@
-"""An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, in this
-or another program or computer.
+"""An emulated board behind NI's gRPC protocol: a server for the unchanged `nidaqmx` package, in
+this or another program or computer.
 """
 
 from __future__ import annotations

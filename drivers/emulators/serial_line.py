@@ -1,5 +1,5 @@
-"""A serial port with an emulated device connected to it: a pseudo-terminal or a network port, which can
-be slow, noisy, mute or cut.
+"""A serial port with an emulated device connected to it: a pseudo-terminal or a network port, which
+can be slow, noisy, mute or cut.
 """
 
 from __future__ import annotations

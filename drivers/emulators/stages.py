@@ -1,5 +1,5 @@
-"""Stages that an emulated controller can drive: a free one, with end switches and an obstacle, and that
-of the simulated world.
+"""Stages that an emulated controller can drive: a free one, with end switches and an obstacle, and
+that of the simulated world.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Stage(Protocol):
 
 
 class FreeStage:
-    """A free stage: trapezoidal velocity profile on a clock, end switches, and an obstacle if one is
-    given.
+    """A free stage: trapezoidal velocity profile on a clock, end switches, and an obstacle if one
+    is given.
 
     Parameters
     ----------

@@ -1,3 +1,3 @@
-"""A simulated bench: one deterministic world on the sample clock, and the three devices that observe
-it.
+"""A simulated bench: one deterministic world on the sample clock, and the three devices that
+observe it.
 """

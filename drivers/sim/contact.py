@@ -30,8 +30,8 @@ class Sheared(Protocol):
 
     @property
     def stick_radius(self) -> float:
-        """Radius in metres inside which nothing slips or, under a law without such a radius, at which
-        the shear traction is largest.
+        """Radius in metres inside which nothing slips or, under a law without such a radius, at
+        which the shear traction is largest.
         """
         ...
 
@@ -171,7 +171,8 @@ def read_law(path: str) -> tuple[F64, F64]:
     """
     if not path:
         raise ValueError(
-            "sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is named"
+            "sim.law_table: law = 'table' needs a file of slip (um) and share of mu p; none is"
+            " named"
         )
     try:
         with warnings.catch_warnings(action="error"):  # of a file without numbers

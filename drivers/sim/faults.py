@@ -1,5 +1,5 @@
-"""The faults of a simulated or emulated bench, each written ``KIND AT [AMOUNT]``: "lost-trigger 40",
-"daq-overflow 5000 300".
+"""The faults of a simulated or emulated bench, each written ``KIND AT [AMOUNT]``: "lost-trigger
+40", "daq-overflow 5000 300".
 """
 
 from __future__ import annotations
@@ -72,7 +72,8 @@ class Faults:
     def hits(self, kind: str, n: float) -> Fault | None:
         """The fault of this kind that covers trigger or sample `n`; None if there is none.
 
-        It covers `amount` numbers from `at` on, or only `at` if its amount is the size of the fault.
+        It covers `amount` numbers from `at` on, or only `at` if its amount is the size of the
+        fault.
         """
         for fault in self.all:
             width = 1 if kind in _AMOUNTS else fault.amount

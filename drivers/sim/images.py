@@ -30,9 +30,9 @@ class Renderer:
     The exact renderer moves, deforms and integrates every blob over the pixels, without
     interpolation. The fast one resamples one image of the free block; the micro-contacts, the light
     and the noise are the same in both. `benchmarks/render.py` measures them: 0.5 s and 13 ms of CPU
-    at 1600 x 1200; in boxes of 20 px they differ by less than 0.001 px rms, 0.003 px at most. Making
-    a renderer compiles its kernels and draws what all images share. Two threads must not share a
-    renderer.
+    at 1600 x 1200; in boxes of 20 px they differ by less than 0.001 px rms, 0.003 px at most.
+    Making a renderer compiles its kernels and draws what all images share. Two threads must not
+    share a renderer.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ class Renderer:
         self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
 
     def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
-        """Image `frame_index` of the interface in `state`, 8-bit grey levels, shape (rows, columns);
-        the caller owns it.
+        """Image `frame_index` of the interface in `state`, 8-bit grey levels, shape (rows,
+        columns); the caller owns it.
         """
         return self._expose(self._draw(self._motion(state), self._is_exact), frame_index)
 

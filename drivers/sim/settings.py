@@ -25,7 +25,8 @@ class SimSettings(Section):
     slip_length: float = option(0.8, "Length L of the elasto-plastic law", "um", gt=0, le=100)
     law_table: str = option(
         "",
-        "For law = 'table': CSV file of two columns, slip (um) and shear traction as a share of mu p",
+        "For law = 'table': CSV file of two columns, slip (um) and shear traction as a share of mu"
+        " p",
     )
     thickness: float = option(
         0.0,

@@ -55,8 +55,8 @@ class Blobs:
 
 @dataclass(frozen=True, slots=True)
 class MicroContacts:
-    """Bright junctions that the block can form; each is lit while the relative Hertz pressure exceeds
-    its threshold in (0, 1).
+    """Bright junctions that the block can form; each is lit while the relative Hertz pressure
+    exceeds its threshold in (0, 1).
     """
 
     blobs: Blobs
@@ -111,8 +111,8 @@ def micro_contacts(shape: tuple[int, int], seed: int) -> MicroContacts:
 
 
 def brightness(distance: Array, radius: float, threshold: Array) -> Array:
-    """Relative brightness of each micro-contact, 0 to 1, at a distance from the contact's centre (in
-    the unit of `radius`).
+    """Relative brightness of each micro-contact, 0 to 1, at a distance from the contact's centre
+    (in the unit of `radius`).
 
     A junction is lit where sqrt(1 - (r/a)^2) > threshold: with thresholds uniform in (0, 1) the
     density of lit junctions follows the Hertz pressure and ends exactly at r = a. It brightens
@@ -154,9 +154,9 @@ def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
     """Add Gaussian blobs to an image, each integrated over every pixel that it touches.
 
     Along the axes the integral is a product of error functions. The oblique part of the covariance
-    enters as a series (Mehler's formula: d/d(xy) of a Gaussian is its d2/dxdy) up to the third power
-    of the correlation rho = xy / sqrt(xx yy). For a blob of 100 grey levels the remainder is below
-    1e-4 grey levels if |rho| <= 0.05, which a gradient of 3 % does not exceed.
+    enters as a series (Mehler's formula: d/d(xy) of a Gaussian is its d2/dxdy) up to the third
+    power of the correlation rho = xy / sqrt(xx yy). For a blob of 100 grey levels the remainder is
+    below 1e-4 grey levels if |rho| <= 0.05, which a gradient of 3 % does not exceed.
 
     Parameters
     ----------

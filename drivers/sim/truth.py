@@ -1,4 +1,6 @@
-"""The true state of the simulated world at one sample, for its cameras and for tests of an analysis."""
+"""The true state of the simulated world at one sample, for its cameras and for tests of an
+analysis.
+"""
 
 from __future__ import annotations
 

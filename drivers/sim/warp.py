@@ -1,4 +1,5 @@
-"""Where the points of the moved block appear in the image, and the image of the block resampled there.
+"""Where the points of the moved block appear in the image, and the image of the block resampled
+there.
 
 In pixels: the lab point x shows the material point X = x - rigid + g(x - centre), where g = (g0 +
 g2 cos 2theta, g2 sin 2theta) is the elastic displacement of the contact, along and across the
@@ -24,7 +25,9 @@ Array = NDArray[np.float64]
 CELL_PX = 4
 """Distance between the nodes of the inverse map, which is linear in between."""
 RUN_PX = 16
-"""Pixels are resampled in runs of a multiple of this length, with one integer shift for each run."""
+"""Pixels are resampled in runs of a multiple of this length, with one integer shift for each
+run.
+"""
 _ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and a half digits
 
 
@@ -59,10 +62,11 @@ AT_REST = Motion(
 def motion(
     state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int = 4
 ) -> Motion:
-    """The state of the world in pixels, with its radial functions tabulated `per_px` times per pixel.
+    """The state of the world in pixels, with its radial functions tabulated `per_px` times per
+    pixel.
 
-    The table ends `margin_px` beyond the farthest corner of the image. Linear interpolation in it is
-    accurate to 1e-5 px at 4 entries per pixel.
+    The table ends `margin_px` beyond the farthest corner of the image. Linear interpolation in it
+    is accurate to 1e-5 px at 4 entries per pixel.
     """
     centre = (state.lens_centre_m[0] / pixel_m, state.lens_centre_m[1] / pixel_m)
     far_x = max(abs(centre[0]), abs(shape[1] - centre[0])) + margin_px
@@ -194,8 +198,8 @@ def _weights(t):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
-    """A run of pixels of one row from six rows of coefficients, all with the same integer shift (kx,
-    ky); contiguous, so that the loop vectorises.
+    """A run of pixels of one row from six rows of coefficients, all with the same integer shift
+    (kx, ky); contiguous, so that the loop vectorises.
     """
     for i in range(out.size):
         a0, a1, a2, a3, a4, a5 = _weights(tx[i] - kx)
@@ -277,8 +281,8 @@ def _between(f, above, below, out):  # type: ignore[no-untyped-def]
 def _whole(t, i):  # type: ignore[no-untyped-def]
     """Integer shift of the run of pixels that begins at i, taken at its middle.
 
-    Slightly beyond the ends of a spline segment its polynomial is still accurate: at 3 % of RUN_PX /
-    2 beyond, the jump of the fifth derivative causes an error of 1e-4 of the contrast.
+    Slightly beyond the ends of a spline segment its polynomial is still accurate: at 3 % of RUN_PX
+    / 2 beyond, the jump of the fifth derivative causes an error of 1e-4 of the contrast.
     """
     return math.floor(t[min(i + RUN_PX // 2, t.size - 1)])
 

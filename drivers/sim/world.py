@@ -2,9 +2,9 @@
 stage, on the sample clock.
 
 Physics: a Hertz contact under one of three laws of friction (`drivers.sim.contact`), in series with
-the tangential cantilever and the lens holder, at constant normal force, driven in one direction; the
-stage and the image may drift. Everything follows from the scenario, its seed and the samples on which
-commands came. Neither the wall clock nor the block size has any influence.
+the tangential cantilever and the lens holder, at constant normal force, driven in one direction;
+the stage and the image may drift. Everything follows from the scenario, its seed and the samples on
+which commands came. Neither the wall clock nor the block size has any influence.
 """
 
 from __future__ import annotations
@@ -92,11 +92,15 @@ class World:
     # ------------------------------------------------------------------ time
 
     def start(self, pulses: TriggerTrain | None = None) -> None:
-        """Begin with sample 0, while the board sends these pulses to the camera. A world runs once."""
+        """Begin with sample 0, while the board sends these pulses to the camera.
+
+        A world runs once.
+        """
         with self._changed:
             if self.phase != "idle":
                 raise DeviceFault(
-                    "simulated world: it can run only once and has run already; make a new bench for"
+                    "simulated world: it can run only once and has run already; make a new bench"
+                    " for"
                     " another run"
                 )
             self.phase, self.pulses, self._began = "running", pulses, time.monotonic()
@@ -235,8 +239,8 @@ class World:
             )
 
     def move(self, target_m: float, velocity_m_s: float) -> None:
-        """Send the stage to `target_m` (travel since sample 0) from this sample on, nominally at that
-        speed.
+        """Send the stage to `target_m` (travel since sample 0) from this sample on, nominally at
+        that speed.
 
         Raises
         ------
@@ -259,7 +263,8 @@ class World:
             elif way and self.now + abs(way) / per_sample > s.press_sample:
                 raise OutOfLimits(
                     f"simulated stage: a move of {way * 1e6:.4g} um was requested that lasts into"
-                    f" the pressing of the contact (samples {s.press_sample} to {s.settled_sample}),"
+                    f" the pressing of the contact (samples {s.press_sample} to"
+                    f" {s.settled_sample}),"
                     " which is not modelled; move earlier, faster, or once the contact is settled"
                 )
             self._target_m = target_m
@@ -267,8 +272,8 @@ class World:
             self._moves.append(_Move(self.now, here, goal, math.copysign(per_sample, way)))
 
     def follow(self, stage_m: float) -> None:
-        """Put the stage where a real one is now, `stage_m` (travel since sample 0); in contact it is
-        not followed backwards.
+        """Put the stage where a real one is now, `stage_m` (travel since sample 0); in contact it
+        is not followed backwards.
         """
         with self._changed:
             here = self._stage(self.now)
@@ -286,8 +291,8 @@ class World:
         return float(self._moves[last].at(np.asarray(sample)))
 
     def _driven(self, samples: NDArray[np.int64], stage: F64) -> F64:
-        """Distance by which the contact has been driven, including the drift that the stage does not
-        report; 0 before the contact is settled.
+        """Distance by which the contact has been driven, including the drift that the stage does
+        not report; 0 before the contact is settled.
         """
         s = self.scenario
         drift = s.sim.stage_drift / s.forces.sample_rate * (samples - s.settled_sample)

@@ -168,9 +168,9 @@ def test_an_error_nobody_thought_of_is_one_sentence_too(
     monkeypatch.setattr("app.commands.inspect.info", broken)
     result = slipscope("info", "a.h5")
     assert (result.exit_code, result.stdout) == (1, "")
-    assert (
-        result.stderr
-        == "slipscope: unexpected KeyError: 'surprise'; `slipscope --debug ...` shows where it came from\n"
+    assert result.stderr == (
+        "slipscope: unexpected KeyError: 'surprise'; `slipscope --debug ...` shows where it came"
+        " from\n"
     )
     assert isinstance(slipscope("--debug", "info", "a.h5").exception, KeyError)
 

@@ -1,4 +1,6 @@
-"""Pictures of a free and of a loaded block whose truth is known: nothing in them is interpolated."""
+"""Pictures of a free and of a loaded block whose truth is known: nothing in them is
+interpolated.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,9 @@ def _speckle(rng, shape, grain, shift):
 
 
 def scatter(rng, radius, density, law):
-    """Micro-contacts about (0, 0): a Poisson process of density ``density (1 - (r/radius)^2)^law``."""
+    """Micro-contacts about (0, 0): a Poisson process of density ``density (1 -
+    (r/radius)^2)^law``.
+    """
     n = rng.poisson(density * 4 * radius**2)
     x, y = rng.uniform(-radius, radius, (2, n))
     share = 1 - (x**2 + y**2) / radius**2

@@ -1,4 +1,6 @@
-"""Ring means against a slow loop over the rings, and against fields whose azimuthal mean is known."""
+"""Ring means against a slow loop over the rings, and against fields whose azimuthal mean is
+known.
+"""
 
 import numpy as np
 import pytest

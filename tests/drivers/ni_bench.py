@@ -46,7 +46,9 @@ class NiBench(contextlib.ExitStack):
 
 
 class InThread(threading.Thread):
-    """Reads until it fails; `begun` once the library is being asked, `error` is what it ended with."""
+    """Reads until it fails; `begun` once the library is being asked, `error` is what it ended
+    with.
+    """
 
     def __init__(self, forces):
         super().__init__()

@@ -223,9 +223,9 @@ def test_every_refusal_is_told_in_words_and_nothing_moves(newport_open, letter):
 
 def test_description(newport_open):
     text = newport_open().driver.describe()
-    assert (
-        text
-        == "SMC_CC - Controller-driver version  3. 1. 2, stage EMULATED_25MM, READY from HOMING, at 12.5 mm, travel 0 to 25 mm"
+    assert text == (
+        "SMC_CC - Controller-driver version  3. 1. 2, stage EMULATED_25MM, READY from HOMING, at"
+        " 12.5 mm, travel 0 to 25 mm"
     )
 
 

@@ -75,9 +75,9 @@ def test_images_are_those_of_the_producer_in_order(make, clock, monkeypatch):
     monkeypatch.setitem(frame_numbers.PATIENCE_S, "inferred", 60.0)
     camera = make()
     camera.open()
-    assert (
-        camera.describe()
-        == "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and exposure as it is set"
+    assert camera.describe() == (
+        "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and exposure as it is"
+        " set"
     )
     camera.start(TRAIN)
     clock.start()

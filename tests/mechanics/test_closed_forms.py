@@ -25,7 +25,9 @@ def exact_share(Q):
 
 
 def radii(Q):
-    """From the centre to 100 a, on both sides of c and a, and between them however close they are."""
+    """From the centre to 100 a, on both sides of c and a, and between them however close they
+    are.
+    """
     share = float(exact_share(Q))
     return A * np.unique(
         [0, 1e-3, 0.4, share * 0.999, (1 + share) / 2, 1, 1 + 1e-9, 1.3, 2.9, 10, 100]

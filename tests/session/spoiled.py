@@ -102,7 +102,9 @@ def _cut(content: bytearray, rng: random.Random) -> None:
 
 
 def _forge_header(content: bytearray, rng: random.Random) -> None:
-    """Change bytes of an object's header and make its checksum right again, as only ill will does."""
+    """Change bytes of an object's header and make its checksum right again, as only ill will
+    does.
+    """
     headers = [at for at in range(len(content)) if content.startswith(b"OHDR\x02", at)]
     for at in rng.sample(headers, min(len(headers), rng.choice([1, 1, 3]))):
         flags = content[at + 5]

@@ -373,7 +373,9 @@ def test_the_command_tells_what_was_assumed(
 def test_a_few_rows_over_hours_are_refused(
     few: Path, tmp_path: Path, name: str, head: str, cells: str
 ) -> None:
-    """Every sample between them takes memory: a table of a hundred bytes could take all there is."""
+    """Every sample between them takes memory: a table of a hundred bytes could take all there
+    is.
+    """
     rows = [f"{n * 3_500_000},{cells}" for n in range(7)]
     (tmp_path / "table.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     with pytest.raises(

@@ -44,9 +44,9 @@ def test_altered_image_is_named(session: Session, capsys: Capture) -> None:
     assert info(session.path, as_json=False) == 0
     assert info(session.path, as_json=False, verify=True) == 1
     said = capsys.readouterr().err
-    assert (
-        said
-        == f"slipscope: {session.path}: image 6 is not as recorded; `slipscope repair` makes a session of the others\n"
+    assert said == (
+        f"slipscope: {session.path}: image 6 is not as recorded; `slipscope repair` makes a"
+        " session of the others\n"
     )
     assert info(session.path, as_json=True, verify=True) == 1
     data = json.loads(capsys.readouterr().out)

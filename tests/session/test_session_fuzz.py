@@ -261,7 +261,9 @@ __attribute__((constructor)) static void loaded(void) { FILE *f = fopen(getenv("
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="builds a shared library with gcc")
 def test_no_plug_in_is_loaded_for_a_session(session: Session, tmp_path: Path) -> None:
-    """A library on HDF5's path says when it is loaded: by h5py for such a file, not by SlipScope."""
+    """A library on HDF5's path says when it is loaded: by h5py for such a file, not by
+    SlipScope.
+    """
     _foreign_filter(session.path)
     with h5py.File(session.path, "r+") as file:
         file["/entry/forces/normal_force"].id.write_direct_chunk((0,), bytes(100))
