@@ -77,9 +77,7 @@ class Option:
 
     @property
     def limits(self) -> str:
-        """The limits or choices in words, ``more than 0 and at most 10``; empty if there are
-        none.
-        """
+        """The limits or choices in words, ``more than 0 and at most 10``; or empty."""
         if self.choices:
             return " or ".join(f"'{c}'" if isinstance(c, str) else f"{c}" for c in self.choices)
         words = (
@@ -223,9 +221,7 @@ def _parts(value: Any) -> Iterator[Any]:
 
 
 def _shortest(value: float, factor: float) -> float:
-    """The number of fewest digits whose product with `factor` is `value`, or the nearest
-    there is.
-    """
+    """The shortest number whose product with `factor` is `value`, or else the nearest."""
     near = value / factor
     tries = [float(f"{near:.{digits}g}") for digits in (15, 16)]
     tries += [near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf)]

@@ -141,9 +141,7 @@ class Correlation(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class StressSettings(Section):
-    """The shear traction sigma_xz, from the displacement field by the Green's tensor of the
-    block.
-    """
+    """The shear traction sigma_xz, from the displacement field by the block's Green's tensor."""
 
     method: str = option(
         "axisymmetric",

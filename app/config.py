@@ -39,9 +39,7 @@ S = TypeVar("S", bound=Section)
 
 
 class ConfigError(ValueError):
-    """The settings can not be used; the message names the key, what was found and what is
-    allowed.
-    """
+    """The settings can not be used; the message says which key, what was found, what is allowed."""
 
 
 @cache

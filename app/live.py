@@ -124,8 +124,8 @@ def make_run(
     Parameters
     ----------
     pace : float or None
-        Simulated seconds per second; None: as fast as the machine. A bench with a real device runs
-        at 1.
+        Simulated seconds per second; None: as fast as possible. A bench with a real device runs at
+        1.
     bench : Bench, optional
         The bench to use, made with `make_bench` from the same settings and pace.
 

@@ -32,9 +32,8 @@ class RunSettings(Section):
     )
     background_time: float = option(
         1.0,
-        "How long images of the free block are taken before contact; 0: not at all, and the"
-        " apparent"
-        " radius is not measured",
+        "How long images of the free block are taken before contact; 0: not at all, so that the"
+        " apparent radius is not measured",
         "s",
         ge=0,
         le=60,
@@ -180,9 +179,7 @@ class Config:
 
     @property
     def correlation(self) -> Correlation:
-        """How the camera's images are correlated: `dic`, with the end of the camera's grey
-        scale.
-        """
+        """How the camera's images are correlated: `dic` with the end of the grey scale."""
         return replace(self.dic, full_scale=self.dic.full_scale or self.camera.full_scale)
 
 

@@ -193,10 +193,8 @@ class NewportStage:
             if float(line.ask("VA?", _NUMBER)) > s.max_velocity * 1e3:
                 self._check(line.tell("VA" + _mm(s.max_velocity)), "its velocity limit")
             self._is_prepared = True
-        low, high = (
-            max(low, float(line.ask("SL?", _NUMBER)) * 1e-3),
-            min(high, float(line.ask("SR?", _NUMBER)) * 1e-3),
-        )
+        low = max(low, float(line.ask("SL?", _NUMBER)) * 1e-3)
+        high = min(high, float(line.ask("SR?", _NUMBER)) * 1e-3)
         if not low < high:
             raise OutOfLimits(
                 f"{self.name}: its soft limits and the travel in the settings have nothing in"
@@ -329,12 +327,8 @@ class NewportStage:
         """
         line = self._ready()
         word = line.ask("TS", "([0-9A-Fa-f]{6})", urgent=urgent)
-        bits, state = (
-            int(word[:4], 16),
-            self._states.get(
-                word[4:].upper(), f"in a state that its manual does not name ({word[4:]})"
-            ),
-        )
+        unnamed = f"in a state that its manual does not name ({word[4:]})"
+        bits, state = int(word[:4], 16), self._states.get(word[4:].upper(), unnamed)
         if state.startswith("HOMING"):
             bits &= ~_END_SWITCHES  # the origin may be at one of them
         moves, stopped_at = state.startswith(_IN_MOTION), self._stop_sent_at
@@ -343,10 +337,8 @@ class NewportStage:
                 (text for group, text in _REMEDIES.items() if state.startswith(group)),
                 "find out why before the next move",
             )
-            self._fault = (
-                f"{self.name}: the motion failed:"
-                f" {'; '.join([*_in_words(bits), f'it is now {state}'])}; {remedy}"
-            )
+            what = "; ".join([*_in_words(bits), f"it is now {state}"])
+            self._fault = f"{self.name}: the motion failed: {what}; {remedy}"
         self._is_under_way = self._is_under_way and moves
         if not moves:
             self._stop_sent_at = None

@@ -110,9 +110,8 @@ class GenTLCamera(GenICamCamera):
             stamp = buffer.timestamp / 1e9
             with suppress(*self._errors, AttributeError):
                 stamp = buffer.timestamp / buffer.timestamp_frequency
-        component = (
-            buffer.payload.components[0] if buffer.payload and buffer.payload.components else None
-        )
+        components = buffer.payload.components if buffer.payload else ()
+        component = components[0] if components else None
         if component is None or component.data.size != self.shape[0] * self.shape[1]:
             what = "no image"
             if component is not None:
@@ -125,12 +124,10 @@ class GenTLCamera(GenICamCamera):
     def _node(self, name: str, *, to_read: bool = False) -> Any:
         nodes = self._acquirer.remote_device.node_map
         node = nodes.get_node(name) if nodes.has_node(name) else None
-        modes = ("RO", "RW") if to_read else ("WO", "RW")
-        return (
-            node
-            if node is not None and self._genapi.EAccessMode(node.get_access_mode()).name in modes
-            else None
-        )
+        if node is None:
+            return None
+        mode = self._genapi.EAccessMode(node.get_access_mode()).name
+        return node if mode in (("RO", "RW") if to_read else ("WO", "RW")) else None
 
     def _value(self, node: Any) -> Any:
         return node.value
@@ -141,16 +138,12 @@ class GenTLCamera(GenICamCamera):
     def _offer(self, node: Any) -> tuple[str, ...]:
         if hasattr(node, "symbolics"):
             return tuple(node.symbolics)
-        return (
-            f"{node.min:g} to {node.max:g}"
-            + (f" in steps of {node.inc:g}" if isinstance(node.value, int) else ""),
-        )
+        step = f" in steps of {node.inc:g}" if isinstance(node.value, int) else ""
+        return (f"{node.min:g} to {node.max:g}{step}",)
 
 
 def _harvester(producer: str) -> Any:
-    """Harvesters with the producer, or with all that are registered, and a list of their
-    cameras.
-    """
+    """Harvesters with the producer, or with all registered ones, and a list of their cameras."""
     try:
         harvester = library("harvesters.core").Harvester()
     except ImportError as error:

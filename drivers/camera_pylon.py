@@ -118,10 +118,8 @@ class PylonCamera(GenICamCamera):
         if hasattr(node, "GetSettableValues"):
             return tuple(node.GetSettableValues())
         has_step = hasattr(node, "GetInc") and getattr(node, "HasInc", lambda: True)()
-        return (
-            f"{node.GetMin():g} to {node.GetMax():g}"
-            + (f" in steps of {node.GetInc():g}" if has_step else ""),
-        )
+        step = f" in steps of {node.GetInc():g}" if has_step else ""
+        return (f"{node.GetMin():g} to {node.GetMax():g}{step}",)
 
 
 def _names(info: Any) -> set[str]:

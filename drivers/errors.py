@@ -18,9 +18,7 @@ class DeviceTimeout(DeviceError):
 
 
 class OutOfLimits(DeviceError):
-    """A command asked for a position, speed or rate outside the device's limits; nothing was
-    done.
-    """
+    """A requested position, speed or rate is outside the device's limits; nothing was done."""
 
 
 class DeviceFault(DeviceError):

@@ -164,11 +164,8 @@ class FrameNumbers:
             f"lost on its way: the camera's frame ids jump to {delivered.frame_id}{self._complaint}"
         )
         self._lost.update((n, reason) for n in range(before + 1, number))
-        self._newest, self._complaint, self._stamp = (
-            number,
-            "",
-            delivered.timestamp_s or self._stamp,
-        )
+        self._newest, self._complaint = number, ""
+        self._stamp = delivered.timestamp_s or self._stamp
         # an earlier one has been given up already
         if number >= (self._exposure if self._clock.counts_exposures else self._next):
             self._waiting[number] = delivered
@@ -191,11 +188,8 @@ class FrameNumbers:
             Nothing will ever be known.
         """
         index, sample = self._next, self._train.sample(self._next)
-        answer = (
-            self._by_exposure(index, sample)
-            if self._clock.counts_exposures
-            else self._by_order(index, sample)
-        )
+        way = self._by_exposure if self._clock.counts_exposures else self._by_order
+        answer = way(index, sample)
         if answer is not None:
             self._next += 1
         return answer
@@ -214,11 +208,8 @@ class FrameNumbers:
         began = clock.exposure(k)
         if began is None:
             cut = clock.phase == "stopped" and clock.now > sample + 1
-            return (
-                LostFrame(index, sample, _MISSED)
-                if cut or clock.now >= sample + train.divisor
-                else None
-            )
+            is_missed = cut or clock.now >= sample + train.divisor
+            return LostFrame(index, sample, _MISSED) if is_missed else None
         # the trigger of this exposure, which may be counted one sample early and no more
         last = (began + 1 - train.first) // train.divisor
         at_once = 1  # lost samples put several exposures on one
@@ -231,13 +222,10 @@ class FrameNumbers:
                 " the trigger line for noise"
             )
         if at_once < pending:
-            if at_once > 1:
-                self._unclear_to, self._exposure = last, k + at_once
-            return (
-                self._by_exposure(index, sample)
-                if at_once > 1
-                else LostFrame(index, sample, _MISSED)
-            )
+            if at_once == 1:
+                return LostFrame(index, sample, _MISSED)
+            self._unclear_to, self._exposure = last, k + at_once
+            return self._by_exposure(index, sample)
         alone = at_once == 1 and (k == 0 or clock.exposure(k - 1) != began)
         answer = self._image(k, index, began if alone and began > sample + 1 else sample, began)
         self._exposure += answer is not None
@@ -284,8 +272,7 @@ class FrameNumbers:
         elif number > fits and not why:
             raise self._fault(
                 f"an image came after trigger {number - 1} had none, and it is unknown whether it"
-                " is"
-                f" that of trigger {number}; {_REMEDY}"
+                f" is that of trigger {number}; {_REMEDY}"
             )
         elif not (stamp_s and self._stamp):
             self._is_certain = False

@@ -120,11 +120,9 @@ class GenICamCamera(ABC):
         s = self._settings
         if self._found is None:
             return f"{self.name}, not open"
-        trigger = (
-            f"{quantity(s, 'exposure')}, trigger {s.trigger_line}"
-            if s.trigger_line
-            else "trigger and exposure as the camera is set"
-        )
+        trigger = "trigger and exposure as the camera is set"
+        if s.trigger_line:
+            trigger = f"{quantity(s, 'exposure')}, trigger {s.trigger_line}"
         text = f"{self._found.description}: {s.shape[1]} x {s.shape[0]} {s.pixel_format}, {trigger}"
         return f"{text}; {self._numbers.describe()}" if self._numbers else text
 

@@ -8,7 +8,7 @@ else is not, the world's stage goes where that actuator goes (`FollowedActuator`
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivers.clock import SampleClock
 from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock, TriggerTrain
@@ -38,14 +38,24 @@ def connected(
     led = None if natures["forces"] in MOVES_THE_WORLD else world
     # where the stage is, is known for the last sample that was read, and for no later one
     in_read_time = natures["actuator"] == "stored" or (led is not None and has_own_stage)
-    return (
-        ClockedForces(forces, clock, led, stage_in_read_time=in_read_time),
-        camera,
-        actuator if world is None or has_own_stage else FollowedActuator(actuator, world),
-    )
+    clocked: Any = ClockedForces(forces, clock, led, stage_in_read_time=in_read_time)
+    followed: Any = actuator
+    if world is not None and not has_own_stage:
+        followed = FollowedActuator(actuator, world)
+    return clocked, camera, followed
 
 
-class ClockedForces:
+class _Wrapped:
+    """A device of which some methods do more; all others are those of the device itself."""
+
+    def __init__(self, device: Any) -> None:
+        self.device = device
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.device, name)
+
+
+class ClockedForces(_Wrapped):
     """A force source that advances the sample clock with every block that is read, and the time of
     a world as well if that has no other source.
     """
@@ -58,38 +68,26 @@ class ClockedForces:
         *,
         stage_in_read_time: bool = False,
     ) -> None:
-        self.device = forces
-        self.name = forces.name
-        self.sample_rate_hz = forces.sample_rate_hz
-        self.block_samples = forces.block_samples
-        self.counts_exposures = forces.counts_exposures
+        super().__init__(forces)
         self._clock = clock
         self._world = world
         self._stage_in_read_time = stage_in_read_time
 
-    def open(self) -> None:
-        """See `drivers.protocols.ForceSource`, as for all methods here."""
-        self.device.open()
-
-    def describe(self) -> str:
-        """The description of the device."""
-        return self.device.describe()
-
     def start(self, train: TriggerTrain) -> None:
         """Start the device, and with it the clock."""
-        self._clock.start(counts_exposures=self.counts_exposures)
+        self._clock.start(counts_exposures=self.device.counts_exposures)
         if self._world is not None:
             self._world.start(train)
         self.device.start(train)
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
         """The next block; the clock advances before it is handed over."""
-        block = self.device.read(timeout_s)
+        block: SampleBlock | LostSamples = self.device.read(timeout_s)
         if self._world is not None:
             self._world.advance(block.end - self._world.now)
         if isinstance(block, SampleBlock):
             self._clock.advance(block.end, block.exposures)
-        elif not self.counts_exposures:
+        elif not self.device.counts_exposures:
             # with a counter, the next block says what was exposed in the gap
             self._clock.advance(block.end)
         return block
@@ -98,7 +96,7 @@ class ClockedForces:
         """Samples of the device that wait to be read; 0 if the position of the stage is not known
         beyond the last sample that was read.
         """
-        return 0 if self._stage_in_read_time else self.device.backlog()
+        return 0 if self._stage_in_read_time else int(self.device.backlog())
 
     def stop(self) -> None:
         """Stop the device, and with it the clock."""
@@ -118,63 +116,20 @@ class ClockedForces:
             self._world.stop()
 
 
-class FollowedActuator:
+class FollowedActuator(_Wrapped):
     """An actuator beside a simulated world, whose stage goes where each reading of the actuator's
     position says.
     """
 
     def __init__(self, actuator: Actuator, world: World) -> None:
-        self.device = actuator
-        self.name = actuator.name
+        super().__init__(actuator)
         self._world = world
         self._start_m: float | None = None
 
-    @property
-    def travel_limits_m(self) -> tuple[float, float]:
-        """Travel of the device, known once it is open."""
-        return self.device.travel_limits_m
-
-    @property
-    def velocity_limit_m_s(self) -> float:
-        """Limit of the device, known once it is open."""
-        return self.device.velocity_limit_m_s
-
-    def open(self) -> None:
-        """See `drivers.protocols.Actuator`, as for all methods here."""
-        self.device.open()
-
-    def describe(self) -> str:
-        """The description of the device."""
-        return self.device.describe()
-
-    def home(self) -> None:
-        """Find the origin."""
-        self.device.home()
-
-    def set_velocity(self, velocity_m_s: float) -> None:
-        """Speed of the moves to come."""
-        self.device.set_velocity(velocity_m_s)
-
-    def move_to(self, position_m: float) -> None:
-        """Start a bounded move."""
-        self.device.move_to(position_m)
-
     def position_m(self) -> float:
         """Where the device is; the world's stage goes there too."""
-        here = self.device.position_m()
+        here = float(self.device.position_m())
         if self._start_m is None:
             self._start_m = here
         self._world.follow(here - self._start_m)
         return here
-
-    def is_moving(self) -> bool:
-        """Whether the device moves."""
-        return self.device.is_moving()
-
-    def stop(self) -> None:
-        """End any motion now."""
-        self.device.stop()
-
-    def close(self) -> None:
-        """Stop, and let go of the device."""
-        self.device.close()

@@ -16,8 +16,7 @@ def check_velocity(name: str, velocity_m_s: float, limit_m_s: float) -> None:
     if not 0 < velocity_m_s <= limit_m_s:
         raise OutOfLimits(
             f"{name}: a velocity of {velocity_m_s * 1e6:.6g} um/s was requested; use one above 0"
-            " and"
-            f" up to {limit_m_s * 1e6:g} um/s"
+            f" and up to {limit_m_s * 1e6:g} um/s"
         )
 
 

@@ -167,9 +167,8 @@ class NewportLine:
         except Exception as error:
             raise DeviceFault(
                 f"{self._who}: '{command}' can not be sent, the line {self._name} is dead"
-                f" ({error}); a"
-                " move under way ends by itself at its target: check cable and power, then start"
-                " again"
+                f" ({error}); a move under way ends by itself at its target: check cable and power,"
+                " then start again"
             ) from error
 
     @contextmanager
@@ -197,8 +196,7 @@ class NewportLine:
         if heard:
             return DeviceFault(
                 f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy:"
-                " the"
-                f" last answer was {heard!r}; check cable, shield, and the speed of the line"
+                f" the last answer was {heard!r}; check cable, shield, and the speed of the line"
             )
         return DeviceTimeout(
             f"{self._who}: {self._name} gave no answer to '{query}' within {PATIENCE_S:g} s; check"

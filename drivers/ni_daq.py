@@ -125,22 +125,17 @@ class NiForces:
         import grpc
         from nidaqmx import GrpcSessionOptions
 
-        try:
-            trusted = (
-                grpc.ssl_channel_credentials(Path(certificate).read_bytes())
-                if certificate
-                else None
-            )
-        except OSError as error:
-            raise DeviceNotFound(
-                f"{self.name}: the certificate {certificate} can not be read ({error.strerror});"
-                " correct `certificate`"
-            ) from None
-        self._channel = (
-            grpc.secure_channel(server, trusted, OPTIONS)
-            if trusted
-            else grpc.insecure_channel(server, OPTIONS)
-        )
+        if certificate:
+            try:
+                trusted = grpc.ssl_channel_credentials(Path(certificate).read_bytes())
+            except OSError as error:
+                raise DeviceNotFound(
+                    f"{self.name}: the certificate {certificate} can not be read"
+                    f" ({error.strerror}); correct `certificate`"
+                ) from None
+            self._channel = grpc.secure_channel(server, trusted, OPTIONS)
+        else:
+            self._channel = grpc.insecure_channel(server, OPTIONS)
         self._remote = {"grpc_options": GrpcSessionOptions(self._channel, "")}
 
     def _describe(self) -> None:
@@ -149,22 +144,13 @@ class NiForces:
         s = self._settings
         with self._ni(f"'{s.device}'"):
             model = _model(Device(s.device, **self._remote))
-        trigger = (
-            s.trigger_line
-            if s.trigger == "digital"
-            else s.trigger_counter + f" at {s.trigger_terminal}" * bool(s.trigger_terminal)
-        )
-        counted = (
-            f", exposures counted by {s.exposure_counter} at {s.exposure_terminal}"
-            if self.counts_exposures
-            else ""
-        )
+        server = f" on {s.server}" * bool(s.server)
         inputs = f"{s.channels[0]} and {s.channels[1]}, {s.wiring}, at {self.sample_rate_hz:g} Hz"
-        self._description = (
-            model
-            + f" on {s.server}" * bool(s.server)
-            + f": {inputs}; triggers from {trigger}{counted}"
-        )
+        counter = s.trigger_counter + f" at {s.trigger_terminal}" * bool(s.trigger_terminal)
+        trigger = s.trigger_line if s.trigger == "digital" else counter
+        counted = f", exposures counted by {s.exposure_counter} at {s.exposure_terminal}"
+        counted *= self.counts_exposures
+        self._description = f"{model}{server}: {inputs}; triggers from {trigger}{counted}"
 
     def _open_sensors(self) -> None:
         from nidaqmx.constants import TerminalConfiguration
@@ -185,11 +171,9 @@ class NiForces:
                 math.isclose(rate, self.sample_rate_hz, rel_tol=1e-9)
                 and (TIMEBASE_HZ / self.sample_rate_hz).is_integer()
             ):
-                found = f"the nearest that the board has is {rate:.10g} Hz"
                 raise OutOfLimits(
-                    f"{self.name}: {self.sample_rate_hz:.10g} Hz was requested, {found}; use a"
-                    " sample rate"
-                    " that divides 20 MHz"
+                    f"{self.name}: {self.sample_rate_hz:.10g} Hz was requested, the nearest that"
+                    f" the board has is {rate:.10g} Hz; use a sample rate that divides 20 MHz"
                 )
         self._inputs.append(task)
 
@@ -236,17 +220,11 @@ class NiForces:
         with self._task() as task:
             if is_line:
                 task.do_channels.add_do_chan(f"{s.device}/{s.trigger_line}")
-                clock = f"/{s.device}/ai/SampleClock"
-                task.timing.cfg_samp_clk_timing(
-                    self.sample_rate_hz,
-                    clock,
-                    sample_mode=AcquisitionType.CONTINUOUS,
-                    samps_per_chan=divisor,
-                )
-                task.write(
-                    [(sample - first) % divisor < high for sample in range(divisor)],
-                    auto_start=False,
-                )
+                rate, clock = self.sample_rate_hz, f"/{s.device}/ai/SampleClock"
+                endless = {"sample_mode": AcquisitionType.CONTINUOUS, "samps_per_chan": divisor}
+                task.timing.cfg_samp_clk_timing(rate, clock, **endless)
+                pattern = [(sample - first) % divisor < high for sample in range(divisor)]
+                task.write(pattern, auto_start=False)
             else:
                 ticks = int(TIMEBASE_HZ / self.sample_rate_hz)
                 times = {
@@ -357,12 +335,8 @@ class NiForces:
                 f" {LAST_SAMPLE}; start a new run"
             )
         volts, counts = np.empty((2, n)), np.empty(n, np.uint32)
-        readers = [
-            reader(task.in_stream)
-            for reader, task in zip(
-                (AnalogMultiChannelReader, CounterReader), self._inputs, strict=False
-            )
-        ]
+        kinds = zip((AnalogMultiChannelReader, CounterReader), self._inputs, strict=False)
+        readers = [kind(task.in_stream) for kind, task in kinds]
         try:
             for reader, task in zip(readers, self._inputs, strict=True):
                 reader.verify_array_shape = False  # which takes a further call to the board

@@ -9,7 +9,8 @@ A driver is made from the settings of its device and the bench's `drivers.clock.
 driver keeps these rules (``tests/contracts.py`` tests each of them):
 
 - Making a driver touches no hardware. `open` claims the hardware, and is the only place that
-  imports a vendor library; `close` may be called at any time, twice, and after a failure.
+imports
+  a vendor library; `close` may be called at any time, twice, and after a failure.
 - Order of a run: ``camera.start(train)``, then ``forces.start(train)``, then reads;
   ``forces.stop()`` ends the trigger train.
 - `ForceSource.read` and `Camera.read` are each called from one thread, `Actuator.stop` and `close`

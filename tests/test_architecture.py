@@ -17,7 +17,7 @@ from importlinter.configuration import configure
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("analysis", "drivers", "app")
-LONGEST_FILE = 730
+LONGEST_FILE = 500
 HEAVY = {"PySide6", "pyqtgraph", "h5py", "numba", "cv2", "matplotlib", "scipy", "numpy"}
 
 

@@ -58,6 +58,14 @@ class Workspace(NamedTuple):
     deviations: F64
 
 
+class Task(NamedTuple):
+    """What a thread works on."""
+
+    boxes: Templates
+    target: SearchImage
+    memory: Workspace
+
+
 @njit(cache=True, nogil=True)
 def summed_area(image: F32, out: F64) -> None:
     """Sums of the grey levels and of their squares over all pixels above and to the left of each
@@ -158,21 +166,13 @@ def load(
 
 
 @njit(cache=True, nogil=True)
-def correlate(
-    boxes: Templates,
-    target: SearchImage,
-    memory: Workspace,
-    i: int,
-    j: int,
-    top: int,
-    left: int,
-    rows: int,
-) -> F64:
+def correlate(task: Task, i: int, j: int, top: int, left: int, rows: int) -> F64:
     """Zero-mean normalised cross-correlations of box (i, j) with `rows` x 5 places of the image,
     the first of them at (top, left); OUTSIDE or FLAT where there is none.
 
     The result, shape (rows, 5), is a view of the working memory.
     """
+    boxes, target, memory = task
     box, scores, deviations = boxes.box, memory.scores[:rows], memory.deviations[:rows]
     sums, template, window, pitch = target.sums, memory.template, memory.window, memory.pitch
     image_rows, image_columns = target.image.shape
@@ -226,23 +226,14 @@ def gaussian_peak(c: F64) -> tuple[float, float, bool]:
 
 
 @njit(cache=True, nogil=True)
-def scan(
-    boxes: Templates,
-    target: SearchImage,
-    memory: Workspace,
-    i: int,
-    j: int,
-    x: int,
-    y: int,
-    radius: int,
-) -> tuple[int, int]:
+def scan(task: Task, i: int, j: int, x: int, y: int, radius: int) -> tuple[int, int]:
     """The displacement (x, y) of highest correlation among all those within `radius` of the given
     one.
     """
     best, best_x, best_y = OUTSIDE, x, y
-    top, rows = boxes.top[i] + y - radius, 2 * radius + 1
+    top, left, rows = task.boxes.top[i] + y - radius, task.boxes.left[j], 2 * radius + 1
     for first in range(x - radius, x + radius + 1, WIDTH):
-        scores = correlate(boxes, target, memory, i, j, top, boxes.left[j] + first, rows)
+        scores = correlate(task, i, j, top, left + first, rows)
         k, m = highest(scores)
         if scores[k, m] > best:
             best, best_x, best_y = scores[k, m], first + m, y - radius + k
@@ -251,22 +242,15 @@ def scan(
 
 @njit(cache=True, nogil=True)
 def climb(
-    boxes: Templates,
-    target: SearchImage,
-    memory: Workspace,
-    i: int,
-    j: int,
-    x: int,
-    y: int,
-    furthest: int,
+    task: Task, i: int, j: int, x: int, y: int, furthest: int
 ) -> tuple[tuple[float, float, float], int]:
     """Displacement (x, y) and correlation of the peak reached uphill from the displacement (x, y),
     and the status of the point.
     """
     start_x, start_y = x, y
     while abs(x - start_x) <= furthest and abs(y - start_y) <= furthest:
-        top, left = boxes.top[i] + y - REACH, boxes.left[j] + x - REACH
-        scores = correlate(boxes, target, memory, i, j, top, left, WIDTH)
+        top, left = task.boxes.top[i] + y - REACH, task.boxes.left[j] + x - REACH
+        scores = correlate(task, i, j, top, left, WIDTH)
         k, m = highest(scores)
         if scores[k, m] == OUTSIDE:
             return NOWHERE, OUT_OF_IMAGE
@@ -310,7 +294,7 @@ def match_rows(
         Receives u_x, u_y, ZNCC; NaN where `status` is not OK.
     """
     memory = workspace(boxes.box, max(0, radius[rows[0] : rows[1]].max()))
-    box, pitch = boxes.box, memory.pitch
+    task, box, pitch = Task(boxes, target, memory), boxes.box, memory.pitch
     for i in range(rows[0], rows[1]):
         for j in range(boxes.left.size):
             if radius[i, j] < 0:
@@ -321,8 +305,8 @@ def match_rows(
                 load(boxes.image, top, left, box, box, mean, pitch, memory.template)
                 x, y = start[0, i, j], start[1, i, j]
                 if radius[i, j] > 0:
-                    x, y = scan(boxes, target, memory, i, j, x, y, radius[i, j])
-                found, state = climb(boxes, target, memory, i, j, x, y, furthest)
+                    x, y = scan(task, i, j, x, y, radius[i, j])
+                found, state = climb(task, i, j, x, y, furthest)
                 if state == OK and found[2] < least_correlation:
                     state = DECORRELATED
             status[i, j] = state

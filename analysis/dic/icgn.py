@@ -18,11 +18,11 @@ import numpy as np
 from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 
-from analysis.arrays import F64, I32, I64, U8, Array, Bool
+from analysis.arrays import F64, I64, U8, Array, Bool
 from analysis.dic import reading
 from analysis.dic.grid import Grid
 from analysis.dic.interpolants import FAST, Interpolant
-from analysis.dic.reading import CHUNK, MARGIN, Taps, Target
+from analysis.dic.reading import CHUNK, MARGIN, BoxLayout, Taps, Target
 from analysis.dic.status import MASKED, NOT_CONVERGED, OK, OUT_OF_IMAGE
 from analysis.dic.threads import Rows
 
@@ -50,12 +50,8 @@ class Boxes(NamedTuple):
     planes: Array
     top: I64  # (ny,) first row of the boxes
     left: I64  # (nx,)
-    box: int
     order: int
-    pitch: int  # distance of the rows of a box in working memory
-    places: Array  # (6, box * pitch): 1, x, y, x^2, x y, y^2 of each pixel
-    # (2, box * pitch) column and row of each pixel; columns beyond the box stand for its last
-    pixels: I32
+    layout: BoxLayout
     moments: F64  # (ny, nx, 3) usable pixels, mean grey level, sum of squared deviations from it
     # (ny, nx, k + 2, k + 2) inverse of the normal matrix of (1, reference, k steepest descents);
     # NaN: singular
@@ -110,6 +106,9 @@ class Scratch(NamedTuple):
     warp: Array  # (2, 6) displacement in the six terms, without its whole pixels
     sums: F64  # (k + 3,) of grey x (1, reference, k steepest descents) and grey^2
     taps: Taps
+    place: F64  # (2, 6) displacement in the six terms
+    step: F64  # (2, 6)
+    out: F64  # (3,) ZNCC, standard uncertainties of u_x and u_y
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -187,11 +186,11 @@ def compose(p: F64, step: F64, half: float) -> None:
 @njit(cache=True, nogil=True)
 def load_box(boxes: Boxes, memory: Scratch, i: int, j: int) -> None:
     """Lay out one box of the reference in working memory; the columns beyond it stay zero."""
-    top, left, box = boxes.top[i], boxes.left[j], boxes.box
+    top, left, box, pitch = boxes.top[i], boxes.left[j], boxes.layout.box, boxes.layout.pitch
     for plane in range(4):
         for k in range(box):
             source = boxes.planes[plane, top + k, left : left + box]
-            to = memory.planes[plane, k * boxes.pitch : k * boxes.pitch + box]
+            to = memory.planes[plane, k * pitch : k * pitch + box]
             for m in range(box):
                 to[m] = source[m]
 
@@ -203,33 +202,25 @@ def read_box(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, p: F
     for k in range(6):
         memory.warp[0, k], memory.warp[1, k] = p[0, k], p[1, k]
     memory.warp[0, 0], memory.warp[1, 0] = p[0, 0] - x, p[1, 0] - y
-    taps, warp, grey, box, pitch = memory.taps, memory.warp, memory.grey, boxes.box, boxes.pitch
+    taps, layout, warp, grey = memory.taps, boxes.layout, memory.warp, memory.grey
     top, left = boxes.top[i] + y, boxes.left[j] + x
     if boxes.order == 0:
-        return bool(reading.read_shifted(target, taps, warp, box, pitch, top, left, grey))
-    layout = boxes.places, boxes.pixels, box, pitch
-    return bool(reading.read_deformed(target, taps, warp, *layout, top, left, grey))
+        return bool(reading.read_shifted(target, taps, layout, warp, top, left, grey))
+    return bool(reading.read_deformed(target, taps, layout, warp, top, left, grey))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def solve_box(
-    boxes: Boxes,
-    target: Target,
-    memory: Scratch,
-    stops: Stops,
-    i: int,
-    j: int,
-    p: F64,
-    step: F64,
-    out: F64,
+    boxes: Boxes, target: Target, memory: Scratch, stops: Stops, i: int, j: int
 ) -> tuple[int, int]:
-    """Status of one box and iterations done; `p`, shape (2, 6), is improved in place and `out`
+    """Status of one box and iterations done; the place in `memory` is improved, and its `out`
     receives ZNCC and the two stds.
     """
     moments, inverse, sums = boxes.moments[i, j], boxes.inverse[i, j], memory.sums
+    p, step, out = memory.place, memory.step, memory.out
     pixels, mean, deviations = moments[0], moments[1], moments[2]
-    half, n = boxes.box / 2, boxes.inverse.shape[2]
-    if pixels < LEAST_SHARE * boxes.box**2:
+    half, n = boxes.layout.box / 2, boxes.inverse.shape[2]
+    if pixels < LEAST_SHARE * boxes.layout.box**2:
         return MASKED, 0
     if not math.isfinite(inverse[0, 0]):
         return NOT_CONVERGED, 0
@@ -238,7 +229,7 @@ def solve_box(
     for iteration in range(1, stops.max_iterations + 1):
         if not read_box(boxes, target, memory, i, j, p):
             return OUT_OF_IMAGE, iteration
-        add_up(memory, boxes.places, boxes.order)
+        add_up(memory, boxes.layout.places, boxes.order)
         found = sums[n] - sums[0] * sums[0] / pixels
         if found <= FLAT * sums[n]:
             return NOT_CONVERGED, iteration
@@ -274,12 +265,12 @@ def solve_rows(
     boxes: Boxes, target: Target, stops: Stops, rows: Rows, start: F64, result: Solution
 ) -> None:
     """Solve the boxes in some rows of the grid; see `IcgnSolver.solve`."""
-    half, n = boxes.box / 2, result.parameters.shape[0]
-    size, kind = boxes.box * boxes.pitch, boxes.planes.dtype
+    half, n = boxes.layout.box / 2, result.parameters.shape[0]
+    size, kind = boxes.layout.box * boxes.layout.pitch, boxes.planes.dtype
     planes, grey, warp = np.zeros((4, size), kind), np.zeros(size, kind), np.zeros((2, 6), kind)
-    taps = reading.room(target, boxes.box, boxes.pitch)
-    memory = Scratch(planes, grey, warp, np.zeros(n + 3), taps)
+    taps = reading.room(target, boxes.layout)
     p, step, out = np.zeros((2, 6)), np.zeros((2, 6)), np.zeros(3)
+    memory = Scratch(planes, grey, warp, np.zeros(n + 3), taps, p, step, out)
     for i in range(rows[0], rows[1]):
         for j in range(boxes.left.size):
             is_wanted = True
@@ -288,7 +279,7 @@ def solve_rows(
                 is_wanted &= math.isfinite(start[k, i, j])
             if not is_wanted:
                 continue
-            status, iterations = solve_box(boxes, target, memory, stops, i, j, p, step, out)
+            status, iterations = solve_box(boxes, target, memory, stops, i, j)
             for k in range(n):
                 value = p[COMPONENT[k], TERM[k]] * FACTOR[k] / half ** POWER[k]
                 result.parameters[k, i, j] = value if status == OK else math.nan
@@ -360,12 +351,11 @@ class IcgnSolver:
         planes = np.stack([usable, reference - self._level, *slopes])
         planes = np.where(usable, planes, 0).astype(kind)
         self._target = reading.target_for(reference.shape, interpolant, kind)
-        box, top, left = grid.box_px, grid.top, grid.left
-        pitch, pixels, places = reading.lay_out(self._target, box, order)
-        inside = places.reshape(6, box, pitch)[:, :, :box].reshape(6, -1)
-        moments, inverse = _normal_equations(planes, grid, inside, order)
-        places = places.astype(kind)
-        self._boxes = Boxes(planes, top, left, box, order, pitch, places, pixels, moments, inverse)
+        layout = reading.lay_out(self._target, grid.box_px, order)
+        places = layout.places.reshape(6, layout.box, -1)[:, :, : layout.box].reshape(6, -1)
+        moments, inverse = _normal_equations(planes, grid, places, order)
+        layout = layout._replace(places=layout.places.astype(kind))
+        self._boxes = Boxes(planes, grid.top, grid.left, order, layout, moments, inverse)
         self._stops = Stops(int(max_iterations), float(tolerance_px), float(furthest_px))
         self.pixels = moments[:, :, 0]
         self.contrast = np.sqrt(moments[:, :, 2] / np.maximum(self.pixels, 1))

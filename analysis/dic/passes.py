@@ -64,14 +64,12 @@ class SharedPasses:
     ) -> None:
         self._threads, self._max_passes = reference.threads, max_passes
         self._grid = grid = reference.grid
-        self._layout = _layout(grid)
-        self._splines, self._pad = _splines(grid, self._layout)
         self._width = max(1, round((SMOOTHING * grid.box_px / grid.step_px - 1) / 2) * 2 + 1)
         self._interpolant = interpolant or interpolation(texture.power_x)
         self._prepared, self.pixels, self.contrast = self._prepare(reference, texture, interpolant)
-        self._cells = np.zeros(
-            (shared.SUMS, self._layout.row_edges.size - 1, self._layout.column_edges.size - 1)
-        )
+        layout = self._prepared.layout
+        cells = layout.row_edges.size - 1, layout.column_edges.size - 1
+        self._cells = np.zeros((shared.SUMS, *cells))
         nothing = np.array([1.0, 0.0, UNLIMITED], np.float32)[:, None, None]
         self._grey = np.broadcast_to(nothing, (3, *grid.shape)).copy()
         self._criteria = shared.Criteria(
@@ -107,8 +105,12 @@ class SharedPasses:
         inverse[..., 10] = pixels
         inverse[..., 11:] = np.sqrt(inverse[..., [7, 9]]) * _amplification(grid, self._width)
         across = interpolant or interpolation(texture.power_y)
+        layout = _layout(grid)
+        splines, self._pad = _splines(grid, layout)
         prepared = shared.Prepared(
-            planes=_cut(planes, self._layout),
+            layout=layout,
+            splines=splines,
+            planes=_cut(planes, layout),
             units=units,
             unusable=float(np.iinfo(planes.dtype).min),
             weights_x=self._interpolant.padded(TAPS, np.float32),
@@ -153,7 +155,7 @@ class SharedPasses:
         grey : ndarray, shape (3, ny, nx), float32
             Expected gain and offset, and largest believable difference of a grey level.
         """
-        layout, prepared, cells, result = self._layout, self._prepared, self._cells, self._result
+        prepared, cells = self._prepared, self._cells
         n, (ny, nx), shape = self._pad, self._grid.shape, (image.shape[0], image.shape[1])
         control, centre = np.empty((5, ny + 2 * n, nx + 2 * n), np.float32), np.empty((2, ny, nx))
         guess = shared.Guess(control, grey, u, centre)
@@ -166,16 +168,16 @@ class SharedPasses:
                     widen(grey[k - 2], n, control[k])
 
         def sum_cells(rows: Rows) -> None:
-            strips.sum_cells(image, layout, prepared, self._splines, guess, rows, cells)
+            strips.sum_cells(image, prepared, guess, rows, cells)
 
         def solve(rows: Rows) -> None:
             limits = self._criteria, shape
-            shared.solve_boxes(cells, layout, prepared, guess, *limits, rows, result)
+            shared.solve_boxes(cells, prepared, guess, *limits, rows, self._result)
 
         self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
         self._threads.share(sum_cells, self._threads.bands(cells.shape[1]))
         self._threads.share(solve, self._threads.bands(ny))
-        return result
+        return self._result
 
     def _normal_matrices(self, planes: F32) -> F64:
         """Sums over every box of the products of the planes, shape (ny, nx, 4, 4)."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from analysis.arrays import F64, I32, Array
+from analysis.arrays import I32, Array
 from analysis.dic.interpolants import FAST, Interpolant, tap_weights
 
 CHUNK = 512  # pixels worked on at a time, so that what they need stays in the fastest memory
@@ -25,6 +25,20 @@ class Target(NamedTuple):
     image: Array  # (rows + 2 MARGIN, columns + 2 MARGIN) grey levels or spline coefficients
     polynomials: Array  # (taps filled up to fours, COEFFICIENTS)
     taps: int  # without the filling
+
+
+class BoxLayout(NamedTuple):
+    """How a box lies in working memory.
+
+    Its rows have room for the taps around the box (order 0), or fill whole vectors; columns beyond
+    the box stand for its last.
+    """
+
+    box: int
+    pitch: int  # distance between the rows
+    pixels: I32  # (2, box * pitch) column and row of each pixel
+    # (6, box * pitch) 1, x, y, x^2, x y, y^2 from the centre of the box, in units of its half-width
+    places: Array
 
 
 class Taps(NamedTuple):
@@ -45,26 +59,21 @@ def target_for(shape: tuple[int, ...], interpolant: Interpolant, kind: type) -> 
     return Target(image, interpolant.padded(-(-taps // 4) * 4, kind), taps)
 
 
-def lay_out(target: Target, box: int, order: int) -> tuple[int, I32, F64]:
-    """Distance between the rows of a box in working memory, and the pixels and places of
-    `read_deformed`.
-
-    Rows have room for the taps around the box (order 0), or fill whole vectors; columns beyond the
-    box stand for its last. Places are the terms 1, x, y, x^2, x y, y^2, from the centre of the box
-    in units of its half-width.
-    """
+def lay_out(target: Target, box: int, order: int) -> BoxLayout:
+    """The layout of boxes that deform to an order."""
     pitch = box + target.polynomials.shape[0] - 1 if order == 0 else -(-box // 8) * 8
     row, column = np.divmod(np.arange(box * pitch, dtype=np.int32), np.int32(pitch))
     pixels = np.stack([np.minimum(column, box - 1), row])
     x, y = (pixels - (box - 1) / 2) / (box / 2)
-    return pitch, pixels, np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    places = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    return BoxLayout(box, pitch, pixels, places)
 
 
 @njit(cache=True, nogil=True)
-def room(target: Target, box: int, pitch: int) -> Taps:
+def room(target: Target, layout: BoxLayout) -> Taps:
     """Working memory for one thread."""
     kind, taps = target.image.dtype, target.polynomials.shape[0]
-    n = (box + taps) * pitch
+    n = (layout.box + taps) * layout.pitch
     window, across, weights = np.zeros(n, kind), np.zeros(n, kind), np.zeros(2 * taps * CHUNK, kind)
     fraction, whole = np.zeros((2, CHUNK), kind), np.zeros((2, CHUNK), np.int32)
     return Taps(window, across, weights, fraction, whole, np.zeros(LANES, kind))
@@ -117,14 +126,13 @@ def add_sixteen(
 
 @njit(cache=True, nogil=True)
 def read_shifted(
-    target: Target, memory: Taps, warp: Array, box: int, pitch: int, top: int, left: int, out: Array
+    target: Target, memory: Taps, layout: BoxLayout, warp: Array, top: int, left: int, out: Array
 ) -> bool:
     """Read the image at the places of a box that is only shifted, by one fraction of a pixel;
     False: it leaves the image.
-
-    `out` has rows of `pitch` pixels, of which the first `box` are meant.
     """
     rows, columns = target.image.shape
+    box, pitch = layout.box, layout.pitch
     y, x = top + MARGIN, left + MARGIN
     least = MARGIN - SLACK
     if y < least or x < least or y + box + least > rows or x + box + least > columns:
@@ -184,21 +192,13 @@ def is_inside(
 
 @njit(cache=True, nogil=True)
 def read_deformed(
-    target: Target,
-    memory: Taps,
-    warp: Array,
-    places: Array,
-    pixels: I32,
-    box: int,
-    pitch: int,
-    top: int,
-    left: int,
-    out: Array,
+    target: Target, memory: Taps, layout: BoxLayout, warp: Array, top: int, left: int, out: Array
 ) -> bool:
     """Read the image at the places of a deformed box, each with its own fraction of a pixel; False:
     it leaves the image.
     """
     rows, columns = target.image.shape
+    box, pitch = layout.box, layout.pitch
     x, y = left + MARGIN, top + MARGIN
     image, taps = target.image.reshape(-1), target.polynomials.shape[0]
     before = taps // 2 - 1
@@ -211,9 +211,9 @@ def read_deformed(
         height = min(per_chunk, box - start)
         n = height * pitch
         for axis in range(2):
-            displace(places, warp[axis], start * pitch, fraction[axis, :n])
+            displace(layout.places, warp[axis], start * pitch, fraction[axis, :n])
             split(fraction[axis, :n], whole[axis])
-        if not is_inside(whole, pixels, start * pitch, n, low, high):
+        if not is_inside(whole, layout.pixels, start * pitch, n, low, high):
             return False
         for axis in range(2):
             half = weights[axis * (weights.size // 2) :]
@@ -222,8 +222,8 @@ def read_deformed(
             origin, to = (y - before + start + i) * columns + x - before, (start + i) * pitch
             for block in range(0, pitch, lanes.size):
                 j = min(block, pitch - lanes.size)
-                source, at = origin + j, i * pitch + j
-                read_lanes(image, columns, taps, weights, whole, source, at, lanes, out, to + j)
+                source, at, there = origin + j, i * pitch + j, out[to + j :]
+                read_lanes(image, columns, taps, weights, whole, source, at, lanes, there)
     return True
 
 
@@ -238,7 +238,6 @@ def read_lanes(
     first: int,
     lanes: Array,
     out: Array,
-    to: int,
 ) -> None:
     """Read neighbouring pixels: together all those with the same whole-pixel displacement, then the
     others.
@@ -257,12 +256,12 @@ def read_lanes(
                 add_sixteen(image, U(at + ky * columns + kx), U(columns), weights, wx, wy, lanes, n)
         if alike == n:
             for k in range(U(n)):
-                out[U(to) + k] = lanes[k]
+                out[k] = lanes[k]
             return
         following = n
         for k in range(n - 1, -1, -1):
             if whole[0, first + k] == x and whole[1, first + k] == y:
-                out[to + k] = lanes[k]
+                out[k] = lanes[k]
             elif k > lane:
                 following = k
         lane = following

@@ -40,11 +40,24 @@ class Layout(NamedTuple):
     strip_rows: I64  # (ns,)
 
 
+class Splines(NamedTuple):
+    """How the prediction is read from its control points."""
+
+    # (4 * step,) the cubic B-spline of a control point, from the first column it reaches
+    basis: F32
+    begin: int  # first column reached by the first control point, from `left[0]`
+    row: I64  # (ns,) the first of the four control rows for the middle row of every strip
+    # (2, 4, ns) their weights for the value, and for its derivative along y, per px
+    row_weights: F32
+
+
 class Prepared(NamedTuple):
     """The reference, cut into strips and blocks, and what its boxes need to solve for a
     displacement.
     """
 
+    layout: Layout
+    splines: Splines
     planes: Array  # (ns, blocks, rows * PLANES * BLOCK), int8 or int16, in units of
     units: F32  # (PLANES,)
     unusable: float  # the grey level of pixels that are not usable; their gradients are 0
@@ -58,17 +71,6 @@ class Prepared(NamedTuple):
     rounding: float  # variance of the rounding of both images, which no residual is below
     level: float  # subtracted from every grey level
     scale: float  # ... and then multiplied by
-
-
-class Splines(NamedTuple):
-    """How the prediction is read from its control points."""
-
-    # (4 * step,) the cubic B-spline of a control point, from the first column it reaches
-    basis: F32
-    begin: int  # first column reached by the first control point, from `left[0]`
-    row: I64  # (ns,) the first of the four control rows for the middle row of every strip
-    # (2, 4, ns) their weights for the value, and for its derivative along y, per px
-    row_weights: F32
 
 
 class Guess(NamedTuple):
@@ -141,7 +143,6 @@ def add_boxes(cells: F64, layout: Layout, row: int, running: F64, out: F64) -> N
 @njit(cache=True, nogil=True, error_model="numpy")
 def solve_boxes(
     cells: F64,
-    layout: Layout,
     prepared: Prepared,
     guess: Guess,
     criteria: Criteria,
@@ -155,6 +156,7 @@ def solve_boxes(
     Least squares for the image in a box: ``image = offset + gain * (reference - d . gradient)``, d
     being what is left of the displacement after the prediction.
     """
+    layout = prepared.layout
     sums, running = np.zeros((SUMS, layout.left.size)), np.zeros(cells.shape[2] + 1)
     for i in range(rows[0], rows[1]):
         add_boxes(cells, layout, i, running, sums)

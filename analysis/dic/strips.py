@@ -126,16 +126,10 @@ def add_two_rows(
 
 @njit(cache=True, nogil=True)
 def load_rows(
-    image: Array,
-    top: int,
-    left: int,
-    rows: int,
-    n: int,
-    level: np.float32,
-    scale: np.float32,
-    out: F32,
+    image: Array, prepared: Prepared, top: int, left: int, rows: int, n: int, out: F32
 ) -> None:
     """Copy a rectangle of the image as scaled floats; outside, its nearest pixel is repeated."""
+    level, scale = np.float32(prepared.level), np.float32(prepared.scale)
     height, width = image.shape
     for r in range(rows):
         row = image[min(max(top + r, 0), height - 1)]
@@ -150,8 +144,9 @@ def load_rows(
 
 
 @njit(cache=True, nogil=True)
-def predict_row(splines: Splines, guess: Guess, units: F32, strip: int, out: F32) -> None:
+def predict_row(prepared: Prepared, guess: Guess, strip: int, out: F32) -> None:
     """Control points, shape (n, FIELDS), of the prediction along the middle row of a strip."""
+    splines, units = prepared.splines, prepared.units
     first = splines.row[strip]
     value, slope = splines.row_weights[0, :, strip], splines.row_weights[1, :, strip]
     for k in range(guess.control.shape[0]):
@@ -224,17 +219,9 @@ def run_end(dx: F32, dy: F32, begin: int, last: int, nx: int, ny: int, beyond: n
 
 
 @njit(cache=True, nogil=True)
-def sum_cells(
-    image: Array,
-    layout: Layout,
-    prepared: Prepared,
-    splines: Splines,
-    guess: Guess,
-    rows: Rows,
-    cells: F64,
-) -> None:
+def sum_cells(image: Array, prepared: Prepared, guess: Guess, rows: Rows, cells: F64) -> None:
     """Sums over each cell, `cells` of shape (SUMS, nr, nc), for some rows of cells."""
-    level, scale = np.float32(prepared.level), np.float32(prepared.scale)
+    layout, splines = prepared.layout, prepared.splines
     unusable, beyond = np.float32(prepared.unusable), np.float32(prepared.beyond)
     blocks, step = prepared.planes.shape[1], splines.basis.size // 4
     lines, v = np.zeros((ROWS + TAPS + 1) * PITCH, np.float32), np.zeros(ROWS * PITCH, np.float32)
@@ -246,7 +233,7 @@ def sum_cells(
     for row in range(rows[0], rows[1]):
         sums[:] = 0.0
         for strip in range(layout.strip_cell[row], layout.strip_cell[row + 1]):
-            predict_row(splines, guess, prepared.units, strip, control)
+            predict_row(prepared, guess, strip, control)
             pairs = (layout.strip_rows[strip] + 1) // 2
             middle = np.float32((layout.strip_rows[strip] - 1) / 2)
             for block in range(blocks):
@@ -268,7 +255,7 @@ def sum_cells(
                     tap_weights(fraction, prepared.weights_x, across, PITCH, n)
                     left = at + begin + nx - TAPS // 2 + 1
                     top = layout.strip_top[strip] + ny - TAPS // 2 + 1
-                    load_rows(image, top, left, 2 * pairs + TAPS - 1, m, level, scale, lines)
+                    load_rows(image, prepared, top, left, 2 * pairs + TAPS - 1, m, lines)
                     for pair in range(pairs):
                         first = 2 * pair * PITCH
                         interpolate_two_rows(lines[first:], down, v[first:], m)

@@ -34,7 +34,7 @@ Examples:
 - `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7` - your own bench, 0.7 N
 - `slipscope replay sample7.h5` - the same analysis again, from the file
 
-Exit codes: 0 done; 1 a device or the run failed; 2 an argument, a file or a setting can not be used.
+Exit codes: 0 done; 1 a device or the run failed; 2 an argument, file or setting can not be used.
 """
 
 app = typer.Typer(
@@ -104,7 +104,7 @@ def run(
         str,
         typer.Option(
             metavar="1|max|NUMBER",
-            help="Simulated seconds per second; max: as fast as the machine. A real bench runs at 1.",
+            help="Simulated seconds per second; max: as fast as possible. A real bench runs at 1.",
         ),
     ] = "1",
     overrides: Overrides = None,

@@ -1,5 +1,5 @@
-"""`slipscope run` and `slipscope replay`: a run or a replay, in the window or without, and the
-report at its end.
+"""`slipscope run` and `slipscope replay`: experiments in the window or without one, and the report
+at their end.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a h
 
 
 class Source(Protocol):
-    """A live run or a replay, as far as the terminal needs it."""
+    """A live run or a replay, as far as the terminal is concerned."""
 
     def start(self) -> None: ...
     def wait(self, timeout: float | None = None) -> Outcome | None: ...
@@ -37,28 +37,22 @@ class Source(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Made:
-    """A run, and the session file that belongs to it."""
+    """A source, and what reports its end."""
 
-    source: Any
-    session: Path
-    before: object  # the mark of a file of that name before the run
-
-    def report(self, as_json: bool) -> dict[str, Any]:
-        """Report how the run ended."""
-        is_recorded = mark_of(self.session) != self.before
-        return report_run(self.source.outcome(), self.session if is_recorded else None, as_json)
+    source: Source
+    report: Callable[[], dict[str, Any]]
 
 
 class _Reports:
-    """Reports each run once, when it has ended: a window may stay open long after that."""
+    """Reports each source once, when it has ended: a window may stay open long after that."""
 
-    def __init__(self, made: list[_Made], as_json: bool) -> None:
-        self._made, self._as_json = made, as_json
+    def __init__(self, made: list[_Made]) -> None:
+        self._made = made
         self._reported: list[dict[str, Any]] = []
 
     @contextmanager
     def as_they_end(self) -> Iterator[None]:
-        """Report runs from a thread of its own for as long as the block lasts."""
+        """Report from a thread of its own for as long as the block lasts."""
         over = threading.Event()
 
         def watch() -> None:
@@ -74,7 +68,7 @@ class _Reports:
             watcher.join()
 
     def of_all(self) -> list[dict[str, Any]]:
-        """The reports of all runs that have ended, in order."""
+        """The reports of all that have ended, in order."""
         while self._report_next():
             pass
         return self._reported
@@ -83,7 +77,7 @@ class _Reports:
         ended = [made for made in self._made if made.source.outcome() is not None]
         if len(ended) == len(self._reported):
             return False
-        self._reported.append(ended[len(self._reported)].report(self._as_json))
+        self._reported.append(ended[len(self._reported)].report())
         return True
 
 
@@ -120,35 +114,21 @@ def run(
         )
     from app.live import make_run
 
-    made: list[_Made] = []
+    def make(is_first: bool) -> _Made:
+        path = first if is_first else next_free(session or new_session_name(datetime.now()))
+        may_replace = overwrite and is_first
+        check_new_session(path, may_replace)
+        source, before = make_run(config, path, pace=speed, overwrite=may_replace), mark_of(path)
 
-    def make() -> Any:
-        """The first run has the name that was given; further ones in the same window never replace
-        anything.
-        """
-        path, may_replace = first, overwrite
-        if made:
-            path, may_replace = next_free(session or new_session_name(datetime.now())), False
-            check_new_session(path, overwrite=False)
-        before = mark_of(path)
-        source = make_run(config, path, pace=speed, overwrite=may_replace)
-        made.append(_Made(source, path, before))
-        return source
+        def report() -> dict[str, Any]:
+            is_recorded = mark_of(path) != before
+            outcome = source.outcome()
+            assert outcome is not None
+            return report_run(outcome, path if is_recorded else None, as_json)
 
-    reports = _Reports(made, as_json)
-    if problem is None:
-        with reports.as_they_end():
-            _in_window(make, autostart=autostart)
-            for one in made:
-                _let_end(one.source)
-    else:
-        source = make()  # whatever can not be used is reported before the long part begins
-        _say_why_headless(problem, as_json)
-        _follow(source, as_json)
-    ended = reports.of_all()
-    if as_json:
-        print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
-    return FAILED if ended and ended[-1]["state"] == "failed" else DONE
+        return _Made(source, report)
+
+    return _conduct(make, problem, autostart=autostart, as_json=as_json)
 
 
 def replay(
@@ -164,57 +144,60 @@ def replay(
     it; the exit code.
     """
     problem = window_problem(headless)
-    is_reanalysis = output is not None or bool(overrides)
-    speed = parse_pace(pace or ("1" if problem is None and not is_reanalysis else "max"))
+    is_analysis = output is not None or bool(overrides)
+    speed = parse_pace(pace or ("1" if problem is None and not is_analysis else "max"))
     from app.offline.reanalysis import Reanalysis
     from app.offline.replay import Replay
 
-    made: list[Any] = []
-
-    def make() -> Any:
-        """The first analysis has the name that was given; further ones in the same window never
-        replace anything.
-        """
-        if not is_reanalysis:
-            return Replay(session, pace=speed)
-        path, may_replace = output, overwrite
-        if path is None or made:
-            path = next_free(output or session.with_stem(f"{session.stem}-analysis"))
-            may_replace = False
-        return Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=may_replace)
-
-    def make_and_keep() -> Any:
-        made.append(make())
-        return made[-1]
+    def make(is_first: bool) -> _Made:
+        if not is_analysis:
+            source = Replay(session, pace=speed)
+            return _Made(source, lambda: report_replay(source, as_json))
+        path = output or session.with_stem(f"{session.stem}-analysis")
+        if not is_first or output is None:
+            path = next_free(path)
+        analysis = Reanalysis(
+            session, path, pace=speed, overrides=overrides, overwrite=overwrite and is_first
+        )
+        return _Made(analysis, lambda: report_analysis(analysis, as_json))
 
     if problem is None:
-        make()  # a session that can not be replayed is refused here, not in a window
-        _in_window(make_and_keep, autostart=True)
-        for source in made:
-            _let_end(source)
+        make(is_first=True)  # a session that can not be replayed is refused here, not in a window
+    return _conduct(make, problem, autostart=True, as_json=as_json)
+
+
+def _conduct(
+    make: Callable[[bool], _Made], problem: str | None, *, autostart: bool, as_json: bool
+) -> int:
+    """Let what `make` makes run its course, in the window unless there is a `problem`, and report
+    it; the exit code.
+
+    `make` is called with whether it is the first: further ones in the same window never replace a
+    file.
+    """
+    made: list[_Made] = []
+
+    def make_and_keep() -> Any:
+        made.append(make(not made))
+        return made[-1].source
+
+    reports = _Reports(made)
+    if problem is None:
+        from app.gui.start import run_window
+
+        with reports.as_they_end():
+            run_window(make_and_keep, autostart=autostart)
+            for one in made:
+                _let_end(one.source)
     else:
-        source = make_and_keep()
-        _say_why_headless(problem, as_json)
+        source = make_and_keep()  # what can not be used is refused before the long part begins
+        if problem and not as_json:
+            say(f"{problem} (going on without a window)")
         _follow(source, as_json)
-    source = next((one for one in reversed(made) if one.outcome() is not None), None)
-    if source is None:
-        return DONE
-    report = report_analysis if is_reanalysis else report_replay
-    data = report(source, as_json)
+    ended = reports.of_all()
     if as_json:
-        print_json(data)
-    return FAILED if data["state"] == "failed" else DONE
-
-
-def _say_why_headless(problem: str, as_json: bool) -> None:
-    if problem and not as_json:
-        say(f"{problem} (going on without a window)")
-
-
-def _in_window(make: Callable[[], Any], *, autostart: bool) -> None:
-    from app.gui.start import run_window
-
-    run_window(make, autostart=autostart)
+        print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
+    return FAILED if ended and ended[-1]["state"] == "failed" else DONE
 
 
 def _let_end(source: Source) -> None:

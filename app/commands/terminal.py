@@ -56,9 +56,8 @@ def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
 def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
     """Turn every error into one sentence and an exit code, never a traceback.
 
-    The code is 2 where what was asked for can not be done as it stands, and 1 for a failure. The
-    sentence goes to standard error, or with `as_json` as ``{"error": ...}`` to standard output.
-    With `debug` the exception itself goes through.
+    With `as_json` the sentence is printed as ``{"error": ...}`` on standard output; with `debug`
+    the exception is raised as it is.
     """
     try:
         yield

@@ -94,7 +94,7 @@ class Intake:
             # the stage was read now, which is later than the block where more of them wait
             now = max(now, self.now())
             position, moving = stage
-        finally:  # an actuator that fails, or a board that goes away after the block, costs no sample
+        finally:  # an actuator that fails, or a board that goes away now, costs no sample
             recorder.append(Position(now, position))
             self._history.append(block.first, forces, position, now)
         if isinstance(block, LostSamples):

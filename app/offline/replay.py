@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,47 +36,48 @@ def difference(a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION) -> str:
     return ""
 
 
-@dataclass(frozen=True, slots=True)
 class Comparison:
-    """How many replayed frames gave the recorded results, bit for bit."""
+    """Takes the results of a replay and compares them, bit for bit, with those that were recorded.
 
-    frames: int
-    identical: int
-    first_difference: str
+    Attributes
+    ----------
+    frames, identical : int
+        Replayed frames, and those of them that gave the recorded results.
+    first_difference : str
+        The first frame and quantity that differ; empty if none do.
+    """
+
+    receipt = None
+
+    def __init__(self) -> None:
+        self.frames = self.identical = 0
+        self.first_difference = ""
+        self._recorded: Iterator[Snapshot] = iter(())
+        self._format = FORMAT_VERSION
 
     @property
     def all_identical(self) -> bool:
         """Whether every replayed frame gave the recorded results."""
         return self.frames == self.identical
 
-
-class _Comparing:
-    """Takes the results of a replay and compares them with those that were recorded."""
-
-    receipt = None
-
-    def __init__(self) -> None:
-        self.recorded: Iterator[Snapshot] = iter(())
-        self.format = FORMAT_VERSION
-        self.comparison = Comparison(0, 0, "")
+    def begin(self, session: SessionReader) -> None:
+        """Compare with the results in this session, which must stay open."""
+        self._recorded, self._format = session.snapshots(), session.format
 
     def append(self, record: Record, /) -> None:
-        """Compare a snapshot with the next one that was recorded; everything else is left aside."""
-        if not isinstance(record, Snapshot):
-            return
-        unlike = difference(record, next(self.recorded), self.format)
-        before = self.comparison
-        self.comparison = Comparison(
-            before.frames + 1,
-            before.identical + (not unlike),
-            before.first_difference or (unlike and f"frame {record.frame}: {unlike}"),
-        )
+        """Compare a snapshot with the next one that was recorded; other records do not matter."""
+        if isinstance(record, Snapshot):
+            unlike = difference(record, next(self._recorded), self._format)
+            self.frames += 1
+            self.identical += not unlike
+            if unlike and not self.first_difference:
+                self.first_difference = f"frame {record.frame}: {unlike}"
 
     def flush(self) -> None:
-        """Nothing is written."""
+        """Do nothing: nothing is written."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: nothing is open."""
 
 
 class Replay(Watched):
@@ -104,7 +105,7 @@ class Replay(Watched):
         self.path = path
         self.playback = Playback(pace)
         self.browser = Browser(path)
-        self._comparing = _Comparing()
+        self._comparison = Comparison()
         self._phase = self._reason = self._preparing = ""
         self._latest_image: NDArray[Any] | None = None
 
@@ -184,7 +185,7 @@ class Replay(Watched):
 
     def comparison(self) -> Comparison:
         """The replayed results against the recorded ones."""
-        return self._comparing.comparison
+        return self._comparison
 
     @property
     def _done(self) -> int:
@@ -206,12 +207,12 @@ class Replay(Watched):
             self._end(outcome or Outcome("failed", self._reason, self._counts(), None, {}))
 
     def _analyse(self, session: SessionReader) -> Outcome:
-        self._comparing.recorded, self._comparing.format = session.snapshots(), session.format
+        self._comparison.begin(session)
         outcome = analyse(
             self._analysis,
             self._measurements(session),
             self._triggers(session),
-            self._comparing,
+            self._comparison,
             lambda: self._why_ended("analysed frames were replayed"),
         )
         return replace(outcome, counts=self._counts())

@@ -101,8 +101,8 @@ class SessionWriter:
             program="SlipScope",
             ended="",
             state=UNFINISHED,
-            reason="the session was not closed: the program ended before the run; `slipscope repair`"
-            " brings back the rest",
+            reason="the session was not closed: the program ended before the run;"
+            " `slipscope repair` brings back the rest",
             resources="{}",
         )
         header = header if header.started else replace(header, started=_now())

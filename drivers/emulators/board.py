@@ -39,9 +39,7 @@ class NiError(Exception):
 
 @dataclass(eq=False)
 class Task:
-    """A task of a client: channels of one kind, their clock, their buffer, and where to read
-    in it.
-    """
+    """A task of a client: channels of one kind, their clock, their buffer, where to read in it."""
 
     name: str
     kind: str = ""  # "ai", "ci", "co" or "do"
@@ -94,20 +92,11 @@ class Board:
         renew: Callable[[], World] | None = None,
     ) -> None:
         self.device = device
-        self.channels = {
-            *(f"ai{i}" for i in range(16)),
-            "ctr0",
-            "ctr1",
-            *(f"port0/line{i}" for i in range(8)),
-        }
+        lines = (f"port0/line{i}" for i in range(8))
+        self.channels = {*(f"ai{i}" for i in range(16)), "ctr0", "ctr1", *lines}
         self.is_gone = False
-        self._world, self._sensors, self._exposures, self._when_gone = (
-            world,
-            sensors,
-            exposure_terminal,
-            when_gone,
-        )
-        self._renew = renew
+        self._world, self._sensors, self._exposures = world, sensors, exposure_terminal
+        self._when_gone, self._renew = when_gone, renew
         self._changed = threading.Condition(threading.RLock())
         self._generating = threading.Lock()
         self._owners: dict[str, Task] = {}  # of inputs, counters and lines
@@ -129,44 +118,31 @@ class Board:
         if device.lower() != self.device.lower():
             raise NiError(-200220, f"Device identifier is invalid.\nDevice Specified: {device}")
         if channel not in self.channels:
-            raise NiError(
-                -200170,
-                "Physical channel specified does not exist on this device.\nPhysical Channel"
-                f" Name: {name}",
-            )
+            text = "Physical channel specified does not exist on this device."
+            raise NiError(-200170, f"{text}\nPhysical Channel Name: {name}")
         return channel
 
     def check(self) -> None:
         """Raise an error once the board is gone."""
         if self.is_gone:
-            raise NiError(
-                -201003,
-                "Device cannot be accessed. The device is no longer present in the"
-                f" system.\nDevice: {self.device}",
-            )
+            text = "Device cannot be accessed. The device is no longer present in the system."
+            raise NiError(-201003, f"{text}\nDevice: {self.device}")
 
     def add(self, task: Task, kind: str, name: str) -> None:
         """Add a channel to a task, whose channels must all be of one kind."""
         channel = self.channel(name)
-        if task.kind not in ("", kind) or not channel.startswith(
-            {"ai": "ai", "do": "port"}.get(kind, "ctr")
-        ):
-            raise NiError(
-                -200170,
-                "Physical channel specified is not for this kind of task.\nPhysical Channel Name:"
-                f" {name}",
-            )
+        prefix = {"ai": "ai", "do": "port"}.get(kind, "ctr")
+        if task.kind not in ("", kind) or not channel.startswith(prefix):
+            text = "Physical channel specified is not for this kind of task."
+            raise NiError(-200170, f"{text}\nPhysical Channel Name: {name}")
         task.kind = kind
         task.channels.append(channel)
 
     def set_clock(self, task: Task, rate_hz: float, clock: str, samples: int) -> None:
         """Set sample clock and buffer of a task."""
         if not 0 < rate_hz <= FASTEST_HZ:
-            raise NiError(
-                -200077,
-                f"Requested value is not a supported value for this property: {rate_hz:g} of at"
-                f" most {FASTEST_HZ} Hz.",
-            )
+            text = "Requested value is not a supported value for this property"
+            raise NiError(-200077, f"{text}: {rate_hz:g} of at most {FASTEST_HZ} Hz.")
         task.rate_hz, task.clock = TIMEBASE_HZ / round(TIMEBASE_HZ / rate_hz), clock
         task.buffer = samples
 
@@ -176,11 +152,10 @@ class Board:
             for resource in {"ai" if task.kind == "ai" else channel for channel in task.channels}:
                 if self._owners.setdefault(resource, task) is not task:
                     code = -200587 if task.kind == "do" else -50103
-                    raise NiError(
-                        code,
-                        "The specified resource is reserved. The operation could not be"
-                        f" completed.\nResource: {resource}",
+                    text = (
+                        "The specified resource is reserved. The operation could not be completed."
                     )
+                    raise NiError(code, f"{text}\nResource: {resource}")
 
     def start(self, task: Task) -> None:
         """Start a task; outputs and counters wait for the start of the samples."""
@@ -189,11 +164,8 @@ class Board:
             if task.kind == "ai":
                 rate = self._world.scenario.forces.sample_rate
                 if task.rate_hz != rate:
-                    raise NiError(
-                        -200077,
-                        f"Requested value is not supported: {task.rate_hz:g} Hz, the simulated"
-                        f" bench has {rate:g} Hz.",
-                    )
+                    text = f"{task.rate_hz:g} Hz, the simulated bench has {rate:g} Hz"
+                    raise NiError(-200077, f"Requested value is not supported: {text}.")
                 train = self._train()
                 self._ring = np.zeros((max(task.buffer, 1), 2))
                 try:
@@ -203,10 +175,9 @@ class Board:
             task.is_running, task.position, task.lost, task.began = True, 0, 0, self._total
             self._tasks.append(task)
             if task.kind == "ai" and self._world.pace is not None:
-                self._thread = threading.Thread(
-                    target=self._run, name="emulated board", daemon=True
-                )
-                self._thread.start()
+                thread = threading.Thread(target=self._run, name="emulated board", daemon=True)
+                self._thread = thread
+                thread.start()
 
     def _train(self) -> TriggerTrain | None:
         """The pulses that the armed outputs send once the samples start."""
@@ -215,25 +186,19 @@ class Board:
                 per_sample = TIMEBASE_HZ / self._world.scenario.forces.sample_rate
                 first, divisor = (ticks / per_sample for ticks in task.ticks)
                 if not (first.is_integer() and divisor.is_integer()):
-                    raise NiError(
-                        -200077,
-                        f"Requested value is not supported: pulses of {task.ticks[1]} ticks do not"
-                        " fall on samples.",
-                    )
+                    text = f"pulses of {task.ticks[1]} ticks do not fall on samples"
+                    raise NiError(-200077, f"Requested value is not supported: {text}.")
                 return TriggerTrain(int(first), int(divisor))
-            if (
-                task.kind == "do"
-                and task.clock == f"/{self.device}/ai/SampleClock"
-                and task.pattern is not None
-            ):
+            is_clocked = task.clock == f"/{self.device}/ai/SampleClock"
+            if task.kind == "do" and is_clocked and task.pattern is not None:
                 rises = np.flatnonzero(task.pattern & ~np.roll(task.pattern, 1))
                 if len(rises) == 1:
                     return TriggerTrain(int(rises[0]), len(task.pattern))
         return None
 
     def stop(self, task: Task) -> None:
-        """Stop a task, whose resources stay reserved; if it is that of the samples,
-        everything stops.
+        """Stop a task, whose resources stay reserved; if it is that of the samples, everything
+        stops.
         """
         with self._changed:
             was_running, task.is_running = task.is_running, False
@@ -326,27 +291,20 @@ class Board:
         )
         start = task.began + first
         hole = next((hole for hole in self._holes if start < hole[1] and hole[0] < start + n), None)
-        self._wait(
-            hole[1] if hole else start + n,
-            timeout_s if 0 <= timeout_s < FOREVER_S else FOREVER_S,
-            task,
-        )
+        patience_s = timeout_s if 0 <= timeout_s < FOREVER_S else FOREVER_S
+        self._wait(hole[1] if hole else start + n, patience_s, task)
         with self._changed:
             self.check()
             if not task.is_running:
-                raise NiError(
-                    -88710,
-                    "The specified operation did not complete successfully, because the task was"
-                    " aborted.",
-                )
+                text = "The specified operation did not complete successfully"
+                raise NiError(-88710, f"{text}, because the task was aborted.")
             if hole and self._total >= hole[1]:
                 task.position, task.lost, task.is_full = first, hole[1] - task.began, True
             if first < max(task.lost, self._total - task.began - task.buffer):
                 task.position = first
                 code = -200279 if task.overwrites else -200222
-                raise NiError(
-                    code, "The application is not able to keep up with the hardware acquisition."
-                )
+                text = "The application is not able to keep up with the hardware acquisition."
+                raise NiError(code, text)
             came = 0 if hole else max(0, min(n, self._total - start))
             task.position = first + came
             if task.kind == "ci":
@@ -356,12 +314,8 @@ class Board:
                 rows[:, self._sensors.index(c)] if c in self._sensors else np.zeros(came)
                 for c in task.channels
             ]
-            return np.array(
-                [
-                    np.clip(volts, -limit, limit)
-                    for volts, limit in zip(wired, task.limits_v, strict=True)
-                ]
-            )
+            limited = zip(wired, task.limits_v, strict=True)
+            return np.array([np.clip(volts, -limit, limit) for volts, limit in limited])
 
     def _counts(self, task: Task, start: int, n: int) -> NDArray[Any]:
         is_wired = (

@@ -24,6 +24,7 @@ from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.genicam_camera import library
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 from drivers.settings import CameraSettings
+from drivers.sim.devices import corrupt
 from drivers.sim.world import World
 
 if TYPE_CHECKING:
@@ -62,11 +63,8 @@ class EmulatedPylonCamera:
     def __init__(self, settings: CameraSettings, clock: SampleClock, world: World) -> None:
         self._camera = PylonCamera(replace(settings, device=SERIAL_NUMBER), clock)
         self.name = self._camera.name = "emulated pylon camera"
-        self.shape, self.dtype, self.exposure_samples = (
-            self._camera.shape,
-            self._camera.dtype,
-            self._camera.exposure_samples,
-        )
+        self.shape, self.dtype = self._camera.shape, self._camera.dtype
+        self.exposure_samples = self._camera.exposure_samples
         self._settings = settings
         self._world = world
         self._renderer: Renderer | None = None
@@ -103,11 +101,8 @@ class EmulatedPylonCamera:
         for number in range(_FILES):
             self._put(np.zeros(self.shape, np.uint8), number)
         device = self._camera.device
-        device.ImageFilename.Value, device.ImageFileMode.Value, device.TestImageSelector.Value = (
-            self._folder.name,
-            "On",
-            "Off",
-        )
+        device.ImageFilename.Value = self._folder.name
+        device.ImageFileMode.Value, device.TestImageSelector.Value = "On", "Off"
         # the world has exposed already; pylon would keep a core busy for the exposure time
         device.ExposureTimeAbs.Value = device.ExposureTimeAbs.Min
 
@@ -191,10 +186,7 @@ class EmulatedPylonCamera:
         assert self._renderer is not None
         image = self._renderer.image(self._world.state(begin + self.exposure_samples // 2), pulse)
         if faults.hits("corrupt-frame", pulse):
-            lower = image[self.shape[0] // 2 :]
-            lower[:] = np.random.default_rng([self._world.scenario.sim.seed, 105, pulse]).integers(
-                0, 256, lower.shape, np.uint8
-            )
+            corrupt(image)
         self._put(image, self._shots % _FILES)
         while not device.WaitForFrameTriggerReady(
             _READY_MS, library("pypylon.pylon").TimeoutHandling_Return

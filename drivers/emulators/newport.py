@@ -38,8 +38,8 @@ _LETTERS = {
 # state -> the refusal of commands that it does not allow
 _LETTERS |= dict.fromkeys(range(0x3C, 0x40), "J")
 _ALLOWED = {
-    "AC": "IJK", "FE": "IJK", "MM": "JK", "OH": "I", "OR": "H", "OT": "I", "PA": "K", "PR": "K", "PW": "HI",
-    "SL": "IJK", "SR": "IJK", "ST": "LM", "SU": "I", "VA": "IJKM", "ZX": "I",
+    "AC": "IJK", "FE": "IJK", "MM": "JK", "OH": "I", "OR": "H", "OT": "I", "PA": "K", "PR": "K",
+    "PW": "HI", "SL": "IJK", "SR": "IJK", "ST": "LM", "SU": "I", "VA": "IJKM", "ZX": "I",
 }  # fmt: skip
 _RANGES = {"SL": (-1e12, 0.0), "SR": (0.0, 1e12), "MM": (0, 1), "PW": (0, 1)}
 

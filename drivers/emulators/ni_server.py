@@ -58,11 +58,10 @@ class NiServer:
         )
         where = f"{host}:{port}"
         credentials = grpc.ssl_server_credentials([tls]) if tls else None
-        bound = (
-            self._server.add_secure_port(where, credentials)
-            if credentials
-            else self._server.add_insecure_port(where)
-        )
+        if credentials:
+            bound = self._server.add_secure_port(where, credentials)
+        else:
+            bound = self._server.add_insecure_port(where)
         self.address = f"{host}:{bound}"
         self._server.start()
 

@@ -152,11 +152,8 @@ class WorldStage:
         if obstacle.kind == "end-of-run":
             return POSITIVE_END
         self._held_since = self.time() if self._held_since is None else self._held_since
-        return (
-            FOLLOWING_ERROR
-            if (self.time() - self._held_since) * self._velocity > following_limit
-            else 0
-        )
+        behind = (self.time() - self._held_since) * self._velocity
+        return FOLLOWING_ERROR if behind > following_limit else 0
 
     def time(self) -> float:
         """Time of the samples in seconds."""

@@ -51,9 +51,7 @@ class SimForces:
         self._world.start(train)
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next block, once pace and camera allow it; see
-        `drivers.protocols.ForceSource.read`.
-        """
+        """The next block, once pace and camera allow it; see `ForceSource.read`."""
         _check(self._is_open, self.name)
         world, faults = self._world, self._world.faults
         if faults.since("daq-gone", world.now + self.block_samples):

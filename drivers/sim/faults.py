@@ -19,7 +19,7 @@ FAULTS = {
     "stall": "the stage stands still after AT um of travel while its controller says that it moves",
     "end-of-run": "the stage meets its end switch after AT um of travel",
     "unplugged": "the line to the actuator is cut at sample AT",
-    "noisy-line": "from sample AT on, AMOUNT answers of the actuator (5), every third one, come garbled",
+    "noisy-line": "from sample AT on, AMOUNT answers of the actuator (5), every third, are garbled",
 }
 """Kind -> what happens; AT is a number of triggers, samples or micrometres."""
 

@@ -25,8 +25,7 @@ class SimSettings(Section):
     slip_length: float = option(0.8, "Length L of the elasto-plastic law", "um", gt=0, le=100)
     law_table: str = option(
         "",
-        "For law = 'table': CSV file of two columns, slip (um) and shear traction as a share of mu"
-        " p",
+        "CSV file for law = 'table': slip (um) and shear traction as a share of mu p, two columns",
     )
     thickness: float = option(
         0.0,

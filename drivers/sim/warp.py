@@ -25,8 +25,7 @@ Array = NDArray[np.float64]
 CELL_PX = 4
 """Distance between the nodes of the inverse map, which is linear in between."""
 RUN_PX = 16
-"""Pixels are resampled in runs of a multiple of this length, with one integer shift for each
-run.
+"""Pixels are resampled in runs of a multiple of this length, with one integer shift for each run.
 """
 _ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and a half digits
 
@@ -196,70 +195,27 @@ def _weights(t):  # type: ignore[no-untyped-def]
     )
 
 
+@njit(inline="always")  # type: ignore[untyped-decorator,unused-ignore]
+def _six(a, p, i):  # type: ignore[no-untyped-def]
+    return (
+        a[0] * p[i]
+        + a[1] * p[i + 1]
+        + a[2] * p[i + 2]
+        + a[3] * p[i + 3]
+        + a[4] * p[i + 4]
+        + a[5] * p[i + 5]
+    )
+
+
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
     """A run of pixels of one row from six rows of coefficients, all with the same integer shift
     (kx, ky); contiguous, so that the loop vectorises.
     """
     for i in range(out.size):
-        a0, a1, a2, a3, a4, a5 = _weights(tx[i] - kx)
-        b0, b1, b2, b3, b4, b5 = _weights(ty[i] - ky)
-        out[i] = (
-            b0
-            * (
-                a0 * p[i]
-                + a1 * p[i + 1]
-                + a2 * p[i + 2]
-                + a3 * p[i + 3]
-                + a4 * p[i + 4]
-                + a5 * p[i + 5]
-            )
-            + b1
-            * (
-                a0 * q[i]
-                + a1 * q[i + 1]
-                + a2 * q[i + 2]
-                + a3 * q[i + 3]
-                + a4 * q[i + 4]
-                + a5 * q[i + 5]
-            )
-            + b2
-            * (
-                a0 * r[i]
-                + a1 * r[i + 1]
-                + a2 * r[i + 2]
-                + a3 * r[i + 3]
-                + a4 * r[i + 4]
-                + a5 * r[i + 5]
-            )
-            + b3
-            * (
-                a0 * s[i]
-                + a1 * s[i + 1]
-                + a2 * s[i + 2]
-                + a3 * s[i + 3]
-                + a4 * s[i + 4]
-                + a5 * s[i + 5]
-            )
-            + b4
-            * (
-                a0 * t[i]
-                + a1 * t[i + 1]
-                + a2 * t[i + 2]
-                + a3 * t[i + 3]
-                + a4 * t[i + 4]
-                + a5 * t[i + 5]
-            )
-            + b5
-            * (
-                a0 * u[i]
-                + a1 * u[i + 1]
-                + a2 * u[i + 2]
-                + a3 * u[i + 3]
-                + a4 * u[i + 4]
-                + a5 * u[i + 5]
-            )
-        )
+        a, b = _weights(tx[i] - kx), _weights(ty[i] - ky)
+        upper = b[0] * _six(a, p, i) + b[1] * _six(a, q, i) + b[2] * _six(a, r, i)
+        out[i] = upper + b[3] * _six(a, s, i) + b[4] * _six(a, t, i) + b[5] * _six(a, u, i)
 
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]

@@ -92,16 +92,12 @@ class World:
     # ------------------------------------------------------------------ time
 
     def start(self, pulses: TriggerTrain | None = None) -> None:
-        """Begin with sample 0, while the board sends these pulses to the camera.
-
-        A world runs once.
-        """
+        """Begin with sample 0 and these pulses to the camera; a world runs only once."""
         with self._changed:
             if self.phase != "idle":
                 raise DeviceFault(
-                    "simulated world: it can run only once and has run already; make a new bench"
-                    " for"
-                    " another run"
+                    "simulated world: it has run already and can run only once; make a new bench"
+                    " for another run"
                 )
             self.phase, self.pulses, self._began = "running", pulses, time.monotonic()
             self._changed.notify_all()
@@ -135,24 +131,16 @@ class World:
     def _wait_s(self, n: int) -> float:
         end = self.now + n
         if self.pace is not None:
-            return (
-                self._began
-                + end / (self.scenario.forces.sample_rate * self.pace)
-                - time.monotonic()
-            )
+            due_s = end / (self.scenario.forces.sample_rate * self.pace)
+            return self._began + due_s - time.monotonic()
         some_unread = self._exposed(self.now) > self._frames_read
-        return (
-            math.inf
-            if some_unread and self._exposed(end) > self._frames_read + FRAMES_AHEAD
-            else 0.0
-        )
+        are_too_many = self._exposed(end) > self._frames_read + FRAMES_AHEAD
+        return math.inf if some_unread and are_too_many else 0.0
 
     def _exposed(self, sample: int) -> int:
-        return (
-            self._train.count_before(sample - self.scenario.exposure_samples + 1)
-            if self._train
-            else 0
-        )
+        if self._train is None:
+            return 0
+        return self._train.count_before(sample - self.scenario.exposure_samples + 1)
 
     def watch(self, train: TriggerTrain | None) -> None:
         """Note that a camera waits for these triggers from now on; None: for none any longer."""
@@ -232,11 +220,8 @@ class World:
         """
         with self._changed:
             here, wall = self._stage(self.now), self._wall
-            return (
-                wall
-                if wall is not None and here < self._target_m and here >= wall.place_m
-                else None
-            )
+            is_held = wall is not None and wall.place_m <= here < self._target_m
+            return wall if is_held else None
 
     def move(self, target_m: float, velocity_m_s: float) -> None:
         """Send the stage to `target_m` (travel since sample 0) from this sample on, nominally at
@@ -263,8 +248,7 @@ class World:
             elif way and self.now + abs(way) / per_sample > s.press_sample:
                 raise OutOfLimits(
                     f"simulated stage: a move of {way * 1e6:.4g} um was requested that lasts into"
-                    f" the pressing of the contact (samples {s.press_sample} to"
-                    f" {s.settled_sample}),"
+                    f" the pressing of the contact (sample {s.press_sample} to {s.settled_sample}),"
                     " which is not modelled; move earlier, faster, or once the contact is settled"
                 )
             self._target_m = target_m

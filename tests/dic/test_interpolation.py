@@ -120,15 +120,9 @@ def test_single_precision_has_the_same_coefficients(degree):
 def prepared(interpolant, kind, box, order):
     target = target_for(IMAGE.shape, interpolant, kind)
     target.image[MARGIN:-MARGIN, MARGIN:-MARGIN] = interpolant.prepare(IMAGE.astype(kind))
-    pitch, pixels, terms = lay_out(target, box, order)
-    return (
-        target,
-        pitch,
-        room(target, box, pitch),
-        np.full(box * pitch, np.nan, kind),
-        terms.astype(kind),
-        pixels,
-    )
+    layout = lay_out(target, box, order)
+    layout = layout._replace(places=layout.places.astype(kind))
+    return target, room(target, layout), layout, np.full(box * layout.pitch, np.nan, kind)
 
 
 def compiled(f):
@@ -146,45 +140,31 @@ def plain(f):
 )
 def test_boxes_are_read_as_defined(name, kind, error, jit):
     box, top, left = (5, 12, 14) if jit is plain else (17, 10, 13)
-    target, pitch, memory, out, *_ = prepared(CLASSICAL[name], kind, box, 0)
+    target, memory, layout, out = prepared(CLASSICAL[name], kind, box, 0)
     warp = np.zeros((2, 6), kind)
     warp[:, 0] = 0.3, 0.85
-    assert jit(read_shifted)(target, memory, warp, box, pitch, top, left, out)
+    assert jit(read_shifted)(target, memory, layout, warp, top, left, out)
     y, x = np.mgrid[top : top + box, left : left + box]
     expected = slow_read(CLASSICAL[name], IMAGE, x + 0.3, y + 0.85).reshape(box, box)
-    assert out.reshape(box, pitch)[:, :box] == pytest.approx(expected, abs=error)
+    assert out.reshape(box, -1)[:, :box] == pytest.approx(expected, abs=error)
 
-    target, pitch, memory, out, terms, pixels = prepared(CLASSICAL[name], kind, box, 2)
-    assert jit(read_deformed)(
-        target, memory, TERMS.astype(kind), terms, pixels, box, pitch, top, left, out
-    )
+    target, memory, layout, out = prepared(CLASSICAL[name], kind, box, 2)
+    assert jit(read_deformed)(target, memory, layout, TERMS.astype(kind), top, left, out)
     s, t = ((a - a.mean()) / (box / 2) for a in (x, y))
     ux, uy = TERMS @ np.stack([np.ones_like(s), s, t, s * s, s * t, t * t]).reshape(6, -1)
     expected = slow_read(CLASSICAL[name], IMAGE, x.ravel() + ux, y.ravel() + uy).reshape(box, box)
-    assert out.reshape(box, pitch)[:, :box] == pytest.approx(expected, abs=5 * error)
+    assert out.reshape(box, -1)[:, :box] == pytest.approx(expected, abs=5 * error)
 
 
 @pytest.mark.parametrize("name", ["bilinear", "sinc8"])
 @pytest.mark.parametrize("read", [read_shifted, read_deformed])
 def test_a_box_is_outside_if_it_leaves_by_more_than_a_little(name, read):
-    box = 9
-    target, pitch, memory, out, *layout = prepared(
-        CLASSICAL[name], np.float32, box, 0 if read is read_shifted else 1
-    )
-    more = () if read is read_shifted else layout
+    box, order = 9, 0 if read is read_shifted else 1
+    target, memory, layout, out = prepared(CLASSICAL[name], np.float32, box, order)
+    warp = np.full((2, 6), [0.5, 0, 0, 0, 0, 0], np.float32)
 
     def inside(top, left):
-        return read(
-            target,
-            memory,
-            np.full((2, 6), [0.5, 0, 0, 0, 0, 0], np.float32),
-            *more,
-            box,
-            pitch,
-            top,
-            left,
-            out,
-        )
+        return read(target, memory, layout, warp, top, left, out)
 
     bottom, right = (size - box + SLACK for size in IMAGE.shape)
     assert inside(-SLACK, -SLACK)

@@ -76,8 +76,8 @@ def test_images_are_those_of_the_producer_in_order(make, clock, monkeypatch):
     camera = make()
     camera.open()
     assert camera.describe() == (
-        "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and exposure as it is"
-        " set"
+        "Machine Vision Games Ltd. Viky (Custom): 120 x 100 Mono8, trigger and"
+        " exposure as the camera is set"
     )
     camera.start(TRAIN)
     clock.start()
@@ -194,7 +194,8 @@ def test_cameras_are_found_by_producer_and_by_registration(make, monkeypatch):
     assert camera_gentl.find() == []
     with pytest.raises(
         DeviceNotFound,
-        match=r"there are 3: 0 \(Machine Vision Games.*; set camera\.device to the serial number of one",
+        match=r"there are 3: 0 \(Machine Vision Games.*; set camera\.device to the serial number"
+        r" of one",
     ):
         make(device="").open()
     with pytest.raises(

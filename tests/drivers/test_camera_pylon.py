@@ -148,7 +148,10 @@ def test_a_missed_trigger_without_a_counter_is_a_fault_and_not_a_shift(make, ben
     assert [camera.read(5.0).index for _ in range(9)] == list(range(9))
     with pytest.raises(
         DeviceFault,
-        match=r"pylon camera: frames can not be numbered: up to trigger 9 an image is missing.*counter",
+        match=(
+            r"pylon camera: frames can not be numbered: up to trigger 9 an image is"
+            r" missing.*counter"
+        ),
     ):
         camera.read(10.0)
 

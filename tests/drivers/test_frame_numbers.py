@@ -353,6 +353,9 @@ def test_an_image_after_triggers_that_had_none_is_a_fault_where_it_may_be_anyone
     assert [numbers.next().index for _ in range(10)] == list(range(10))
     with pytest.raises(
         DeviceFault,
-        match=r"an image came after trigger 9 had none, and it is unknown whether it is that of trigger 10; wire .* counter",
+        match=(
+            r"an image came after trigger 9 had none, and it is unknown whether it"
+            r" is that of trigger 10; wire .* counter"
+        ),
     ):
         numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))

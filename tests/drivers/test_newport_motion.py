@@ -68,7 +68,10 @@ def test_homing_that_fails_is_a_fault(newport_open):
     stage.pass_time(100.0)
     with pytest.raises(
         DeviceFault,
-        match=r"homing took longer than its time-out; it is now NOT REFERENCED from HOMING; home it",
+        match=(
+            r"homing took longer than its time-out; it is now NOT REFERENCED from"
+            r" HOMING; home it"
+        ),
     ):
         stage.driver.is_moving()
     stage.controller.can_home = True
@@ -230,7 +233,7 @@ def test_what_the_world_does_not_model_is_told_in_its_words():
     with pytest.raises(
         DeviceFault,
         match=re.escape("emulated CONEX-CC: a move to 12 mm was requested")
-        + ".*only a drive one way is modelled",
+        + ".*only a drive in one direction is modelled",
     ):
         driver.move_to(12e-3)
     driver.close()

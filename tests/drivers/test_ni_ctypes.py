@@ -109,7 +109,10 @@ def test_errors_are_sentences(stub, install):
     forces = NiForces(ForceSettings(buffer=1.0, exposure_counter="ctr1"), SampleClock(1000.0))
     with pytest.raises(
         DeviceFault,
-        match=r"ctr1 to count at PFI3 was requested, NI's driver can not do it .*; install a newer NI-DAQmx",
+        match=(
+            r"ctr1 to count at PFI3 was requested, NI's driver can not do it .*;"
+            r" install a newer NI-DAQmx"
+        ),
     ):
         forces.open()  # the library has no such function
     assert ctypes.CDLL(str(stub)).stub_tasks() == 0
@@ -132,7 +135,8 @@ def test_no_driver_is_told(install, forces, platform, reason):
     for ask in (forces.open, find):
         with pytest.raises(
             DeviceNotFound,
-            match=f"NI's driver is not installed on this computer .*{reason}.*; install NI-DAQmx from ni.com",
+            match=f"NI's driver is not installed on this computer .*{reason}.*;"
+            " install NI-DAQmx from ni.com",
         ):
             ask()
     with pytest.raises(DeviceFault, match="not open"):

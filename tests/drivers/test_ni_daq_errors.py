@@ -36,7 +36,8 @@ def test_a_time_out_loses_nothing(ni):
     forces.start(TRAIN)
     for _ in range(2):
         with pytest.raises(
-            DeviceTimeout, match=r"250 samples from 0 on were asked within 0\.02 s.* none is lost"
+            DeviceTimeout,
+            match=r"250 samples from 0 on have not all come within 0\.02 s.* none is lost",
         ):
             forces.read(0.02)
     check_samples(pieces(forces, 750))
@@ -235,7 +236,9 @@ def test_no_server(ni):
     server.close()
     with pytest.raises(
         DeviceNotFound,
-        match=f"the server {server.address} does not answer .*refused.* gRPC device server runs there",
+        match=(
+            f"the server {server.address} does not answer .*refused.* gRPC device server runs there"
+        ),
     ):
         ni.connect(server.address).open()
 

@@ -103,7 +103,7 @@ def test_a_gap_stays_a_gap_and_the_end_is_told(clock):
     blocks = []
     while not blocks or blocks[-1].end < 900:
         blocks.append(forces.read(1.0))
-    with pytest.raises(DeviceFault, match="ends there"):
+    with pytest.raises(DeviceFault, match="the recording ends before"):
         forces.read(1.0)
     ends = [block.end for block in blocks]
     assert [block.first for block in blocks[1:]] == ends[:-1]

@@ -160,7 +160,7 @@ def test_a_board_that_goes_away_ends_the_run_with_all_that_was_read(ended):
     e = ended(f"daq-gone {DRIVE + 500}")
     assert whole(e)
     assert e.outcome.state == "failed"
-    assert "the board does not answer any more" in e.outcome.reason
+    assert "the board no longer answers" in e.outcome.reason
     assert DRIVE + 400 <= len(e.volts) <= DRIVE + 500
     assert e.stands()
 

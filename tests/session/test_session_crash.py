@@ -238,7 +238,8 @@ for n in range(2000):
 recorder.end()
 recorder.work()
 print(recorder.frames_recorded, *failures, flush=True)
-for step in (lambda: writer.append(Outcome("failed", "the disk is full", COUNTS, None)), writer.close):
+ended = Outcome("failed", "the disk is full", COUNTS, None)
+for step in (lambda: writer.append(ended), writer.close):
     try:
         step()
     except OSError as error:

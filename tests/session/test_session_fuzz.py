@@ -255,7 +255,10 @@ def test_many_and_long_texts_come_back(tmp_path: Path) -> None:
 PLUGIN = """
 #include <stdio.h>
 #include <stdlib.h>
-__attribute__((constructor)) static void loaded(void) { FILE *f = fopen(getenv("MARK"), "w"); if (f) fclose(f); }
+__attribute__((constructor)) static void loaded(void) {
+    FILE *f = fopen(getenv("MARK"), "w");
+    if (f) fclose(f);
+}
 """
 
 
@@ -300,7 +303,10 @@ def test_fields_of_somebody_else_are_checked_likewise(tmp_path: Path) -> None:
         file["entry/fields"] = h5py.ExternalLink("other.h5", "/")
     with pytest.raises(
         UserError,
-        match=r"fields\.h5: the file of displacement fields is damaged at /entry/fields/x: it is a link",
+        match=(
+            r"fields\.h5: the file of displacement fields is damaged at"
+            r" /entry/fields/x: it is a link"
+        ),
     ):
         read_fields_file(path)
     assert not is_session(path)

@@ -1,0 +1,117 @@
+"""Output files are refused before anything is done, or appear complete, or not at all."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from app.errors import UserError
+from app.outputs import check_output, check_output_folder, new_file, new_folder
+
+OURS = re.compile(r"\d+\.txt")
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {str(p.relative_to(folder)): p.read_text() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_a_place_that_can_not_be_written_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    taken, linked = tmp_path / "taken.csv", tmp_path / "linked.csv"
+    taken.write_text("precious")
+    linked.hardlink_to(taken)
+    for path, overwrite, words in [
+        (tmp_path / "a.txt", False, "the ending '.txt' is not known; use one of .csv, .npz"),
+        (tmp_path / "none" / "a.csv", False, "none does not exist; create it"),
+        (taken, False, "a table of that name exists; choose another name or give --overwrite"),
+        (linked, True, "this is the session itself, which is never changed; give another name"),
+    ]:
+        with pytest.raises(UserError, match=re.escape(words)):
+            check_output(
+                path,
+                overwrite,
+                what="table",
+                endings=(".csv", ".npz"),
+                inputs={"session": [taken] if path is linked else []},
+            )
+    with pytest.raises(UserError, match="this is a folder; add a file name"):
+        check_output(tmp_path, overwrite=True)
+    check_output(tmp_path / "A.CSV", overwrite=False, endings=(".csv",))
+    check_output(taken, overwrite=True)
+    assert contents(tmp_path) == {"taken.csv": "precious", "linked.csv": "precious"}
+
+
+def test_a_folder_that_is_write_protected_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def protected(**_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("app.outputs.tempfile.TemporaryFile", protected)
+    with pytest.raises(UserError, match=r"a\.csv: it can not be written: Permission denied"):
+        check_output(tmp_path / "a.csv", overwrite=False)
+
+
+def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
+    target = tmp_path / "a.csv"
+    with new_file(target, overwrite=False) as unfinished:
+        unfinished.write_text("new")
+        assert unfinished.suffix == ".csv"
+        assert not target.exists()
+    assert contents(tmp_path) == {"a.csv": "new"}
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(28, "No space left"), ValueError("odd"), KeyboardInterrupt()]
+)
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_what_ends_the_writing_leaves_an_earlier_file_as_it_was(
+    tmp_path: Path, error: BaseException, is_folder: bool
+) -> None:
+    target = tmp_path / "out"
+    if is_folder:
+        target.mkdir()
+    (target / "1.txt" if is_folder else target).write_text("earlier")
+    before = contents(tmp_path)
+
+    def write() -> None:
+        writing = new_folder(target, True, OURS) if is_folder else new_file(target, True)
+        with writing as unfinished:
+            (unfinished / "2.txt" if is_folder else unfinished).write_text("half")
+            raise error
+
+    with pytest.raises((UserError, type(error))) as caught:
+        write()
+    if isinstance(error, OSError):
+        assert "out: it can not be written: No space left; choose" in str(caught.value)
+    assert contents(tmp_path) == before
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_what_has_appeared_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    target = tmp_path / "a.csv"
+
+    def write() -> None:
+        with new_file(target, overwrite=False) as unfinished:
+            unfinished.write_text("mine")
+            target.write_text("somebody else's")
+
+    with pytest.raises(UserError, match="a file of that name exists"):
+        write()
+    assert contents(tmp_path) == {"a.csv": "somebody else's"}
+
+
+def test_of_a_folder_only_our_own_files_are_replaced(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    with new_folder(target, False, OURS) as unfinished:
+        for name in ("1.txt", "2.txt"):
+            (unfinished / name).write_text(name)
+    (target / "notes.md").write_text("mine")
+    with pytest.raises(UserError, match="the folder is not empty"):
+        check_output_folder(target, overwrite=False)
+    with new_folder(target, True, OURS) as unfinished:
+        (unfinished / "2.txt").write_text("new")
+    assert contents(target) == {"2.txt": "new", "notes.md": "mine"}
+    with pytest.raises(UserError, match="a file of that name exists"):
+        check_output_folder(target / "2.txt", overwrite=True)
