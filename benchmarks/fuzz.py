@@ -157,8 +157,7 @@ def make_whole(folder: Path) -> None:
     axis = np.arange(4.0)
     settings, units = {"reference": "r.tif", "box": 20}, {"box": "px"}
     fields = folder / "whole-fields.h5"
-    with FieldsWriter(fields, ["a.tif"], axis, axis, ["ok"], settings, units):
-        pass
+    FieldsWriter(fields, ["a.tif"], axis, axis, ["ok"], settings, units).close()
 
 
 def work(folder: Path) -> None:

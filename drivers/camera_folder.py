@@ -1,4 +1,4 @@
-"""A folder of grey images as a camera: image n is what trigger n took."""
+"""A folder of grey images as a camera: image n is the image of trigger n."""
 
 from __future__ import annotations
 
@@ -21,13 +21,11 @@ _SLICE_S = 0.05
 
 
 def find(folder: str = "") -> list[Found]:
-    """The images of a folder as one device; nothing without a folder."""
+    """The images of a folder as one device; none if there is no folder, or no image in it."""
     files = images_of(Path(folder)) if folder else []
-    return (
-        [Found(folder, f"{len(files)} images, {files[0].name} to {files[-1].name}")]
-        if files
-        else []
-    )
+    if not files:
+        return []
+    return [Found(folder, f"{len(files)} images, {files[0].name} to {files[-1].name}")]
 
 
 def images_of(folder: Path) -> list[Path]:
@@ -52,8 +50,8 @@ class FolderCamera:
     """A camera that plays a folder of PNG or TIFF images, 8 or 16 bit grey; see
     `drivers.protocols.Camera`.
 
-    A file that can not be used, and every trigger after the last file, is a loss with its reason;
-    the run goes on.
+    A file that can not be used, and every trigger after the last file, is a lost frame with its
+    reason; the run continues.
     """
 
     name = "folder camera"
@@ -68,14 +66,14 @@ class FolderCamera:
         self._next = 0
 
     def open(self) -> None:
-        """List the images, and look at the first.
+        """List the images, and compare the first with the settings.
 
         Raises
         ------
         DeviceNotFound
             There is no image in the folder.
         OutOfLimits
-            The first one is not what the settings say.
+            The first image has another size or depth than the settings say.
         """
         files = images_of(self._folder)
         if not files:
@@ -87,12 +85,12 @@ class FolderCamera:
         if isinstance(first, str):
             raise OutOfLimits(
                 f"{self.name}: {first}; set camera.width, camera.height and camera.pixel_format to"
-                " what it is"
+                " those of the images"
             )
         self._files = files
 
     def describe(self) -> str:
-        """How many images, and their size."""
+        """Number and size of the images."""
         if not self._files:
             return f"{self.name}, not open"
         return (
@@ -101,10 +99,10 @@ class FolderCamera:
         )
 
     def start(self, train: TriggerTrain) -> None:
-        """Wait for triggers, from the first image on."""
+        """Wait for triggers; the first one shows the first image."""
         if not self._files:
             raise DeviceFault(
-                f"{self.name}: to wait for triggers was asked, it is not open; open it first"
+                f"{self.name}: it can not wait for triggers before it is open; open it first"
             )
         self._train, self._next = train, 0
 
@@ -115,7 +113,7 @@ class FolderCamera:
         train, clock, index = self._train, self._clock, self._next
         if train is None:
             raise DeviceFault(
-                f"{self.name}: a frame was asked, it does not wait for triggers; start it first"
+                f"{self.name}: it has no frames before it waits for triggers; start it first"
             )
         sample = train.sample(index)
         end = sample + self.exposure_samples
@@ -132,27 +130,25 @@ class FolderCamera:
             )
         self._next = index + 1
         if index >= len(self._files):
-            return LostFrame(index, sample, f"the folder has {len(self._files)} images only")
+            return LostFrame(index, sample, f"the folder has only {len(self._files)} images")
         image = self._load(self._files[index])
-        return (
-            LostFrame(index, sample, image)
-            if isinstance(image, str)
-            else Frame(index, sample, image)
-        )
+        if isinstance(image, str):
+            return LostFrame(index, sample, image)
+        return Frame(index, sample, image)
 
     def stop(self) -> None:
-        """Wait for triggers no longer; a `read` that waits ends with `DeviceTimeout`."""
+        """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
         self._train = None
 
     def close(self) -> None:
-        """Stop, and forget the folder."""
+        """Stop, and let go of the folder."""
         self.stop()
         self._files = []
 
     def _load(self, path: Path) -> Image | str:
-        """The image in a file, or why there is none that can be used."""
+        """The image in a file, or why it can not be used."""
         try:
-            # not imread: it fails on some names on Windows
+            # imread fails on some file names on Windows
             image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
         except (OSError, cv2.error):
             image = None
@@ -161,8 +157,8 @@ class FolderCamera:
         if image.shape != self.shape or image.dtype != self.dtype:
             size = " x ".join(str(n) for n in (image.shape[1], image.shape[0], *image.shape[2:]))
             return (
-                f"'{path.name}' is {size} {image.dtype}, {self.shape[1]} x {self.shape[0]}"
-                f" {self.dtype} was asked"
+                f"'{path.name}' is {size} {image.dtype}, not {self.shape[1]} x {self.shape[0]}"
+                f" {self.dtype}"
             )
         image.setflags(write=False)
         return cast(Image, image)

@@ -26,7 +26,7 @@ def parse_pace(text: str) -> float | None:
         pace = math.nan
     if not (math.isfinite(pace) and pace > 0):
         raise UserError(
-            f"--pace: '{text}' was asked; give 1 (real time), max (as fast as the machine), or"
+            f"--pace: '{text}' is not a pace; give 1 (real time), max (as fast as the machine), or"
             " another number more than 0"
         )
     return pace

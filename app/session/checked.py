@@ -1,5 +1,5 @@
-"""An HDF5 file from anywhere, opened to be read: each dataset is examined before any of its content
-is.
+"""An HDF5 file from anywhere, opened to be read: each dataset is looked at before a byte of it is
+taken.
 
 Links that lead elsewhere, data in other files, compression that needs a plug-in and sizes that the
 file can not hold are refused.
@@ -26,11 +26,24 @@ from app.session.texts import read_texts
 SLACK_BYTES = 1 << 24  # padding that a dataset may claim beyond the size of the file
 LARGEST_CHUNK_BYTES = 1 << 28  # a chunk is decompressed as a whole
 NUMBER = "number"  # any plain integer or float
-_FILTERS = ("DEFLATE", "SHUFFLE", "FLETCHER32", "LZF")  # that HDF5 and h5py have built in
-_BUILT_IN = {getattr(h5py.h5z, f"FILTER_{name}") for name in _FILTERS}
+_BUILT_IN = {
+    h5py.h5z.FILTER_DEFLATE,
+    h5py.h5z.FILTER_SHUFFLE,
+    h5py.h5z.FILTER_FLETCHER32,
+    h5py.h5z.FILTER_LZF,
+}
+_ALTERED = "the bytes are not those that were written"
 _COPY = "use a copy of it if there is one"
-# what h5py and the HDF5 library raise on damaged files
-_DAMAGE = (OSError, LookupError, ValueError, RuntimeError, TypeError, ArithmeticError, MemoryError)
+_DAMAGE = (
+    OSError,
+    KeyError,
+    ValueError,
+    RuntimeError,
+    TypeError,
+    OverflowError,
+    MemoryError,
+    NotImplementedError,
+)
 
 
 class CheckedFile:
@@ -65,61 +78,60 @@ class CheckedFile:
             if name not in self._file.attrs:
                 return None
             attribute = self._file.attrs.get_id(name)
-            is_number = attribute.shape == () and attribute.dtype.kind in "iu"
-            return int(self._file.attrs[name]) if is_number else None
+            return (
+                int(self._file.attrs[name])
+                if attribute.shape == () and attribute.dtype.kind in "iu"
+                else None
+            )
 
     def has(self, path: str) -> bool:
         """Whether a group or dataset is in the file."""
         return self._place(path) is not None
 
     def dataset(self, path: str, shape: Sequence[str | int], dtype: str) -> h5py.Dataset:
-        """A dataset that lies in this file, is of that kind and claims no more than the file can
-        hold.
+        """The dataset, once it is sure that it lies in this file, is of that kind and claims no
+        more than the file can hold.
 
         Parameters
         ----------
         shape : sequence of int or str
-            Its sides; one that is named may have any length. Datasets of up to one dimension are
-            read as a whole, others by rows.
+            Its sides; one that is named may have any length. One or none: it is read as a whole;
+            more: by rows.
         dtype : str
             Of numpy, or `TEXT`, `IMAGE`, `NUMBER`.
         """
-        if path not in self._datasets:
-            place = self._place(path)
-            with self.reading(path):
-                if place is None:
-                    raise ValueError("it is missing")
-                if not isinstance(place, h5py.Dataset) or place.is_virtual or place.external:
-                    raise ValueError("it is not a dataset of this file")
-                if place.shape is None or place.ndim != len(shape) or not _is_of(place, dtype):
-                    raise ValueError(f"it is {place.ndim}-dimensional {place.dtype}")
-                sides = zip(shape, place.shape, strict=True)
-                if any(isinstance(side, int) and side != found for side, found in sides):
-                    raise ValueError(f"its shape is {place.shape}")
-                self._check_storage(place)
-            self._datasets[path] = place
-        return self._datasets[path]
-
-    def _check_storage(self, dataset: h5py.Dataset) -> None:
-        """Refuse a dataset that HDF5 could not read by itself, or not within reasonable memory."""
-        created = dataset.id.get_create_plist()
-        filters = {created.get_filter(n)[0] for n in range(created.get_nfilters())}
-        if unknown := filters - _BUILT_IN:
-            raise ValueError(
-                f"it is compressed by filter {min(unknown)}, which needs a plug-in; repack it"
-                " without"
-            )
-        chunk = math.prod(dataset.chunks or ()) * dataset.dtype.itemsize
-        if chunk > LARGEST_CHUNK_BYTES:
-            raise ValueError(f"it claims chunks of {dataset.chunks}")
-        self.check_claim(dataset, dataset.shape if dataset.ndim < 2 else dataset.shape[1:])
-
-    def check_claim(self, dataset: h5py.Dataset, shape: tuple[int, ...]) -> None:
-        """Refuse a dataset of which a part of that shape would be more than the file can hold."""
-        if math.prod(shape) * max(1, dataset.dtype.itemsize) > self._bytes + SLACK_BYTES:
-            raise ValueError(
-                f"it claims the shape {dataset.shape} in a file of {self._bytes} bytes"
-            )
+        if path in self._datasets:
+            return self._datasets[path]
+        place = self._place(path)
+        with self.reading(path):
+            if place is None:
+                raise ValueError("it is missing")
+            if not isinstance(place, h5py.Dataset) or place.is_virtual or place.external:
+                raise ValueError("it is not a dataset of this file")
+            if place.shape is None or place.ndim != len(shape) or not _is_of(place, dtype):
+                raise ValueError(f"it is {place.ndim}-dimensional {place.dtype}")
+            if any(
+                isinstance(side, int) and side != found
+                for side, found in zip(shape, place.shape, strict=True)
+            ):
+                raise ValueError(f"its shape is {place.shape}")
+            filters = place.id.get_create_plist()
+            if (
+                unknown := {filters.get_filter(n)[0] for n in range(filters.get_nfilters())}
+                - _BUILT_IN
+            ):
+                raise ValueError(
+                    f"it is compressed by filter {min(unknown)}, which needs a plug-in; repack it"
+                    " without"
+                )
+            if (
+                place.chunks
+                and math.prod(place.chunks) * place.dtype.itemsize > LARGEST_CHUNK_BYTES
+            ):
+                raise ValueError(f"it claims chunks of {place.chunks}")
+            self.check_claim(place, place.shape if place.ndim < 2 else place.shape[1:])
+        self._datasets[path] = place
+        return place
 
     def read(self, dataset: h5py.Dataset) -> Any:
         """All that is in a dataset: an array, or a number or text where it has no shape."""
@@ -132,21 +144,23 @@ class CheckedFile:
 
     @contextmanager
     def reading(self, path: str) -> Iterator[None]:
-        """Turns what is raised while damaged bytes are read into one sentence."""
+        """Whatever is thrown while damaged bytes are read, as one sentence."""
         try:
             yield
         except UserError:
             raise
         except _DAMAGE as error:
             found = " ".join(str(error).split()) or type(error).__name__
-            if "filter returned failure" in found:
-                found = "the bytes are not those that were written"
-            raise self.damaged(path, found) from error
+            raise self.damaged(
+                path, _ALTERED if "filter returned failure" in found else found
+            ) from error
 
     def damaged(self, path: str, found: str) -> UserError:
-        """The error that says what is wrong with the content of a path."""
-        remedy = _remedy(self.path, _COPY)
-        return UserError(f"{self.path}: the {self._what} is damaged at {path}: {found}; {remedy}")
+        """The error that says so."""
+        return UserError(
+            f"{self.path}: the {self._what} is damaged at {path}: {found};"
+            f" {_remedy(self.path, _COPY)}"
+        )
 
     def _place(self, path: str) -> Any:
         """What lies at a path; None for nothing.
@@ -162,6 +176,13 @@ class CheckedFile:
                 place = self._places[at]
             return place
 
+    def check_claim(self, dataset: h5py.Dataset, shape: tuple[int, ...]) -> None:
+        """Refuse a dataset of which a part of that shape would be more than the file can hold."""
+        if math.prod(shape) * max(1, dataset.dtype.itemsize) > self._bytes + SLACK_BYTES:
+            raise ValueError(
+                f"it claims the shape {dataset.shape} in a file of {self._bytes} bytes"
+            )
+
 
 def _inside(group: Any, name: str) -> Any:
     if not isinstance(group, h5py.Group) or not group.id.links.exists(name.encode()):
@@ -175,8 +196,11 @@ def _is_of(dataset: h5py.Dataset, wanted: str) -> bool:
     found = dataset.dtype
     if wanted == TEXT:
         kind = dataset.id.get_type()
-        is_text = isinstance(kind, h5py.h5t.TypeStringID) and kind.is_variable_str()
-        return bool(is_text and dataset.ndim <= 1)
+        return (
+            isinstance(kind, h5py.h5t.TypeStringID)
+            and bool(kind.is_variable_str())
+            and dataset.ndim <= 1
+        )
     if wanted == IMAGE:
         return found in (np.dtype("u1"), np.dtype("<u2"))
     if wanted == NUMBER:
@@ -185,34 +209,45 @@ def _is_of(dataset: h5py.Dataset, wanted: str) -> bool:
 
 
 def _open(path: Path, what: str) -> h5py.File:
-    another = f"give a {what} that SlipScope wrote"
     if not path.is_file():
         raise UserError(f"{path}: there is no such {what} to read; check the name")
+    another = _remedy(path, f"give a {what} that SlipScope wrote")
     try:
         with path.open("rb") as opened:
             opened.read(1)
         file = h5py.File(path, "r")
-    except _DAMAGE as error:
-        cause, found, remedy = str(error), "", _COPY
+    except OSError as error:
+        cause = str(error)
         if "signature not found" in cause:
-            found, remedy = "can not be read, it is not an HDF5 file", another
-        elif "truncated file" in cause:
-            found = "the file is cut short, as by a kill or a copy that was broken off"
-            remedy = "copy it again from where it came"
-        elif "lock" in cause:
+            raise UserError(f"{path}: can not be read, it is not an HDF5 file; {another}") from None
+        if "truncated file" in cause:
+            again = _remedy(path, "copy it again from where it came")
+            raise UserError(
+                f"{path}: the file is cut short, as by a kill or a copy that was broken off;"
+                f" {again}"
+            ) from None
+        if "lock" in cause:
             raise UserError(f"{path}: another program is writing to it; wait for its end") from None
-        elif isinstance(error, OSError) and error.errno:
-            cause = os.strerror(error.errno)
-        found = found or f"the {what} can not be read: {cause}"
-        raise UserError(f"{path}: {found}; {_remedy(path, remedy)}") from None
+        cause = os.strerror(error.errno) if error.errno else cause
+        raise UserError(
+            f"{path}: the {what} can not be read: {cause}; {_remedy(path, _COPY)}"
+        ) from None
+    except _DAMAGE as error:
+        raise UserError(
+            f"{path}: the {what} is damaged at its beginning: {error}; {_remedy(path, _COPY)}"
+        ) from None
     if file.userblock_size or file.id.get_create_plist().get_sizes() != (8, 8):
         file.close()
-        raise UserError(f"{path}: HDF5, but not as SlipScope writes it; {_remedy(path, another)}")
+        raise UserError(f"{path}: HDF5, but not as SlipScope writes it; {another}")
     return file
 
 
 def _remedy(path: Path, otherwise: str) -> str:
-    """What to do about a file that can not be read: repair a session that has a journal."""
-    if has_journal(path):
-        return f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds"
-    return otherwise
+    """What to do with a file that can not be read: its journal, where it has one, brings a session
+    back.
+    """
+    return (
+        f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds"
+        if has_journal(path)
+        else otherwise
+    )

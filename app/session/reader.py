@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -27,13 +28,18 @@ from app.records import (
     Counts,
     DisplacementField,
     Event,
+    Gap,
     Header,
+    LostTrigger,
     Outcome,
     Phase,
+    Position,
+    ReceivedFrame,
     RingProfile,
     Samples,
     Snapshot,
     Source,
+    SourceFrame,
     StressProfile,
     Summary,
     snapshot_of,
@@ -44,6 +50,17 @@ from app.session.checked import CheckedFile
 from app.session.layout import FORCES_CHUNK, FORMAT_ATTRIBUTE, FORMAT_VERSION, LATER, NO_ROW
 
 T = TypeVar("T")
+UNREADABLE_IMAGE = "its image can not be read, the bytes are not those that were recorded"
+UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
+
+
+@dataclass(frozen=True, slots=True)
+class Altered:
+    """A frame or samples whose bytes are not those that were recorded; `instead` says that they are
+    lost.
+    """
+
+    instead: LostTrigger | Gap
 
 
 class SessionReader:
@@ -127,7 +144,13 @@ class SessionReader:
 
     def events(self) -> list[Event]:
         """What happened, in order."""
-        return [Event(*row) for row in self._rows("/entry/events")]
+        table = self._table("/entry/events")
+        return [
+            Event(sample, kind, text)
+            for sample, kind, text in zip(
+                *(table[name].tolist() for name in ("sample", "kind", "text")), strict=True
+            )
+        ]
 
     def positions(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Samples at which the stage was read, and its positions in metres."""
@@ -138,18 +161,21 @@ class SessionReader:
 
     def forces(self) -> Samples:
         """All samples; those that are missing are NaN."""
-        return _samples(0, self._table("/entry/forces"))
+        table = self._table("/entry/forces")
+        return _samples(0, table)
+
+    def samples(self) -> Iterator[Samples]:
+        """The samples between the gaps, in blocks; an empty block where a gap ends without any."""
+        for first, end in self._stretches():
+            yield self._block(first, end)
 
     def gaps(self) -> list[tuple[int, int]]:
         """First sample and length of each gap in the forces."""
-        return self._rows("/entry/gaps")
+        table = self._table("/entry/gaps")
+        return list(zip(table["first"].tolist(), table["count"].tolist(), strict=True))
 
-    def samples(self) -> Iterator[Samples]:
-        """The samples between the gaps, in blocks; where a gap ends without any, an empty block."""
-        yield from (self.block(first, end) for first, end in self.stretches())
-
-    def stretches(self) -> Iterator[tuple[int, int]]:
-        """First sample and end of each block, which has no gap in it and is one chunk at most."""
+    def _stretches(self) -> Iterator[tuple[int, int]]:
+        """First sample and end of each block: no gap is in it, and all of it in one chunk."""
         start, rows = 0, min(len(column) for column in self._force_columns().values())
         for gap, count in [*self.gaps(), (rows, 0)]:
             end = min(gap, rows)
@@ -159,8 +185,7 @@ class SessionReader:
             yield from pairwise((start, *chunks, end))
             start = min(end + count, rows)
 
-    def block(self, first: int, end: int) -> Samples:
-        """The samples from `first` to before `end`."""
+    def _block(self, first: int, end: int) -> Samples:
         with self.file.reading("/entry/forces"):
             block = {name: column[first:end] for name, column in self._force_columns().items()}
         return _samples(first, block)
@@ -174,18 +199,19 @@ class SessionReader:
         """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was
         lost).
         """
+        kinds = {"index": "i8", "sample": "i8", "received": "?", "analysed": "?", "reason": object}
         table = self._triggers | {"received": self._triggers["image"] != NO_ROW}
-        kinds = [("index", "i8"), ("sample", "i8"), ("received", "?"), ("analysed", "?")]
-        kinds += [("reason", "O")]
-        return np.rec.fromarrays([table[name] for name, _ in kinds], dtype=kinds)
+        rows = np.empty(len(table["index"]), dtype=list(kinds.items()))
+        for name in kinds:
+            rows[name] = table[name]
+        return rows
 
     def lost_frames(self) -> list[tuple[int, int, str]]:
         """Index, sample and reason of each trigger without an image."""
-        return [
-            (index, sample, reason)
-            for index, sample, is_received, _, reason in self.triggers().tolist()
-            if not is_received
-        ]
+        lost = self.triggers()[self._triggers["image"] == NO_ROW]
+        return list(
+            zip(*(lost[name].tolist() for name in ("index", "sample", "reason")), strict=True)
+        )
 
     def frames(self) -> Iterator[tuple[int, int, NDArray[Any]]]:
         """Index, sample and image of each frame received, in the order of the triggers."""
@@ -199,20 +225,14 @@ class SessionReader:
                 f"{self.path}: there is no image of trigger {index} in this session; `slipscope"
                 " info` lists what there is"
             )
+        row = self._frame_rows[index]
         image = self._images._row(layout.IMAGES.path, self.image_row(index))
-        if self._images is not self and crc32(image.data) != self.checksum(index):
+        if self._images is not self and crc32(image.data) != self._triggers["checksum"][row]:
             raise UserError(
                 f"{self._images.path}: the image of trigger {index} is not the one that was"
                 " analysed; use a whole copy of it"
             )
-        return index, int(self._triggers["sample"][self._frame_rows[index]]), image
-
-    def checksum(self, index: int) -> int | None:
-        """CRC-32 of the image of trigger `index` as it was recorded; None in a session of format 3
-        or older.
-        """
-        column = self._triggers.get("checksum")
-        return None if column is None else int(column[self._frame_rows[index]])
+        return index, int(self._triggers["sample"][row]), image
 
     @property
     def images_path(self) -> Path:
@@ -296,6 +316,35 @@ class SessionReader:
 
         return build(kind, value_of) if count else None
 
+    def records(
+        self,
+    ) -> Iterator[Samples | ReceivedFrame | SourceFrame | LostTrigger | Position | Event | Altered]:
+        """Everything measured, as the records that make another session of it."""
+        for first, end in self._stretches():
+            try:
+                yield self._block(first, end)
+            except UserError:
+                yield Altered(Gap(first, end - first, UNREADABLE_SAMPLES))
+        if self._frame_rows:
+            _ = self._images  # an analysis without its session can not be read at all
+        for index, sample, received, _, reason in self.triggers().tolist():
+            yield self._fate(index, sample) if received else LostTrigger(index, sample, reason)
+        yield from (
+            Position(*row) for row in zip(*(c.tolist() for c in self.positions()), strict=True)
+        )
+        yield from self.events()
+
+    def _fate(self, index: int, sample: int) -> ReceivedFrame | SourceFrame | Altered:
+        """The frame of a trigger that was received, unless it is not what was recorded."""
+        with suppress(UserError):
+            image = np.ascontiguousarray(self.frame(index)[2])
+            checksum = crc32(image.data)
+            if self.format < 4 or checksum == self._triggers["checksum"][self._frame_rows[index]]:
+                if self.header.source is not None:
+                    return SourceFrame(index, sample, self.image_row(index), checksum)
+                return ReceivedFrame(index, sample, image, checksum)
+        return Altered(LostTrigger(index, sample, UNREADABLE_IMAGE))
+
     def _counted(self) -> Counts:
         """The account of a session that was cut short, from what is in the file."""
         triggers, frames = len(self._triggers["index"]), len(self._frame_rows)
@@ -328,10 +377,12 @@ class SessionReader:
                 " both into one folder"
             )
         held = SessionReader(path)
-        shape, dtype = self.header.frame_shape, self.header.frame_dtype
-        found: tuple[Any, ...] = (held.header.source, held.header.started)
-        found += (held.header.frame_shape, held.header.frame_dtype)
-        if found != (None, source.started, shape, dtype):
+        known = (held.header.source, held.header.started)
+        images = (held.header.frame_shape, held.header.frame_dtype)
+        if known != (None, source.started) or images != (
+            self.header.frame_shape,
+            self.header.frame_dtype,
+        ):
             held.close()
             raise UserError(
                 f"{self.path}: {path.name} is not the session that was analysed; put that one"
@@ -407,9 +458,6 @@ class SessionReader:
         }
         rows = min(len(values) for values in columns.values())
         return {name: values[:rows] for name, values in columns.items()}
-
-    def _rows(self, group: str) -> list[Any]:
-        return list(zip(*(c.tolist() for c in self._table(group).values()), strict=True))
 
     def _damaged(self, path: str, found: str) -> UserError:
         return self.file.damaged(path, found)

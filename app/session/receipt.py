@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from zlib import crc32
@@ -19,13 +17,9 @@ from app.records import Event, Gap, LostTrigger, Position, ReceivedFrame, Sample
 from app.schema import TEXT
 from app.session.journal import StoredFrame, read_journal
 from app.session.layout import GROUPS, GROWING, IMAGE, columns_in
-from app.session.reader import SessionReader
+from app.session.reader import Altered, SessionReader
 
 _SLAB = 1 << 20  # values read at a time
-UNREADABLE_IMAGE = "its image can not be read, the bytes are not those that were recorded"
-UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
-
-MeasuredRecord = Samples | ReceivedFrame | SourceFrame | LostTrigger | Position | Event
 
 
 class NotAsRecordedError(UserError):
@@ -58,47 +52,6 @@ class Receipt:
             f" gaps, {self.bytes / 1e6:.1f} MB"
             f" read back {how} in {self.seconds:.1f} s; checksum {self.checksum}"
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Altered:
-    """A frame or samples whose bytes are not those that were recorded; `instead` says that they are
-    lost.
-    """
-
-    instead: LostTrigger | Gap
-
-
-def records_of(reader: SessionReader) -> Iterator[MeasuredRecord | Altered]:
-    """Everything measured in a session, as the records that make another session of it."""
-    for first, end in reader.stretches():
-        try:
-            yield reader.block(first, end)
-        except UserError:
-            yield Altered(Gap(first, end - first, UNREADABLE_SAMPLES))
-    triggers = reader.triggers()
-    if triggers["received"].any():
-        _ = reader.images_path  # an analysis without its session can not be read at all
-    for index, sample, is_received, _, reason in triggers.tolist():
-        if is_received:
-            yield _frame(reader, index, sample)
-        else:
-            yield LostTrigger(index, sample, reason)
-    for row in zip(*(column.tolist() for column in reader.positions()), strict=True):
-        yield Position(*row)
-    yield from reader.events()
-
-
-def _frame(reader: SessionReader, index: int, sample: int) -> ReceivedFrame | SourceFrame | Altered:
-    """A frame that was received, if it is still what was recorded."""
-    with suppress(UserError):
-        image = np.ascontiguousarray(reader.frame(index)[2])
-        checksum = crc32(image.data)
-        if reader.checksum(index) in (None, checksum):
-            if reader.header.source is not None:
-                return SourceFrame(index, sample, reader.image_row(index), checksum)
-            return ReceivedFrame(index, sample, image, checksum)
-    return Altered(LostTrigger(index, sample, UNREADABLE_IMAGE))
 
 
 @dataclass
@@ -166,7 +119,7 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
     found, altered = _Account(), []
     with SessionReader(session) as reader:
         checked = _read_columns(reader)
-        for record in records_of(reader):
+        for record in reader.records():
             if isinstance(record, Altered):
                 altered.append(getattr(record.instead, "index", 0))
             else:

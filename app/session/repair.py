@@ -27,8 +27,8 @@ from app.records import (
 )
 from app.session.files import check_new_session, new_session
 from app.session.journal import StoredFrame, Torn, journal_of, read_journal
-from app.session.reader import SessionReader
-from app.session.receipt import UNREADABLE_IMAGE, Altered, Receipt, records_of, verify
+from app.session.reader import UNREADABLE_IMAGE, Altered, SessionReader
+from app.session.receipt import Receipt, verify
 from app.session.writer import SessionWriter
 
 FLUSH_EVERY = 256  # records; those of small tables wait in memory until then
@@ -212,7 +212,7 @@ def _file_of(session: Path, progress: Callable[[float], None]) -> Iterator[Any]:
     with SessionReader(session) as reader:
         yield reader.header
         triggers = max(1, len(reader.triggers()))
-        for record in records_of(reader):
+        for record in reader.records():
             if isinstance(record, ReceivedFrame | SourceFrame):
                 progress(min(1.0, record.index / triggers))
             yield record

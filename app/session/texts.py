@@ -1,9 +1,9 @@
 """Texts of an HDF5 file from anywhere, read from its bytes.
 
-HDF5 keeps texts of variable length in global heap collections, the one part of its metadata without
-a checksum. Its library trusts them: a damaged collection makes it take gigabytes or never return.
-Here every length is compared with what is there before it is used. See the HDF5 file format
-specification, III.E, "Global heap".
+HDF5 keeps texts of any length in global heap collections, the one part of its metadata without a
+checksum, and trusts what they say: a collection whose length or objects are damaged makes its
+library take gigabytes or never come back. Here every length is held against what is there before it
+is used. See the HDF5 file format specification, III.E, "Global heap".
 """
 
 from __future__ import annotations

@@ -45,10 +45,8 @@ def test_an_image_that_was_lost_says_why(session: Written) -> None:
         for asked in (3, -5, slice(2, 5)):
             with pytest.raises(
                 UserError,
-                match=(
-                    r"session\.h5: frame 3 was lost: no image within 0\.5 s;"
-                    r" `frames\.received` lists"
-                ),
+                match=r"session\.h5: frame 3 was lost: no image within 0\.5 s;"
+                r" `frames\.received` lists",
             ):
                 _ = s.frames[asked]
         for asked in (8, -9):

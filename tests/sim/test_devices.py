@@ -279,6 +279,9 @@ class Recorded:
     def close(self):
         self._do("close")
 
+    def describe(self):
+        return "a device"
+
 
 def recorded(log, **fails):
     return Bench(

@@ -212,9 +212,7 @@ def test_readings_saturate_at_the_boards_range():
 @pytest.mark.parametrize(("poisson", "angle"), [(0.3, 0.0), (0.5, 0.0), (0.5, 0.3)])
 def test_truth_in_pixels_against_material_points_found_one_by_one(poisson, angle):
     drift = (0.4, -1.1) if angle else (0.0, 0.0)
-    world = driven(
-        poisson=poisson, lens_compliance_m_per_n=5e-6, drive_angle=angle, image_drift=drift
-    )
+    world = driven(poisson=poisson, lens_compliance=5e-6, drive_angle=angle, image_drift=drift)
     s = world.scenario
     reference, sample = START + 300, START + 1300
 
@@ -254,7 +252,7 @@ def test_truth_in_pixels_against_material_points_found_one_by_one(poisson, angle
 
 
 def test_a_drifting_stage_drives_the_contact_without_saying_so():
-    still, drifting = driven(distance_m=50e-6), driven(distance_m=50e-6, stage_drift=2e-6)
+    still, drifting = driven(distance_m=50e-6), driven(distance_m=50e-6, stage_drift=1e-6)
     sample = START + 400
     assert drifting.state(sample).stage_m == still.state(sample).stage_m
     compliance = constants(still.scenario)[3]
