@@ -3,6 +3,7 @@ ends when something breaks.
 """
 
 import threading
+import time
 
 import h5py
 import numpy as np
@@ -122,8 +123,8 @@ def replayed(path):
 
 
 def test_replay_gives_the_live_results_to_the_bit(tmp_path):
-    _, outcome = run_to(tmp_path / "whole.h5", TRACTION, "sim.law=elasto-plastic")
-    assert outcome.summary.law_mu == pytest.approx(0.93, rel=0.02)
+    _, outcome = run_to(tmp_path / "whole.h5", TRACTION)
+    assert outcome.summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.01)
     replay = replayed(tmp_path / "whole.h5")
     assert replay.comparison().all_identical, replay.comparison()
     assert replay.outcome().summary == outcome.summary
@@ -171,7 +172,9 @@ def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(t
         del file["/entry/fields/ux_errors"], file["/entry/fields/uy_errors"]
         toml = file["/entry/settings/toml"]
         toml[()] = "\n".join(
-            line for line in toml.asstr()[()].splitlines() if line.partition(" = ")[0] not in new
+            line
+            for line in toml.asstr()[()].splitlines()
+            if line.partition(" = ")[0] not in new or line == 'method = "none"'  # of the traction
         )
     replay = replayed(tmp_path / "old.h5")
     assert (replay.config.dic.method, replay.config.dic.search) == ("direct", 16)
@@ -203,7 +206,9 @@ class Journal:
 
 
 def in_drive(run, action):
-    """Do `action` once, from the thread that reads the forces, half a second into the drive."""
+    """Do `action` once, from the thread that reads the forces, half a second into the drive, when
+    all that was read before is written.
+    """
     read, done = run._bench.forces.read, []
 
     def wrapped(timeout):
@@ -211,6 +216,8 @@ def in_drive(run, action):
         began = run._history.phase_start(Phase.DRIVE)
         if not done and began is not None and block.end > began + 500:
             done.append(True)
+            while run._workers.recorder.fill:
+                time.sleep(0.001)
             action()
         return block
 
@@ -277,7 +284,7 @@ def test_an_exception_anywhere_stops_the_actuator_first(where, words, tmp_path):
     assert stopped_by_itself(journals[0])
     assert "Traceback" not in outcome.reason
     with SessionReader(tmp_path / "x.h5") as s:
-        assert len(s.forces().volts) > DRIVE + 500
+        assert len(s.forces().volts) > DRIVE
 
 
 def test_stop_motion_stops_in_the_calling_thread(tmp_path):
