@@ -63,8 +63,8 @@ def _shear_force(system: ModelSettings, shear_force: float | None, share: float 
     Q = limit * (0.6 if share is None else share) if shear_force is None else shear_force
     if not 0 <= Q <= limit:
         raise UserError(
-            f"Q = {Q:g} N is not possible; give 0 to mu P = {limit:g} N, by --shear-force or as a --share of"
-            " it"
+            f"Q = {Q:g} N is not possible; give 0 to mu P = {limit:g} N, by --shear-force or as a"
+            " --share of it"
         )
     if limit <= Q and system.length > 0:
         raise UserError(

@@ -164,9 +164,8 @@ def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(t
         "full_scale",
     )
     new += ("update", "update_every", "update_below")
-    _, outcome = run_to(
-        tmp_path / "old.h5", TRACTION, "dic.method=direct", "dic.search=16", "dic.step=20"
-    )
+    direct = "dic.method=direct", "dic.search=16", "dic.step=20"
+    _, outcome = run_to(tmp_path / "old.h5", TRACTION, *direct)
     with h5py.File(tmp_path / "old.h5", "r+") as file:
         file.attrs["slipscope_format"] = 1
         del file["/entry/fields/ux_errors"], file["/entry/fields/uy_errors"]
