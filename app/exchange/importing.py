@@ -186,8 +186,8 @@ def _measurements(
         remarks.append(
             "no forces: P, Q and what follows from them are not known; the displacement fields are"
         )
-    is_told = (sources.background, sources.reference, sources.drive) != (None, None, None)
-    phases = [] if is_told else _listed_phases(frames)
+    has_options = (sources.background, sources.reference, sources.drive) != (None, None, None)
+    phases = [] if has_options else _listed_phases(frames)
     phases = phases or _phases(config, frames, volts, sources, remarks)
     if phases[-1][1] is not Phase.END:
         phases.append((end, Phase.END))
