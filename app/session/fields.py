@@ -84,7 +84,7 @@ class FieldsWriter:
         self._columns = {}
         for name, (attribute, dtype, unit, text) in _COLUMNS.items():
             column = data.create_dataset(name, shape, dtype, chunks=(1, *shape[1:]))
-            long_name = f"{text}: {meanings}" if name == "status" else text
+            long_name = f"status: {meanings}" if name == "status" else text
             column.attrs.update({"units": unit, "long_name": long_name})
             self._columns[attribute] = column
 
