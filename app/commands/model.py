@@ -68,7 +68,7 @@ def _shear_force(system: ModelSettings, shear_force: float | None, share: float 
         )
     if limit <= Q and system.length > 0:
         raise UserError(
-            "Q = mu P asked, which a rough interface only approaches; give less, or --length 0"
+            "Q = mu P is only approached by a rough interface; give less, or --length 0"
         )
     return Q
 

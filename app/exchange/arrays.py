@@ -50,7 +50,8 @@ def _arrays(
         "shear_sensor_V": samples.volts[:, 1],
         "stage_sample": stage_sample,
         "stage_m": stage_m,
-        **{f"result_{name}": results[name] for name in NUMBERS},
+        # through lists: the phases are texts, as long as the longest of them
+        **{f"result_{name}": results[name].tolist() for name in NUMBERS},
         "field_frame": results["frame"][has_field],
         "field_x_px": header.grid_x_px,
         "field_y_px": header.grid_y_px,

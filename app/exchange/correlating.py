@@ -181,7 +181,7 @@ def _read_like(
             f" use {'a mask of its size' if is_mask else 'images of one size and depth'}"
         )
     if not np.isfinite(image).all():
-        raise UserError(f"{path}: grey levels that are not finite found; replace them by numbers")
+        raise UserError(f"{path}: some grey levels are not finite; replace them by numbers")
     return image
 
 
@@ -192,8 +192,8 @@ def _check_region(
     left, top, right, bottom = roi or (0, 0, columns, rows)
     if not (0 <= left < right <= columns and 0 <= top < bottom <= rows):
         raise UserError(
-            f"{reference}: a region from ({left}, {top}) to ({right}, {bottom}) px asked of"
-            f" {columns} x {rows} px; give left, top, right and bottom inside the image"
+            f"{reference}: the region from ({left}, {top}) to ({right}, {bottom}) px does not lie"
+            f" in an image of {columns} x {rows} px; give left, top, right and bottom inside it"
         )
 
 

@@ -134,14 +134,12 @@ def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -
 def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
     with SessionReader(path) as session:
         config = from_record(session.header.config_toml, f"{path}: settings")
-        contact = session.contact()
-        results = session.results()
-        rows = np.flatnonzero((results["phase"] == Phase.DRIVE) & session.have_fields()).tolist()
-        if not rows:
-            raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
+        contact, results = session.contact(), session.results()
         x_px, y_px = session.header.grid_x_px, session.header.grid_y_px
+        rows = np.flatnonzero((results["phase"] == Phase.DRIVE) & session.have_fields()).tolist()
+    if not rows:
+        raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
     sample, dic, pixel = config.sample, config.dic, pixel_m or config.camera.pixel
-
     centre = None
     if contact is not None:
         centre = contact.centre_px[0] * pixel, contact.centre_px[1] * pixel
@@ -149,11 +147,10 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
     def fields() -> Iterator[tuple[int, F64, F64]]:
         with SessionReader(path) as session:
             for row in rows:
-                found = session.snapshot(row)
-                assert found.field is not None
-                assert found.motion is not None
-                ux, sd = (np.float64(pixel) * p for p in (found.field.ux_px, found.field.ux_std_px))
-                yield found.frame, ux - found.motion.lens_m, sd
+                found = session.snapshot(row).field
+                assert found is not None
+                ux, sd = (np.float64(pixel) * plane for plane in (found.ux_px, found.ux_std_px))
+                yield int(results["frame"][row]), ux - results["lens_m"][row], sd
 
     return FieldSeries(
         path,
@@ -161,13 +158,12 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
         y_px * pixel,
         tuple(results["frame"][rows].tolist()),
         fields,
-        dic.averaging_box_px * pixel,
-        dic.box * pixel,
-        centre,
-        {
-            "normal_force": float(
-                np.median(results["normal_force_n"][rows[:: max(1, len(rows) // 20)]])
-            ),
+        box_m=dic.averaging_box_px * pixel,
+        noise_box_m=dic.box * pixel,
+        centre_m=centre,
+        contact={
+            # of some twenty frames
+            "normal_force": np.median(results["normal_force_n"][rows[:: len(rows) // 20 or 1]]),
             "modulus": sample.young_modulus,
             "poisson": sample.poisson,
             "radius": sample.lens_radius,

@@ -183,8 +183,8 @@ def first_image(triggers: list[ImportedTrigger]) -> NDArray[Any]:
     image = read_image(path)
     if image.dtype not in (np.uint8, np.uint16):
         raise UserError(
-            f"{path}: pixels of type {image.dtype} found; a session holds 8 or 16 bit, convert the"
-            " images"
+            f"{path}: its pixels are of type {image.dtype}; a session holds 8 or 16 bit, convert"
+            " the images"
         )
     return image
 

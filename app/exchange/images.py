@@ -33,9 +33,7 @@ def read_image(path: Path) -> NDArray[Any]:
     if not pages:
         raise UserError(f"{path}: not an image that can be read; give a PNG or TIFF file")
     if len(pages) > 1:
-        raise UserError(
-            f"{path}: {len(pages)} images found in one file; save each as a file of its own"
-        )
+        raise UserError(f"{path}: {len(pages)} images in one file; save each as a file of its own")
     image: NDArray[Any] = np.asarray(pages[0])
     if image.ndim == 3 and image.shape[2] == 3 and (image == image[..., :1]).all():
         image = image[..., 0]

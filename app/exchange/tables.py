@@ -137,7 +137,7 @@ def read_table(path: Path, quantities: Mapping[str, Mapping[str, float]]) -> Tab
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UserError(f"{path}: can not be read: {error}; give a table in UTF-8 text") from None
     if not count:
-        raise UserError(f"{path}: no rows found; give a table with a header")
+        raise UserError(f"{path}: it has no rows; give a table with a header")
     return Table(
         path,
         {quantity: np.array(column) for quantity, column in numbers.items()},

@@ -1,4 +1,4 @@
-"""The hands on a replay: pause, step, pace, and a look at any recorded frame while it stands."""
+"""The controls of a replay: pause, single frames, pace, and any recorded frame to look at."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from app.session.reader import SessionReader
 
 
 class Playback:
-    """Decides when the next frame of a replay may be played; asked by its thread, told from any.
+    """Decides when the next frame of a replay may be played.
+
+    The thread of the replay waits for its turn; the other methods may be called from any thread.
 
     Parameters
     ----------
@@ -26,44 +28,44 @@ class Playback:
         self.pace = pace
         self.is_paused = False
         self._steps = 0
-        # the clock on the wall, and that of the experiment, where the pace began
+        # monotonic clock, and time of the experiment, when the present pace began
         self._began: tuple[float, float] | None = None
         self._is_over = False
         self._changed = threading.Condition()
 
     def pause(self) -> None:
-        """Stand after the frame in hand."""
+        """Stop after the current frame, until `resume` or `step`."""
         with self._changed:
             self.is_paused = True
 
     def resume(self) -> None:
-        """Go on at the pace."""
+        """Continue at the pace."""
         with self._changed:
             self.is_paused, self._began, self._steps = False, None, 0
             self._changed.notify_all()
 
     def step(self) -> None:
-        """Play one more frame, and stand."""
+        """Play one more frame, then pause."""
         with self._changed:
             self.is_paused = True
             self._steps += 1
             self._changed.notify_all()
 
     def set_pace(self, pace: float | None) -> None:
-        """Go on at another pace."""
+        """Change the pace from the next frame on."""
         with self._changed:
             self.pace, self._began = pace, None
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Nobody waits any longer."""
+        """End the replay: whoever waits for a turn gets none."""
         with self._changed:
             self._is_over = True
             self._changed.notify_all()
 
     def wait_for_turn(self, time_s: float) -> bool:
-        """Whether the frame of that moment of the experiment is to be played, once its time has
-        come; False: it is over.
+        """Wait until the frame of that time of the experiment is due; whether it is to be played:
+        not if the replay has been ended.
         """
         with self._changed:
             while not self._is_over:
@@ -86,8 +88,9 @@ class Playback:
 
 
 class Browser:
-    """Any recorded frame of a session, with the results it was recorded with; read when it is
-    looked at, from one thread.
+    """Shows any recorded frame of a session with its recorded results.
+
+    The file is read by `look`, which one thread calls; `show` may be called from any.
     """
 
     def __init__(self, path: Path) -> None:
@@ -102,16 +105,13 @@ class Browser:
         return self._wanted
 
     def show(self, number: int | None) -> None:
-        """Look at analysed frame `number` (counted from 0) from now on; None: at none.
-
-        From any thread, returns at once.
-        """
+        """Choose the analysed frame to look at, counted from 0; None: no frame. Returns at once."""
         self._wanted = number
 
     def look(self) -> tuple[Snapshot, NDArray[Any]] | None:
-        """Results and image of the frame that is looked at; None while none is.
+        """Results and image of the frame that is looked at, or None.
 
-        The same objects until it is another one.
+        The same objects as before until another frame is chosen.
         """
         wanted = self._wanted
         if wanted is None:

@@ -63,7 +63,7 @@ class Reanalysis(Replay):
                 f" give a name in {folder}"
             )
         self.output = output
-        self.title = f"{output.name}: {path.name} once more"
+        self.title = f"{output.name}: {path.name} analysed again"
         self.browser = Browser(output)
         self._changes = ", ".join(overrides) or "the same settings"
         self._overwrite = overwrite
@@ -106,7 +106,7 @@ class Reanalysis(Replay):
 
     def _measurements(self, session: SessionReader) -> Measurements:
         measured = super()._measurements(session)
-        how = f"{session.path.name} once more, with {self._changes}"
+        how = f"{session.path.name} analysed again, with {self._changes}"
         events = [event for event in measured.events if event.kind != "reference"]
         return replace(measured, events=[*events, Event(len(measured.volts), "analysis", how)])
 

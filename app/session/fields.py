@@ -14,17 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
+from app.records import DisplacementField
+from app.schema import columns_of
 from app.session.checked import NUMBER, CheckedFile
 from app.session.layout import FORMAT_ATTRIBUTE
 
 _COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
-    "ux": ("ux_px", "f4", "px", "displacement along x"),
-    "uy": ("uy_px", "f4", "px", "displacement along y"),
-    "ux_errors": ("ux_std_px", "f4", "px", "standard uncertainty of ux"),
-    "uy_errors": ("uy_std_px", "f4", "px", "standard uncertainty of uy"),
-    "zncc": ("zncc", "f4", "1", "zero-mean normalised cross-correlation"),
-    "status": ("status", "u1", "1", "status"),
-    "iterations": ("iterations", "u1", "1", "iterations of the correlation"),
+    **{c.name: (c.attribute, c.dtype, c.unit, c.meaning) for c in columns_of(DisplacementField)},
+    "iterations": ("iterations", "uint8", "1", "iterations of the correlation"),
 }
 _AXES = {  # dataset -> unit, meaning
     "frame": ("1", "image after the reference"),
@@ -87,7 +84,7 @@ class FieldsWriter:
         self._columns = {}
         for name, (attribute, dtype, unit, text) in _COLUMNS.items():
             column = data.create_dataset(name, shape, dtype, chunks=(1, *shape[1:]))
-            long_name = f"{text}: {meanings}" if name == "status" else text
+            long_name = f"status: {meanings}" if name == "status" else text
             column.attrs.update({"units": unit, "long_name": long_name})
             self._columns[attribute] = column
 

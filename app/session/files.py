@@ -93,7 +93,7 @@ def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
     Raises
     ------
     UserError
-        One of that name exists and `overwrite` was not asked, or they can not be made there.
+        One of that name exists and may not be overwritten, or they can not be made there.
     """
     if not overwrite:
         for existing in (path, journal_of(path)):

@@ -81,7 +81,7 @@ def test_a_missing_settings_file(slipscope: Command) -> None:
 
 
 @pytest.mark.parametrize("existing", ["mine.h5", "mine.png"])
-def test_neither_a_session_nor_its_picture_is_overwritten_unasked(
+def test_neither_a_session_nor_its_picture_is_overwritten_without_the_option(
     slipscope: Command, tmp_path: Path, existing: str
 ) -> None:
     (tmp_path / existing).write_bytes(b"precious")
@@ -138,13 +138,13 @@ def test_machines_get_the_sentence_as_json(slipscope: Command) -> None:
 
 
 def test_a_further_run_in_the_same_window_takes_the_next_free_name(tmp_path: Path) -> None:
-    asked = tmp_path / "a.h5"
-    assert next_free(asked) == asked
-    asked.touch()
+    session = tmp_path / "a.h5"
+    assert next_free(session) == session
+    session.touch()
     (tmp_path / "a-2.png").touch()
-    assert next_free(asked) == tmp_path / "a-3.h5"
+    assert next_free(session) == tmp_path / "a-3.h5"
     (tmp_path / "a-3.h5.journal").touch()
-    assert next_free(asked) == tmp_path / "a-4.h5"
+    assert next_free(session) == tmp_path / "a-4.h5"
 
 
 def test_a_journal_that_was_left_behind_is_not_written_over(
@@ -233,7 +233,7 @@ def test_an_empty_image_list_is_a_usage_error(slipscope: Command, grey: str) -> 
         (("-o", "f.csv", "--precision", "double"), "double precision asked of method 'shared'"),
         (
             ("-o", "f.csv", "--roi", "0", "0", "200", "50"),
-            "a region from (0, 0) to (200, 50) px asked of 100 x 80 px",
+            "the region from (0, 0) to (200, 50) px does not lie in an image of 100 x 80 px",
         ),
         (
             ("-o", "f.csv", "--roi", "10", "10", "20", "20", "--method", "direct"),
@@ -250,7 +250,9 @@ def test_a_correlation_that_can_not_be_done(
     assert list(files_of(tmp_path)) == [grey]
 
 
-def test_fields_are_not_overwritten_unasked(slipscope: Command, tmp_path: Path, grey: str) -> None:
+def test_fields_are_not_overwritten_without_the_option(
+    slipscope: Command, tmp_path: Path, grey: str
+) -> None:
     (tmp_path / "f.csv").write_bytes(b"precious")
     refused(slipscope("dic", grey, grey, "-o", "f.csv"), "f.csv", "--overwrite")
     assert (tmp_path / "f.csv").read_bytes() == b"precious"

@@ -93,7 +93,7 @@ def test_replay_with_another_setting_makes_a_second_file_and_replays_it(
     made = session.with_name("session-analysis.h5")
     assert result.exit_code == 0, result.output
     assert f"session: {made}" in result.stdout
-    assert "->" in result.stdout  # what the session held, and what was found now
+    assert "->" in result.stdout  # the session's results, and the new ones
     assert (session.read_bytes(), made.with_suffix(".png").exists()) == (before, True)
     again = json.loads(slipscope("replay", made, "--headless", "--json").stdout)
     assert again["comparison"]["frames"] == again["comparison"]["identical"] > 30
@@ -105,8 +105,8 @@ def test_replay_with_another_setting_makes_a_second_file_and_replays_it(
         "session.h5",
     )
     assert data["summary"] == again["summary"]
-    told = slipscope("info", session, "--verify", "--json")
-    assert (told.exit_code, json.loads(told.stdout)["analyses"]) == (
+    info = slipscope("info", session, "--verify", "--json")
+    assert (info.exit_code, json.loads(info.stdout)["analyses"]) == (
         0,
         ["session-analysis-2.h5", "session-analysis.h5"],
     )
@@ -204,9 +204,7 @@ def test_every_command_explains_itself(slipscope: Command, command: list[str]) -
 
 
 class Interrupted:
-    """A source whose terminal is interrupted at every look until it has been told to stop
-    `patience` times.
-    """
+    """A source that is interrupted `patience` times while the terminal waits for it."""
 
     def __init__(self, patience: int) -> None:
         self.calls: list[str] = []
@@ -268,7 +266,7 @@ def test_dic_writes_the_fields_of_plain_image_files(slipscope: Command, tmp_path
 
 
 def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path: Path) -> None:
-    """The defaults of the options are those of the settings file, and what is asked arrives in the
+    """The defaults of the options are those of the settings file, and what is given arrives in the
     record.
     """
     callback = next(c.callback for c in cli_files.app.registered_commands if c.name == "dic")
@@ -278,7 +276,7 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
     )
     save_texture(tmp_path, ".tif", np.uint16, 2000)
     Image.fromarray(np.pad(np.full((60, 80), 255, np.uint8), 10)).save(tmp_path / "m.png")
-    asked = {
+    given = {
         "method": "icgn",
         "box": 16,
         "step": 8,
@@ -296,7 +294,7 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
         "threads": 1,
     }
     options = [
-        part for name, value in asked.items() for part in ("--" + name.replace("_", "-"), value)
+        part for name, value in given.items() for part in ("--" + name.replace("_", "-"), value)
     ]
     result = slipscope(
         "dic", "a.tif", "b.tif", "-o", "f.npz", *options, "--mask", "m.png", "--roi", 20, 20, 80, 60
@@ -304,7 +302,7 @@ def test_dic_takes_every_setting_of_the_correlation(slipscope: Command, tmp_path
     assert result.exit_code == 0, result.output
     with np.load(tmp_path / "f.npz", allow_pickle=False) as file:
         record = dict(file["settings"].tolist())
-        assert record.items() >= {name: str(value) for name, value in asked.items()}.items()
+        assert record.items() >= {name: str(value) for name, value in given.items()}.items()
         assert (record["mask"], record["roi"]) == ("m.png", "20 20 80 60")
         masked = int((file["status"] == 6).sum())
     assert f"{masked} masked" in result.stdout

@@ -91,17 +91,17 @@ def test_real_speckle_under_changed_light_moves_by_a_tenth_of_a_pixel(tmp_path, 
 
 
 def test_table_hdf5_and_arrays_hold_the_same_fields(pictures, tmp_path):
-    told = []
+    progress = []
     for name in ("a.csv", "a.h5", "a.npz"):
         summary = correlate_files(
             pictures[0],
             pictures[1:],
             tmp_path / name,
-            on_progress=lambda text, share: told.append((text, share)),
+            on_progress=lambda text, share: progress.append((text, share)),
         )
         assert (summary.frames, sum(summary.statuses.values())) == (2, 2 * summary.points)
-    assert told[-1] == ("done", 1.0)
-    assert ("image 2.png", 0.5) in told
+    assert progress[-1] == ("done", 1.0)
+    assert ("image 2.png", 0.5) in progress
     frames, x, y = read_table(tmp_path / "a.csv")
     header = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_std_px,uy_std_px,iterations"
     assert (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()[0] == header
@@ -174,7 +174,7 @@ def test_the_account_is_that_of_the_fields(pictures, tmp_path):
     assert summary.points_per_s > 100
 
 
-def test_the_reference_is_updated_when_asked_and_the_drift_told(pictures, tmp_path):
+def test_the_reference_is_updated_on_request_and_the_drift_reported(pictures, tmp_path):
     summary = correlate_files(
         pictures[0],
         pictures[1:] * 2,
@@ -192,7 +192,7 @@ def test_the_reference_is_updated_when_asked_and_the_drift_told(pictures, tmp_pa
 
 @pytest.mark.parametrize("method", ["shared", "icgn"])
 def test_a_mask_and_a_region_leave_the_rest_out(pictures, tmp_path, method):
-    """Pixels that are masked change no bit of a box without them; points that are not asked for are
+    """Pixels that are masked change no bit of a box without them; points outside the region are
     named so.
     """
     usable = np.zeros((120, 160), np.uint8)
@@ -221,7 +221,7 @@ def test_a_mask_and_a_region_leave_the_rest_out(pictures, tmp_path, method):
 
 @pytest.mark.parametrize(("scale", "full_scale"), [(257, 0), (16, 4095)])
 def test_images_of_twelve_and_sixteen_bits(tmp_path, scale, full_scale):
-    """A dozen bits in a file of sixteen: saturation is seen only if their end is told."""
+    """Twelve bits in a file of sixteen: saturation is seen only if the full scale is given."""
     speckle = Speckle((120, 160))
     deep = [
         np.minimum(
@@ -231,11 +231,11 @@ def test_images_of_twelve_and_sixteen_bits(tmp_path, scale, full_scale):
     ]
     deep[1][40:80, 60:100] = full_scale or 65535
     files = [save(tmp_path / f"{n}.tif", image) for n, image in enumerate(deep)]
-    told = correlate_files(
-        files[0], files[1:], tmp_path / "told.npz", Correlation(full_scale=full_scale)
+    summary = correlate_files(
+        files[0], files[1:], tmp_path / "scaled.npz", Correlation(full_scale=full_scale)
     )
-    assert told.statuses["saturated"] >= 4
-    with np.load(tmp_path / "told.npz") as file:
+    assert summary.statuses["saturated"] >= 4
+    with np.load(tmp_path / "scaled.npz") as file:
         assert np.nanmedian(file["ux_px"]) == pytest.approx(1.2, abs=0.02)
     if full_scale:
         assert correlate_files(files[0], files[1:], tmp_path / "not.npz").statuses["saturated"] == 0
@@ -287,7 +287,7 @@ def unusable(kind, pictures, folder):
         ("colour", "colour image"),
         ("size", "160 x 119 uint8 found"),
         ("depth", "160 x 120 uint16 found"),
-        ("pages", "2 images found"),
+        ("pages", "2 images in one file"),
     ],
 )
 @pytest.mark.parametrize("ending", ["csv", "h5", "npz"])
@@ -318,9 +318,9 @@ def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
             "a.csv",
             {},
             {"roi": (0, 0, 161, 50)},
-            r"region from \(0, 0\) to \(161, 50\) px asked of 160 x 120 px",
+            r"region from \(0, 0\) to \(161, 50\) px does not lie in an image of 160 x 120 px",
         ),
-        (pictures, "a.csv", {}, {"roi": (50, 0, 50, 50)}, "inside the image"),
+        (pictures, "a.csv", {}, {"roi": (50, 0, 50, 50)}, "bottom inside it"),
         (
             pictures,
             "a.csv",
@@ -338,7 +338,7 @@ def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["csv", "h5", "npz"])
-def test_an_existing_file_is_replaced_only_when_asked(pictures, tmp_path, ending):
+def test_an_existing_file_is_replaced_only_on_request(pictures, tmp_path, ending):
     output = tmp_path / f"a.{ending}"
     output.write_text("precious", encoding="utf-8")
     with pytest.raises(UserError, match="exists"):

@@ -1,4 +1,4 @@
-"""A replay in the operator's hands: it stands, steps, changes its pace, shows any frame, and gives
+"""A replay under control: it pauses, steps, changes its pace, shows any frame, and gives
 the same bits all the same.
 """
 
@@ -67,7 +67,7 @@ def test_the_pace_is_kept_from_the_frame_it_was_set_on():
     assert time.monotonic() - began >= 0.15
 
 
-def test_a_paused_one_plays_as_many_frames_as_were_asked():
+def test_a_paused_replay_plays_as_many_frames_as_steps():
     playback = Playback(None)
     playback.pause()
     done = played(playback, range(10))

@@ -1,4 +1,4 @@
-"""A session analysed once more: the same settings give the same bits, others a second file that
+"""A session analysed again: the same settings give the same bits, others a second file that
 tells where it comes from.
 """
 
@@ -49,7 +49,7 @@ def recorded(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def once_more(recorded):
+def reanalysed(recorded):
     """Another analysis of it."""
     outcome, path = analysed(recorded, "b.h5", "dic.box=28")
     assert outcome.state == "done"
@@ -57,9 +57,9 @@ def once_more(recorded):
 
 
 @pytest.fixture
-def other(once_more, session):
+def other(reanalysed, session):
     """Another analysis, beside the session."""
-    return shutil.copy(once_more, session.with_name("b.h5"))
+    return shutil.copy(reanalysed, session.with_name("b.h5"))
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_other_settings_make_another_set_of_results_that_says_how_it_came_about(
         assert len(new.results) == len(old.results)
         assert not np.array_equal(new.fields[-1].ux_m, old.fields[-1].ux_m, equal_nan=True)
         assert [event.text for event in new.events if event.kind == "analysis"] == [
-            "a.h5 once more, with dic.box=28, sample.young_modulus=3"
+            "a.h5 analysed again, with dic.box=28, sample.young_modulus=3"
         ]
         np.testing.assert_array_equal(new.frames[50], old.frames[50])
         with pytest.raises(UserError, match="frame 40 was lost"):
@@ -188,9 +188,9 @@ def test_what_was_measured_can_not_be_changed(session, setting):
 
 
 def test_the_session_itself_is_never_the_output(session, other):
-    for asked in ("a.h5", f"../{session.parent.name}/a.h5"):
+    for name in ("a.h5", f"../{session.parent.name}/a.h5"):
         with pytest.raises(UserError, match="this is the session itself"):
-            Reanalysis(other, session.with_name("x").parent / asked, pace=None, overwrite=True)
+            Reanalysis(other, session.with_name("x").parent / name, pace=None, overwrite=True)
     with pytest.raises(UserError, match="this is the session itself"):
         Reanalysis(other, other, pace=None, overwrite=True)
 
@@ -215,7 +215,7 @@ def test_without_its_session_the_numbers_can_be_read_and_the_images_can_not(
     for use in (lambda: Replay(other, pace=None), lambda: verify(other)):
         with pytest.raises(UserError, match="does not lie beside it") as refused:
             use()
-        assert refused.type is UserError  # nothing was found that is not as recorded
+        assert refused.type is UserError  # and not the error for altered data
 
 
 def test_another_session_of_that_name_is_not_taken_for_it(session, other):
@@ -237,7 +237,7 @@ def test_an_image_that_has_changed_is_not_taken_for_the_one_that_was_analysed(se
 
 
 @pytest.mark.parametrize("name", ["../a.h5", "/etc/passwd", "", "..", "b.h5"])
-def test_a_strangers_analysis_leads_to_no_file_elsewhere(session, other, name):
+def test_a_foreign_analysis_leads_to_no_file_elsewhere(session, other, name):
     (session.parent / "in").mkdir()
     other = other.rename(session.parent / "in" / "b.h5")
     with h5py.File(other, "r+") as file:

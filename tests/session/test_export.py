@@ -227,7 +227,9 @@ OUTPUTS = ["images", "fields.csv", "all.npz", "all.mat", "fields.pvd"]
 
 
 @pytest.mark.parametrize("name", OUTPUTS)
-def test_nothing_is_overwritten_unasked(session: Session, tmp_path: Path, name: str) -> None:
+def test_nothing_is_overwritten_without_the_option(
+    session: Session, tmp_path: Path, name: str
+) -> None:
     target = tmp_path / "out" / name
     target.parent.mkdir()
     if not target.suffix:

@@ -1,5 +1,5 @@
-"""Images and forces of other benches become sessions that replay to the bit; what was not said
-about them is asked for.
+"""Images and forces of other benches become sessions that replay to the bit; what they leave open
+must be given as an option.
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
         (KNOWN | {"pixel_um": -1.0}, None, "camera.pixel must be"),
         (KNOWN, "P,Q\n1,2\n", "neither P_N and Q_N nor normal_V"),
         (KNOWN, "P_N,Q_N\n1,2\n", "neither sample nor time_s"),
-        (KNOWN, "", "no rows found"),
+        (KNOWN, "", "it has no rows"),
         (KNOWN, NUMBERS + "1,x,0\n", "'x' in column P_N, row 2, is no number"),
         (KNOWN, NUMBERS + "1,inf,0\n", "'inf' in column P_N"),
         (KNOWN, NUMBERS + "1,0.5\n", "row 2 has 2 cells"),
@@ -299,7 +299,7 @@ NUMBERS = "sample,P_N,Q_N\n0,0.5,0\n"
         ),
     ],
 )
-def test_what_is_missing_or_can_not_be_is_told(
+def test_what_is_missing_or_can_not_be_is_a_sentence(
     few: Path, tmp_path: Path, given: dict[str, Any], table: str | None, words: str
 ) -> None:
     if table is not None:
@@ -328,7 +328,7 @@ def test_metadata_that_can_not_be(few: Path, tmp_path: Path, table: str, words: 
     assert [path.name for path in tmp_path.iterdir()] == ["list.csv"]
 
 
-def test_names_that_count_nothing_are_told(few: Path, tmp_path: Path) -> None:
+def test_names_that_count_nothing_are_remarked_on(few: Path, tmp_path: Path) -> None:
     for path, name in zip(sorted(few.iterdir()), ("at 1000", "at 1777", "at 900000"), strict=False):
         shutil.copy(path, tmp_path / f"{name}.png")
     back = imported(tmp_path / "s.h5", *tmp_path.glob("*.png"), **KNOWN)
@@ -336,7 +336,7 @@ def test_names_that_count_nothing_are_told(few: Path, tmp_path: Path) -> None:
     assert (back.outcome.counts.triggers, back.outcome.counts.frames_lost) == (3, 0)
 
 
-def test_a_session_is_not_overwritten_unasked_and_stays_if_the_import_fails(
+def test_a_session_is_not_overwritten_without_the_option_and_stays_if_the_import_fails(
     few: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "old.h5").write_bytes(b"precious")
