@@ -256,3 +256,22 @@ class Actuator(Protocol):
 
     def close(self) -> None:
         """Stop any motion, then let go of the device."""
+
+
+@runtime_checkable
+class Stopper(Protocol):
+    """Stops a stage from another process than the one that drives it; can be pickled."""
+
+    def stop(self) -> None:
+        """Send the command to stop over a way of its own.
+
+        Raises `OSError` if that way can not be opened.
+        """
+
+
+@runtime_checkable
+class StoppedFromOutside(Protocol):
+    """An actuator that another process can stop as well."""
+
+    def stopper(self) -> Stopper:
+        """What stops it, once it is open."""
