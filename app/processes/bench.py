@@ -32,7 +32,8 @@ from app.settings import Config
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
-LINGERS_S = 10.0  # after the end, and before the start, while nobody calls
+# while nobody calls
+LINGERS_BEFORE_S, LINGERS_AFTER_S = 10.0, 1.0
 POLL_S = 0.05
 
 
@@ -163,8 +164,10 @@ def _attend(run: Run, server: Server) -> None:
     alone_since = time.monotonic()
     while True:
         run.wait(POLL_S)
-        is_idle = run.health().state in ("idle", "done", "failed")
-        if server.connections or not is_idle:
+        time.sleep(POLL_S)
+        state = run.health().state
+        if server.connections or state not in ("idle", "done", "failed"):
             alone_since = time.monotonic()
-        elif time.monotonic() - alone_since > LINGERS_S:
+        lingers_s = LINGERS_BEFORE_S if state == "idle" else LINGERS_AFTER_S
+        if time.monotonic() - alone_since > lingers_s:
             return

@@ -15,7 +15,7 @@ from app.processes.starting import ProcessFailed, hello_of, started
 from app.processes.supervisor import Watch
 from app.settings import Limits
 from drivers.errors import DeviceError
-from drivers.protocols import Actuator, Camera, ForceSource, StoppedFromOutside
+from drivers.protocols import Actuator, Camera, ForceSource
 
 LOG = logging.getLogger(__name__)
 BEAT_S = 0.1
@@ -77,16 +77,25 @@ class SupervisedBench(BenchDevices):
             A device is not there, or the supervisor does not start: nothing moves without it.
         """
         self._bench.open()
-        if isinstance(self._bench.actuator, StoppedFromOutside):
-            try:
-                self._supervise(self._bench.actuator)
-            except ProcessFailed as error:
-                self._bench.close()
-                raise DeviceError(str(error)) from error
-            self._thread = threading.Thread(
-                target=self._beat, args=(self._bench.actuator,), name="slipscope-beat", daemon=True
-            )
-            self._thread.start()
+        # one that is wrapped for a simulated world has the method as well
+        make_stopper = getattr(self._bench.actuator, "stopper", None)
+        if make_stopper is None:
+            return
+        watch = Watch(
+            make_stopper(),
+            os.getpid(),
+            self._limits.age + MARGIN_S,
+            self._limits.travel + MARGIN_M,
+        )
+        try:
+            self._supervise(watch)
+        except ProcessFailed as error:
+            self._bench.close()
+            raise DeviceError(str(error)) from error
+        self._thread = threading.Thread(
+            target=self._beat, args=(watch,), name="slipscope-beat", daemon=True
+        )
+        self._thread.start()
 
     def close(self) -> None:
         """Close the devices; the supervisor goes when nothing can move any more."""
@@ -97,25 +106,19 @@ class SupervisedBench(BenchDevices):
             if self._thread is not None:
                 self._thread.join()
 
-    def _supervise(self, actuator: StoppedFromOutside) -> None:
-        watch = Watch(
-            actuator.stopper(),
-            os.getpid(),
-            self._limits.age + MARGIN_S,
-            self._limits.travel + MARGIN_M,
-        )
+    def _supervise(self, watch: Watch) -> None:
         process = started("supervisor", watch)
         hello_of(process)
         self._process = process
         self._on_start(process.pid)
 
-    def _beat(self, actuator: StoppedFromOutside) -> None:
+    def _beat(self, watch: Watch) -> None:
         while not self._over.wait(BEAT_S):
             sample, travel_m, drives = self._motion()
             if not self._say(f"{sample} {travel_m:.9f} {int(drives)}\n"):
                 LOG.warning("the supervisor is gone and is started again")
                 try:
-                    self._supervise(actuator)
+                    self._supervise(watch)
                 except ProcessFailed as error:
                     LOG.error("%s", error)
         self._say("end\n")
