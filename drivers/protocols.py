@@ -256,3 +256,21 @@ class Actuator(Protocol):
 
     def close(self) -> None:
         """Stop any motion, then let go of the device."""
+
+
+class OutsideStopper(Protocol):
+    """Stops an actuator from another process, without its driver; can be pickled."""
+
+    def stop(self) -> None:
+        """End any motion now, by a way of its own to the controller.
+
+        Raises `drivers.errors.DeviceError` if the command can not be sent.
+        """
+
+
+@runtime_checkable
+class StoppedFromOutside(Protocol):
+    """An actuator that another process can stop, also when that of its driver hangs or is gone."""
+
+    def stopper(self) -> OutsideStopper:
+        """What the other process needs; once the actuator is open."""
