@@ -21,7 +21,7 @@ from typing import ClassVar
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
 from drivers.motion import check_target, check_velocity
-from drivers.newport_line import NewportLine, find
+from drivers.newport_line import NewportLine, OutsideStop, find
 from drivers.settings import ActuatorSettings
 
 __all__ = ["ConexCc", "Smc100", "find"]
@@ -318,6 +318,11 @@ class NewportStage:
         except DeviceError:
             self._is_under_way = False  # reported once; `close` need not report it again
             raise
+
+    def stopper(self) -> OutsideStop:
+        """What stops the stage from another process."""
+        s = self._settings
+        return OutsideStop(self.name, s.port, s.baud or self._baud, s.address)
 
     # ------------------------------------------------------------------ answers of the controller
 

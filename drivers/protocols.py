@@ -258,20 +258,19 @@ class Actuator(Protocol):
         """Stop any motion, then let go of the device."""
 
 
-@runtime_checkable
-class Stopper(Protocol):
-    """Stops a stage from another process than the one that drives it; can be pickled."""
+class OutsideStopper(Protocol):
+    """Stops an actuator from another process, without its driver; can be pickled."""
 
     def stop(self) -> None:
-        """Send the command to stop over a way of its own.
+        """End any motion now, by a way of its own to the controller.
 
-        Raises `OSError` if that way can not be opened.
+        Raises `drivers.errors.DeviceError` if the command can not be sent.
         """
 
 
 @runtime_checkable
 class StoppedFromOutside(Protocol):
-    """An actuator that another process can stop as well."""
+    """An actuator that another process can stop, also when that of its driver hangs or is gone."""
 
-    def stopper(self) -> Stopper:
-        """What stops it, once it is open."""
+    def stopper(self) -> OutsideStopper:
+        """What the other process needs; once the actuator is open."""

@@ -18,7 +18,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from app.processes.starting import payload, say_hello
-from drivers.protocols import Stopper
+from drivers.errors import DeviceError
+from drivers.protocols import OutsideStopper
 
 SILENT_S = 0.8
 
@@ -27,7 +28,7 @@ SILENT_S = 0.8
 class Watch:
     """What is watched: the way to the stage, the bench's process, and its limits."""
 
-    stopper: Stopper
+    stopper: OutsideStopper
     bench: int
     age_s: float
     travel_m: float
@@ -71,7 +72,7 @@ def _listen(beats: queue.SimpleQueue[str]) -> None:
 def _stop(watch: Watch, *, and_kill: bool) -> None:
     try:
         watch.stopper.stop()
-    except OSError:
+    except DeviceError:
         and_kill = True  # the port may be the bench's alone until it has ended
     if and_kill:
         with suppress(OSError):  # it may be gone
@@ -80,5 +81,5 @@ def _stop(watch: Watch, *, and_kill: bool) -> None:
             try:
                 watch.stopper.stop()
                 return
-            except OSError:
+            except DeviceError:
                 time.sleep(0.05)

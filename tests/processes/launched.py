@@ -1,5 +1,5 @@
-"""Runs in processes of their own, and an emulated controller outside them that sees what reaches the
-stage.
+"""Runs in processes of their own, and an emulated controller outside them that sees what reaches
+the stage.
 """
 
 import os
@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from short_run import SMALL
@@ -54,10 +54,8 @@ def end(run):
 
 def kill(pid, number=signal.SIGKILL):
     """Send a process a signal, if it is still there."""
-    try:
+    with suppress(OSError):
         os.kill(pid, number)
-    except OSError:
-        pass
 
 
 def bench_of(path):

@@ -179,7 +179,7 @@ def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
     settings = config.load(None, SMALL)
     with pytest.raises(UserError, match="exists already"):
         LaunchedRun(settings, tmp_path / "a.h5", pace=1.0, overwrite=False)
-    with pytest.raises(UserError, match="no bench of yours runs|running benches"):
+    with pytest.raises(UserError, match=r"no bench of yours runs|running benches"):
         launch.attached("no such bench")
     assert not [b for b in running() if b.session.startswith(str(tmp_path))]
 
@@ -187,7 +187,7 @@ def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
 def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
     log = tmp_path / "log"
     process = started("bench", "not an order", log)
-    with pytest.raises(ProcessFailed, match="bench: its process ended .*: AttributeError"):
+    with pytest.raises(ProcessFailed, match=r"bench: its process ended .*: AttributeError"):
         hello_of(process, log)
     process.stdin.close()
     process.stdout.close()
