@@ -40,7 +40,9 @@ def launched(path, *overrides, pace=1.0):
     try:
         yield run
     finally:
-        kill(run.bench.pid)
+        outcome = run.outcome()
+        if outcome is None or outcome.state != "done":
+            kill(run.bench.pid)
         end(run)
 
 

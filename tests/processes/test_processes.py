@@ -177,7 +177,7 @@ def test_a_bench_that_dies_is_a_failure_by_name_and_its_session_can_be_repaired(
 def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"x")
     settings = config.load(None, SMALL)
-    with pytest.raises(UserError, match="exists already"):
+    with pytest.raises(UserError, match="a session of that name exists"):
         LaunchedRun(settings, tmp_path / "a.h5", pace=1.0, overwrite=False)
     with pytest.raises(UserError, match=r"no bench of yours runs|running benches"):
         launch.attached("no such bench")
