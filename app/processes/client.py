@@ -191,7 +191,7 @@ class RemoteRun:
 
 
 class LaunchedRun(RemoteRun):
-    """A run on a bench that was started for it.
+    """A run on a bench that was started for it, as the `main` of a module.
 
     Raises
     ------
@@ -203,13 +203,21 @@ class LaunchedRun(RemoteRun):
 
     stays = False
 
-    def __init__(self, config: Config, output: Path, *, pace: float, overwrite: bool) -> None:
+    def __init__(
+        self,
+        config: Config,
+        output: Path,
+        *,
+        pace: float,
+        overwrite: bool,
+        module: str = "app.processes.bench",
+    ) -> None:
         folder = new_folder()
         is_verbose = logging.getLogger("app").isEnabledFor(logging.INFO)
         order = Order(config, output, pace, overwrite, folder, is_verbose)
         log = None if is_verbose else folder / "bench.log"
         try:
-            self._process: subprocess.Popen[bytes] = started("bench", order, log)
+            self._process: subprocess.Popen[bytes] = started(module, order, log)
             super().__init__(hello_of(self._process, log))
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)

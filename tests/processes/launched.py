@@ -75,9 +75,9 @@ def drives(run, travel_um=5.0):
 class Program:
     """`slipscope run` as a user starts it in a terminal."""
 
-    def __init__(self, path, *overrides):
+    def __init__(self, path, *overrides, headless=True):
         settings = [word for o in (*SMALL, *overrides) for word in ("--set", o)]
-        command = ["-m", "app", "run", "--headless", "-o", str(path), *settings]
+        command = ["-m", "app", "run", *["--headless"] * headless, "-o", str(path), *settings]
         self.process = subprocess.Popen(
             [sys.executable, *command],
             cwd=ROOT,

@@ -186,7 +186,7 @@ def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
 
 def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
     log = tmp_path / "log"
-    process = started("bench", "not an order", log)
+    process = started("app.processes.bench", "not an order", log)
     with pytest.raises(ProcessFailed, match=r"bench: its process ended .*: AttributeError"):
         hello_of(process, log)
     process.stdin.close()

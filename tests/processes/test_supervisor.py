@@ -36,7 +36,7 @@ class Supervised:
         path.touch()
         self.victim = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
         watch = Watch(FileStop(str(path)), self.victim.pid, age_s, 100e-6)
-        self.process = started("supervisor", watch)
+        self.process = started("app.processes.supervisor", watch)
         hello_of(self.process)
 
     def beat(self, sample, travel_m=0.0, drives=1):
