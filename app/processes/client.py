@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import logging
 import shutil
-import subprocess
 import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,8 +216,12 @@ class LaunchedRun(RemoteRun):
         order = Order(config, output, pace, overwrite, folder, is_verbose)
         log = None if is_verbose else folder / "bench.log"
         try:
-            self._process: subprocess.Popen[bytes] = started(module, order, log)
-            super().__init__(hello_of(self._process, log))
+            process = started(module, order, log)
+            # it is reaped whenever it ends, which may be long after this program
+            threading.Thread(target=process.wait, name="slipscope-reaper", daemon=True).start()
+            with cast(BinaryIO, process.stdin), cast(BinaryIO, process.stdout):
+                bench = hello_of(process, log)
+            super().__init__(bench)
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise

@@ -43,15 +43,7 @@ def launched(path, *overrides, pace=1.0):
         outcome = run.outcome()
         if outcome is None or outcome.state != "done":
             kill(run.bench.pid)
-        end(run)
-
-
-def end(run):
-    """Let go of the pipes to a bench."""
-    process = run._process
-    process.wait(PATIENT_S)
-    process.stdin.close()
-    process.stdout.close()
+        wait_until(lambda: not run.bench.is_alive, "its end")
 
 
 def kill(pid, number=signal.SIGKILL):

@@ -197,5 +197,5 @@ def test_a_bench_that_nobody_starts_ends(tmp_path):
     with launched(tmp_path / "a.h5") as run:
         for caller in (run._ask, run._order):
             caller.close()
-        wait_until(lambda: run._process.poll() is not None, "its end")
+        wait_until(lambda: not run.bench.is_alive, "its end")
     assert not (tmp_path / "a.h5").exists()
