@@ -14,7 +14,6 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import psutil
 
@@ -81,11 +80,12 @@ def measure(report: Report, *, seconds: float = 60.0) -> int:
     """Run in a window; 1 if a frame or a sample was lost."""
     looks: list[Look] = []
     memory: list[float] = []
+    is_over = threading.Event()
     with tempfile.TemporaryDirectory() as folder:
         settings = config.load(None, [*SETTINGS, f"run.travel={5 * seconds:g}"])
         made = LaunchedRun(settings, Path(folder) / "a.h5", pace=1.0, overwrite=False)
 
-        def watch(window: Any) -> None:
+        def watch() -> None:
             while made.health().phase != "drive":
                 time.sleep(0.1)
             time.sleep(2.0)
@@ -96,12 +96,10 @@ def measure(report: Report, *, seconds: float = 60.0) -> int:
             looks.append(Look(made))
             made.wait()
             time.sleep(1.0)
-            window.close_after_run()
+            is_over.set()
 
-        def ready(window: Any) -> None:
-            threading.Thread(target=watch, args=(window,), daemon=True).start()
-
-        run_window(lambda: made, autostart=True, on_ready=ready)
+        threading.Thread(target=watch, daemon=True).start()
+        run_window(lambda: made, autostart=True, close_when=is_over.is_set)
         outcome = made.wait()
     assert outcome is not None
     account(report, outcome)

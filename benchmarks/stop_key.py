@@ -37,7 +37,7 @@ from benchmarks.report import Report
 from benchmarks.simulated import account
 
 SUBJECT = "Stop from the keyboard"
-SETTINGS = ["camera.divisor=42", "run.travel=20000", "limits.travel=20000"]
+SETTINGS = ["camera.divisor=42", "run.travel=2000", "limits.travel=5000"]
 SETTINGS += ["run.background_time=1"]
 BLOCKED_S = 10.0
 
@@ -74,7 +74,9 @@ class Presses:
         )
 
 
-def work(presses: Presses, window: Any, number: int, blocked: bool) -> None:
+def work(
+    presses: Presses, window: Any, number: int, blocked: bool, is_over: threading.Event
+) -> None:
     """Wait for the drive, then press."""
     run = presses.run
     while run.health().phase != "drive":
@@ -102,7 +104,7 @@ def work(presses: Presses, window: Any, number: int, blocked: bool) -> None:
         keyboard.stdin.close()
     run.request_stop("measured")
     run.wait()
-    window.close_after_run()
+    is_over.set()
 
 
 def measure(report: Report, presses: int = 100, *, blocked: bool = False) -> int:
@@ -117,16 +119,15 @@ def measure(report: Report, presses: int = 100, *, blocked: bool = False) -> int
             overwrite=False,
             module="benchmarks.kept_bench",
         )
-        made = Presses(run, stage)
+        made, is_over = Presses(run, stage), threading.Event()
 
         def ready(window: Any) -> None:
             window.block = Blocking(window)
-            threading.Thread(
-                target=work, args=(made, window, presses, blocked), daemon=True
-            ).start()
+            given = (made, window, presses, blocked, is_over)
+            threading.Thread(target=work, args=given, daemon=True).start()
 
         with acting_on_signals(run.request_stop):
-            run_window(lambda: run, autostart=True, on_ready=ready)
+            run_window(lambda: run, autostart=True, on_ready=ready, close_when=is_over.is_set)
     stage.end()
     outcome = run.wait()
     assert outcome is not None
