@@ -137,7 +137,9 @@ class RemoteRun:
         return samples[::every], normal[::every], shear[::every]
 
     def latest_image(self) -> NDArray[Any] | None:
-        """The newest frame's image; the same object until there is a newer one."""
+        """The newest frame's image, which holds until the next but one is asked for; the same
+        object until there is a newer one.
+        """
         with self._lock:
             if self._outcome is None:
                 newer = self._read("image", None, self._image_number)
@@ -145,7 +147,7 @@ class RemoteRun:
                     self._image_number, name = newer
                     path = root() / self.bench.name / name
                     dtype = np.dtype(self.config.camera.dtype)
-                    self._image = np.array(shared_image(path, self.config.camera.shape, dtype))
+                    self._image = shared_image(path, self.config.camera.shape, dtype)
             return self._image
 
     def _read(self, name: str, otherwise: Any, *arguments: Any) -> Any:

@@ -107,7 +107,7 @@ def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     wait_until(lambda: drives(first), "the drive")
     _, code = program.end(signal.SIGKILL)
     assert code == -signal.SIGKILL
-    second = launch.attached("a.h5")
+    second = launch.attached(str(program.path))
     assert second.health().state == "running"
     assert len(second.snapshots_since(0)) > 10
     outcome = second.wait(PATIENT_S)
