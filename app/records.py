@@ -28,6 +28,7 @@ Positive = Annotated[float, Meta(gt=0, le=1e300)]
 
 NAN = math.nan
 UNFINISHED = "unfinished"  # state of a session that was cut short
+RESTART = "restart"  # kind of the event that the analysis of the frames began anew
 
 
 class Phase(StrEnum):
@@ -177,10 +178,14 @@ class Position:
 
 @record("/entry/events", rows="events")
 class Event:
-    """Something that happened at a sample: a change of phase, a limit, a stop."""
+    """Something that happened at a sample: a change of phase, a limit, a stop. From a restart on,
+    results rest on the background and the reference as if no frame had been analysed since.
+    """
 
     sample: Index = column("sample", "samples", "when it happened")
-    kind: str = column("kind", "", "phase, reference, gap, import, analysis, stop or error")
+    kind: str = column(
+        "kind", "", "phase, reference, gap, import, analysis, restart, stop or error"
+    )
     text: str = column("text", "", "what happened")
 
 

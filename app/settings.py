@@ -74,6 +74,9 @@ class Limits(Section):
     travel: float = option(
         500.0, "Greatest stage travel from the start of the drive", "um", gt=0, le=20000
     )
+    age: float = option(
+        0.8, "Greatest age of the newest force while the stage moves", "s", gt=0.1, le=10
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.options import UNITS
 from app.commands.doctor import Finding, problem
-from app.engine.pipeline import sensor_chain
+from app.engine.setup import sensor_chain
 from app.settings import Config
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout

@@ -11,8 +11,8 @@ import numpy as np
 
 from app.engine.experiment import Measured
 from app.engine.history import History
-from app.engine.pipeline import sensor_chain
 from app.engine.recorder import Recorder
+from app.engine.setup import sensor_chain
 from app.records import Gap, Position, Samples
 from app.settings import Config
 from drivers.errors import DeviceFault, DeviceTimeout
@@ -50,6 +50,8 @@ class Intake:
     samples_lost : int
     start_m : float
         Position of the stage at the start of the run.
+    travel_m : float
+        How far from there it was when it was last asked.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Intake:
     ) -> None:
         self.samples_lost = 0
         self.start_m = 0.0
+        self.travel_m = 0.0
         self._config = config
         self._bench = bench
         self._history = history
@@ -94,6 +97,7 @@ class Intake:
             # the stage was read now, which is later than the block where more of them wait
             now = max(now, self.now())
             position, moving = stage
+            self.travel_m = position - self.start_m
         finally:  # an actuator that fails, or a board that goes away now, costs no sample
             recorder.append(Position(now, position))
             self._history.append(block.first, forces, position, now)

@@ -10,21 +10,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.calibration.forces import SensorChain
 from analysis.contact.apparent import apparent_contact
 from analysis.contact.rings import Rings, central_value, ring_means
-from analysis.dic import Grid, Tracker, open_tracker
+from analysis.dic import Tracker, open_tracker
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.config import to_toml
+from app.engine.setup import grid_of, sensor_chain
 from app.engine.tractions import Tractions, local_law
 from app.records import (
     Conditions,
     ContactResult,
     DisplacementField,
-    Header,
     Motion,
     Phase,
     RingProfile,
@@ -36,18 +34,6 @@ from app.records import (
 from app.settings import Config
 
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
-
-
-def sensor_chain(config: Config) -> SensorChain:
-    """Volts to newtons with the constants of the settings."""
-    f = config.forces
-    return SensorChain(
-        sensitivity_m_per_v=f.sensitivity,
-        stiffness_n_per_m=f.stiffness,
-        zero_v=f.zero,
-        coupling=f.coupling,
-        stiffness_std_n_per_m=f.stiffness_uncertainty,
-    )
 
 
 def hertz_radius_m(config: Config, normal_force_n: float) -> float:
@@ -64,30 +50,6 @@ def full_slip_stress(config: Config, amplitude: float) -> float:
     """
     E, nu = config.sample.young_modulus, config.sample.poisson
     return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
-
-
-def grid_of(config: Config) -> Grid:
-    """The boxes in which the displacement is measured."""
-    return Grid.cover(config.camera.shape, config.dic.box, config.dic.step)
-
-
-def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) -> Header:
-    """What a session of these settings begins with."""
-    grid = grid_of(config)
-    return Header(
-        frame_shape=config.camera.shape,
-        frame_dtype="uint8" if config.camera.dtype == np.uint8 else "uint16",
-        versions=versions,
-        config_toml=to_toml(config),
-        sample_rate_hz=float(config.forces.sample_rate),
-        first_trigger=first_trigger,
-        divisor=config.camera.divisor,
-        exposure_samples=config.exposure_samples,
-        pixel_m=config.camera.pixel,
-        grid_x_px=grid.x_px,
-        grid_y_px=grid.y_px,
-        compression="gzip" if config.recording.compression == "gzip" else "none",
-    )
 
 
 class Pipeline:
@@ -107,6 +69,7 @@ class Pipeline:
         self.notes: list[str] = []
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
+        self._reference: tuple[int, NDArray[np.generic], Conditions] | None = None
         self._reference_shear_n = 0.0
         self._tractions: Tractions | None = None
         self._x_m, self._y_m = (
@@ -132,6 +95,19 @@ class Pipeline:
             )
             self.notes.append(f"dic: the reference was replaced {drift}")
 
+    def restart(self) -> None:
+        """Go on as a new pipeline would that is given the background and the reference again."""
+        if self._tracker is not None:
+            self._tracker.close()
+        self._tracker = self._tractions = self.contact = self.reference_frame = None
+        self.notes.clear()
+        if self._reference is not None:
+            self._take_reference(*self._reference)
+
+    def summary(self, snapshots: list[Snapshot]) -> Summary:
+        """What the experiment comes down to, from all its snapshots; once it is closed."""
+        return summarise(self.config, snapshots, self.contact, self.notes)
+
     def step(
         self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
     ) -> Snapshot:
@@ -152,6 +128,7 @@ class Pipeline:
         self._find_contact(image)
         if self.config.stress.method != "none":
             self._prepare_tractions(now)
+        self._reference = index, image, now
 
     def _find_contact(self, image: NDArray[np.generic]) -> None:
         """Centre and apparent radius from the background difference; without one the picture's

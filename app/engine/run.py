@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from analysis.options import quantity
 from app import logs
-from app.engine.analyst import Analyst
+from app.engine.analyst import Analyst, FrameAnalysis
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.experiment import Experiment, ExperimentFailed, Measured
@@ -74,6 +74,8 @@ class Run(Watched):
         Opened by the run, closed by the run.
     create_sink : callable
         Makes the session, once the bench is open and its camera is as the settings say.
+    pipeline : FrameAnalysis
+        What analyses the frames.
     free_running : bool
         True where the sources wait for us (simulation at full speed): then nothing is skipped and
         no queue can run full.
@@ -90,13 +92,14 @@ class Run(Watched):
         config: Config,
         bench: BenchDevices,
         create_sink: Callable[[], SessionSink],
+        pipeline: FrameAnalysis,
         *,
         free_running: bool,
         title: str,
         output: Path,
         prepare: Callable[[Callable[[str], None]], None],
     ) -> None:
-        super().__init__(config, title)
+        super().__init__(config, title, pipeline)
         self.output = output
         self._bench = bench
         self._create_sink = create_sink
@@ -145,6 +148,11 @@ class Run(Watched):
     def latest_image(self) -> NDArray[Any] | None:
         """The newest frame's image, not to be written to."""
         return self._workers.receiver.latest_image if self._workers else None
+
+    def motion(self) -> tuple[int, float, bool]:
+        """Newest sample, travel of the stage (m), and whether it drives: for a supervisor."""
+        drives = self._state in ("running", "stopping") and self._experiment.phase is Phase.DRIVE
+        return self._history.end, self._intake.travel_m, drives
 
     def health(self) -> Health:
         """State, counts, queue and disk at this moment."""

@@ -124,7 +124,7 @@ class MainWindow(QMainWindow):
 
         A second call closes at once.
         """
-        if self._close_by is not None or not self._is_running():
+        if self._close_by is not None or not self._is_running() or self._stays():
             self._close_now()
             return
         self._close_by = time.monotonic() + GIVE_UP_S
@@ -239,6 +239,9 @@ class MainWindow(QMainWindow):
     def _is_running(self) -> bool:
         return self._started and not (self._view is not None and self._view.ended)
 
+    def _stays(self) -> bool:
+        return self._source is not None and self._source.stays
+
     def _prepare(self) -> None:
         """Attach a new source; say why where none can be made."""
         if self._make_source is None:
@@ -276,8 +279,10 @@ class MainWindow(QMainWindow):
     # ------------------------------------------------------------------ closing
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Close at once when nothing runs; else ask in the window, within reach of STOP MOTION."""
-        if self._is_running() and not self._must_close:
+        """Close at once when nothing runs, or what runs stays; else ask in the window, within reach
+        of STOP MOTION.
+        """
+        if self._is_running() and not self._stays() and not self._must_close:
             event.ignore()
             if self._close_by is None:
                 self.notice.ask(
