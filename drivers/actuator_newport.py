@@ -19,7 +19,7 @@ import time
 from typing import ClassVar
 
 from drivers.clock import SampleClock
-from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.motion import check_target, check_velocity
 from drivers.newport_line import NewportLine, OutsideStop, find
 from drivers.settings import ActuatorSettings
@@ -318,7 +318,7 @@ class NewportStage:
 
     def stop(self) -> None:
         """Send the command to stop at once, before whatever else waits for the line, and read the
-        state once.
+        state once, unless the controller has fallen silent before.
 
         If the stage still moves two seconds later, `is_moving` and `position_m` raise a fault.
 
@@ -334,6 +334,12 @@ class NewportStage:
         self._stop_sent_at = time.monotonic()
         try:
             line.stop()
+            if line.is_mute:
+                raise DeviceTimeout(
+                    f"{self.name}: it was told to stop and has answered nothing before; a move"
+                    " under way ends by itself at its target: check that the controller is on, and"
+                    " its cable"
+                )
             self._look(urgent=True)
         except DeviceError:
             self._is_under_way = False  # reported once; `close` need not report it again

@@ -59,7 +59,7 @@ class NewportLine:
     def __init__(self, who: str, port: str, address: int, baud: int) -> None:
         self.stops = 0  # commands to stop so far
         self.heard = ""  # what came instead of an answer when the last query failed
-        self.is_mute = False  # that query had no answer at all
+        self.is_mute = False  # the last query had no answer at all
         self._who, self._name, self._address, self._baud = who, port, address, baud
         self._pen = threading.Lock()
         self._clear_at = 0.0  # the controller will have interpreted what was written so far
@@ -96,11 +96,9 @@ class NewportLine:
         self, query: str, form: str, *, urgent: bool = False, give_up: float | None = None
     ) -> str:
         """The answer to a query, of the given form (a regular expression with one group); the query
-        is repeated if the answer is damaged or does not come. A controller that is mute is given
-        less time where it is urgent.
+        is repeated if the answer is damaged or does not come.
         """
-        patience_s = ANSWER_S if urgent and self.is_mute else PATIENCE_S
-        give_up, heard = give_up or time.monotonic() + patience_s, ""
+        give_up, heard = give_up or time.monotonic() + PATIENCE_S, ""
         for _ in range(TRIES):
             answer, noise = self._exchange(query, form, give_up, urgent=urgent)
             if answer is not None:
