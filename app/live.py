@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from analysis.options import quantity
 from app.engine.analyst import FrameAnalysis
 from app.engine.intake import BenchDevices
 from app.engine.run import Run
@@ -61,7 +62,7 @@ def expected_bytes(config: Config) -> int:
     """Size of the session that a run of these settings writes, to within about ten per cent."""
     run, camera = config.run, config.camera
     waiting = run.background_time + 2.0 + run.settle_time + run.reference_time
-    seconds = waiting + run.travel / run.velocity * 1.06
+    seconds = waiting + abs(run.travel) / run.velocity * 1.06
     points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
     frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
     rate = config.frame_rate_hz * frame + config.forces.sample_rate * 32
@@ -157,7 +158,7 @@ def make_run(
         wrap(bench) if wrap else bench,
         create_sink,
         pipeline,
-        free_running=pace is None,
+        pace=pace,
         title="simulated bench" if natures == {"simulated"} else " + ".join(config.sources),
         output=output,
         prepare=partial(prepare, config, prepare_analysis or (lambda: None)),
@@ -176,6 +177,17 @@ def check_run(config: Config, output: Path, pace: float | None, overwrite: bool)
     check_room(config, output)
     kinds = zip(DRIVERS, config.sources, strict=True)
     natures = {driver(kind, source).nature for kind, source in kinds}
+    forces = config.forces
+    if pace is not None and forces.block >= config.limits.age * forces.sample_rate * pace:
+        raise UserError(
+            f"forces.block = {forces.block} samples last longer than limits.age ="
+            f" {quantity(config.limits, 'age')}; read fewer at a time"
+        )
+    if config.run.travel < 0 and not {"simulated", "emulated"}.isdisjoint(natures):
+        raise UserError(
+            f"run.travel = {quantity(config.run, 'travel')} goes against +x, which the simulated"
+            " world does not model; give a travel above 0, or real devices"
+        )
     if pace != 1.0 and "real" in natures:
         raise UserError(
             "--pace: a bench with a real device runs at pace 1, not"

@@ -23,10 +23,10 @@ from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeo
 from drivers.port_lock import locked
 from drivers.protocols import Found
 
-ANSWER_S = 0.25  # the controllers take some 10 ms
+ANSWER_S = 0.2  # the controllers take some 10 ms
 INTERPRETS_S = 0.01  # a controller needs after the end of a command that has no answer
-# for one query with its wait and its repetitions, so that a dead line is found within a second
-PATIENCE_S = 0.8
+# for one query with its wait and its repetitions, so that the stage is stopped within a second
+PATIENCE_S = 0.6
 TRIES = 3
 _DAMAGED = "AS"  # answers to a command that arrived damaged and is sent again
 
@@ -59,6 +59,7 @@ class NewportLine:
     def __init__(self, who: str, port: str, address: int, baud: int) -> None:
         self.stops = 0  # commands to stop so far
         self.heard = ""  # what came instead of an answer when the last query failed
+        self.is_mute = False  # the last query had no answer at all
         self._who, self._name, self._address, self._baud = who, port, address, baud
         self._pen = threading.Lock()
         self._clear_at = 0.0  # the controller will have interpreted what was written so far
@@ -156,6 +157,7 @@ class NewportLine:
             listen_until = min(time.monotonic() + ANSWER_S, give_up)
             while line := self._read_line(listen_until):
                 heard = line
+                self.is_mute = False
                 if match := re.fullmatch(re.escape(prefix) + form, line):
                     with self._pen:  # the controller listens, unless there was a stop meanwhile
                         self._clear_at = 0.0 if self._clear_at == written else self._clear_at
@@ -222,7 +224,7 @@ class NewportLine:
                 self._turns.notify_all()
 
     def _unanswered(self, query: str, heard: str) -> DeviceError:
-        self.heard = heard
+        self.heard, self.is_mute = heard, not heard
         if heard:
             return DeviceFault(
                 f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy:"

@@ -258,6 +258,17 @@ class Actuator(Protocol):
         """Stop any motion, then let go of the device."""
 
 
+@runtime_checkable
+class MadeReady(Protocol):
+    """An actuator that can tell, before a contact is pressed, that it would refuse a move."""
+
+    def make_ready(self) -> None:
+        """Do what must come before a move; nothing moves.
+
+        Raises `drivers.errors.DeviceFault` if a move would be refused, and says what to do.
+        """
+
+
 class OutsideStopper(Protocol):
     """Stops an actuator from another process, without its driver; can be pickled."""
 

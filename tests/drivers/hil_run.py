@@ -14,7 +14,7 @@ from drivers.sim.images import Renderer
 
 SMALL = (*short_run.SMALL, "run.travel=30")
 # longer than a run: a busy machine may be late, the world's time passes all the same
-PATIENT = "forces.buffer=60"
+PATIENT = ("forces.buffer=60", "limits.age=10")
 TIMEOUT = 400
 
 
@@ -23,7 +23,7 @@ class HilRun:
 
     def __init__(self, path, *overrides, pace=2.0, while_running=None):
         self.path = path
-        self.settings = config.load(Path("hil-emulated"), [*SMALL, PATIENT, *overrides])
+        self.settings = config.load(Path("hil-emulated"), [*SMALL, *PATIENT, *overrides])
         self.run = live.make_run(self.settings, path, pace=pace)
         self.bench = self.run._bench
         self.run.start()
@@ -32,6 +32,12 @@ class HilRun:
         self.outcome = self.run.wait(TIMEOUT)
         assert self.outcome is not None, "the run did not end"
         self.world, self.counts = self.bench.world, self.outcome.counts
+        # whatever happened, the stage has not gone further than it was asked to
+        assert 0 <= self.world.stage_m() <= self.settings.run.travel + 1e-9
+        assert all(
+            0 <= move.target_m <= self.settings.run.travel + 40e-9  # a step of the encoder
+            for move in self.world._moves
+        )
         with SessionReader(path) as s:
             self.volts, self.newtons = s.forces().volts, s.forces().forces
             self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}
