@@ -56,7 +56,7 @@ def need(who: str, package: str) -> None:
     except ImportError as error:
         raise DeviceNotFound(
             f"{who}: the package {package} can not be imported ({error}); in the folder of"
-            " SlipScope: pip install '.[ni]'"
+            f" SlipScope: pip install {"'.[grpc]'" if package == 'grpc' else '.'}"
         ) from None
 
 

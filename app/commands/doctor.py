@@ -14,12 +14,11 @@ from typing import Any
 
 DISTRIBUTION = "slipscope"
 VENDORS = {  # distribution -> what it drives, and our extra that installs it
-    "nidaqmx": ("National Instruments boards", "ni"),
+    "grpcio": ("boards behind NI's gRPC device server, and emulated ones", "grpc"),
     "pypylon": ("Basler cameras", "basler"),
     "harvesters": ("cameras of other vendors, through their GenTL producers", "gentl"),
-    "pyserial": ("Newport actuators", "serial"),
 }
-MODULES = {"pyserial": "serial"}  # where the module has another name
+MODULES = {"grpcio": "grpc"}  # where the module has another name
 FINDERS = {
     "boards": "drivers.ni_daq",
     "cameras": "drivers.camera_pylon",
