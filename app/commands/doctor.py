@@ -107,9 +107,9 @@ def display() -> Finding:
 
 def devices() -> list[Finding]:
     """The possible values of `source` in the settings, by kind of device."""
-    from drivers.bench import DRIVERS
+    from drivers.sources import DRIVERS, offered
 
-    return [Finding(kind, ", ".join(names)) for kind, names in DRIVERS.items()]
+    return [Finding(kind, ", ".join([*own, *offered(kind)])) for kind, own in DRIVERS.items()]
 
 
 def found_by(module: str, *arguments: Any) -> list[Finding]:
