@@ -30,7 +30,8 @@ RATE_HZ = 1000 / 42
 WORKERS = {
     "slipscope-camera": "bench: camera (simulated: it draws the image)",
     "slipscope-recorder": "bench: recorder",
-    "slipscope-control": "bench: forces and decisions",
+    "slipscope-control": "bench: decisions",
+    "slipscope-devices": "bench: forces and stage",
     "slipscope-analysis": "bench: images to the analysis, results back",
     "slipscope-caller": "bench: answers to the window",
 }
