@@ -82,6 +82,11 @@ class Experiment:
             self.advice = ""
         return self.phase
 
+    def begin_drive(self, now: Measured) -> None:
+        """Go on with the drive, whatever comes before it in an experiment; see `advance`."""
+        self.phase, self._since = Phase.DRIVE, now.end_sample
+        self._check_limits(now)
+
     def progress(self, now: Measured) -> float:
         """Share of the experiment that is done, 0 to 1: 10 % up to the drive, then by travel."""
         if self.phase in (Phase.DRIVE, Phase.END):
