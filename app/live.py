@@ -18,11 +18,12 @@ from app.session.recording import SessionRecording
 from app.session.versions import versions
 from app.session.writer import SessionWriter
 from app.settings import Config
-from drivers.bench import DRIVERS, Bench, driver
+from drivers.bench import Bench
 from drivers.bench import make_bench as bench_of
 from drivers.settings import CameraSettings
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
+from drivers.sources import DRIVERS, driver
 
 
 def scenario(config: Config) -> Scenario:

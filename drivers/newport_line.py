@@ -42,8 +42,7 @@ def find() -> list[Found]:
 
 def _no_pyserial(who: str) -> DeviceNotFound:
     return DeviceNotFound(
-        f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install"
-        " '.[serial]'"
+        f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install ."
     )
 
 

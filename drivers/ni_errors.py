@@ -54,9 +54,10 @@ def need(who: str, package: str) -> None:
     try:
         __import__(package)
     except ImportError as error:
+        what = "'.[grpc]'" if package == "grpc" else "."
         raise DeviceNotFound(
             f"{who}: the package {package} can not be imported ({error}); in the folder of"
-            " SlipScope: pip install '.[ni]'"
+            f" SlipScope: pip install {what}"
         ) from None
 
 

@@ -101,11 +101,16 @@ class Frame:
         counts exposures and found this one late.
     image : ndarray, shape (rows, columns), uint8 or uint16
         Grey levels, read-only; the receiver may keep it.
+    first, last : int or None
+        The first and the last trigger that it can be of: None, or `index`, where that is certain.
+        A camera that the board does not trigger is never certain.
     """
 
     index: int
     sample: int
     image: Image
+    first: int | None = None
+    last: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -232,15 +232,21 @@ def config(
             help="A bench that comes with the program: hil-emulated, pci-6251.",
         ),
     ] = None,
+    overrides: Overrides = None,
 ) -> int:
     """Print the default settings, each with its meaning, unit and limits: `slipscope config >
     bench.toml`.
 
-    With a name, the few settings of a bench that comes with the program.
+    With a name, the few settings of a bench that comes with the program. With --set, all settings,
+    among them those of a driver that is named by --set actuator.source=package.module:Class.
     """
-    from app.config import bench_text, default_toml
+    from app.config import bench_text, load, to_toml
 
-    typer.echo(default_toml() if name is None else bench_text(name), nl=False)
+    if name is not None and not overrides:
+        text = bench_text(name)
+    else:
+        text = to_toml(load(None if name is None else Path(name), overrides or ()))
+    typer.echo(text, nl=False)
     return 0
 
 

@@ -69,7 +69,7 @@ class Pipeline:
         self.notes: list[str] = []
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
-        self._reference: tuple[int, NDArray[np.generic], Conditions] | None = None
+        self._reference: tuple[int, int, NDArray[np.generic], Conditions] | None = None
         self._reference_shear_n = 0.0
         self._tractions: Tractions | None = None
         self._x_m, self._y_m = (
@@ -102,7 +102,7 @@ class Pipeline:
         self._tracker = self._tractions = self.contact = self.reference_frame = None
         self.notes.clear()
         if self._reference is not None:
-            self._take_reference(*self._reference)
+            self.step(*self._reference)
 
     def summary(self, snapshots: list[Snapshot]) -> Summary:
         """What the experiment comes down to, from all its snapshots; once it is closed."""
@@ -116,6 +116,7 @@ class Pipeline:
             self._background = image
         elif now.phase is Phase.REFERENCE and self._tracker is None:
             self._take_reference(index, image, now)
+            self._reference = index, sample, image, now
         measured = Snapshot(index, sample, now)
         return measured if self._tracker is None else self._measure(measured, image)
 
@@ -128,7 +129,6 @@ class Pipeline:
         self._find_contact(image)
         if self.config.stress.method != "none":
             self._prepare_tractions(now)
-        self._reference = index, image, now
 
     def _find_contact(self, image: NDArray[np.generic]) -> None:
         """Centre and apparent radius from the background difference; without one the picture's

@@ -13,7 +13,7 @@ import numpy as np
 from app.processes.calls import Methods, serve
 from app.processes.folder import shared_image
 from app.processes.starting import payload, say_hello
-from app.records import Conditions, ContactResult, Snapshot
+from app.records import Conditions, ContactResult, Phase, Snapshot
 from app.settings import Config
 
 
@@ -32,10 +32,14 @@ def methods_of(config: Config, image_path: Path) -> Methods:
 
     pipeline = Pipeline(config)
     shared = shared_image(image_path, config.camera.shape, np.dtype(config.camera.dtype))
+    shared.setflags(write=False)
+    is_updated = config.dic.update != "never"
 
     def step(index: int, sample: int, now: Conditions) -> Answer:
-        image = np.array(shared)  # the pipeline may keep it, and the next one comes here
-        image.setflags(write=False)
+        image: Any = shared
+        if is_updated or now.phase in (Phase.BACKGROUND, Phase.REFERENCE):
+            image = np.array(shared)  # the pipeline keeps it, and the next one comes here
+            image.setflags(write=False)
         snapshot = pipeline.step(index, sample, image, now)
         return Answer(snapshot, pipeline.contact, pipeline.reference_frame)
 

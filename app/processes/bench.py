@@ -119,6 +119,7 @@ class _Served:
             "snapshots_since": run.snapshots_since,
             "force_history": run.force_history,
             "image": image,
+            "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
         }
 
 

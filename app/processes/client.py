@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import logging
 import shutil
-import subprocess
 import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +137,9 @@ class RemoteRun:
         return samples[::every], normal[::every], shear[::every]
 
     def latest_image(self) -> NDArray[Any] | None:
-        """The newest frame's image; the same object until there is a newer one."""
+        """The newest frame's image, which holds until the next but one is asked for; the same
+        object until there is a newer one.
+        """
         with self._lock:
             if self._outcome is None:
                 newer = self._read("image", None, self._image_number)
@@ -146,7 +147,7 @@ class RemoteRun:
                     self._image_number, name = newer
                     path = root() / self.bench.name / name
                     dtype = np.dtype(self.config.camera.dtype)
-                    self._image = np.array(shared_image(path, self.config.camera.shape, dtype))
+                    self._image = shared_image(path, self.config.camera.shape, dtype)
             return self._image
 
     def _read(self, name: str, otherwise: Any, *arguments: Any) -> Any:
@@ -191,7 +192,7 @@ class RemoteRun:
 
 
 class LaunchedRun(RemoteRun):
-    """A run on a bench that was started for it.
+    """A run on a bench that was started for it, as the `main` of a module.
 
     Raises
     ------
@@ -203,14 +204,26 @@ class LaunchedRun(RemoteRun):
 
     stays = False
 
-    def __init__(self, config: Config, output: Path, *, pace: float, overwrite: bool) -> None:
+    def __init__(
+        self,
+        config: Config,
+        output: Path,
+        *,
+        pace: float,
+        overwrite: bool,
+        module: str = "app.processes.bench",
+    ) -> None:
         folder = new_folder()
         is_verbose = logging.getLogger("app").isEnabledFor(logging.INFO)
         order = Order(config, output, pace, overwrite, folder, is_verbose)
         log = None if is_verbose else folder / "bench.log"
         try:
-            self._process: subprocess.Popen[bytes] = started("bench", order, log)
-            super().__init__(hello_of(self._process, log))
+            process = started(module, order, log)
+            # it is reaped whenever it ends, which may be long after this program
+            threading.Thread(target=process.wait, name="slipscope-reaper", daemon=True).start()
+            with cast(BinaryIO, process.stdin), cast(BinaryIO, process.stdout):
+                bench = hello_of(process, log)
+            super().__init__(bench)
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise

@@ -111,18 +111,23 @@ def shared_image(
     if not path.exists():
         with path.open("wb") as file:
             file.truncate(shape[0] * shape[1] * dtype.itemsize)
-    return np.memmap(path, dtype, "r+", shape=shape)
+    return np.memmap(path, dtype, "r+", shape=shape).view(np.ndarray)
 
 
 def shown_images(folder: Path, number: int) -> Callable[[NDArray[Any]], str]:
-    """A function that shares an image with one caller and answers the name of its file."""
-    path = folder / f"image-{number}"
+    """A function that shares images with one caller and answers the name of the file: of two in
+    turn, so that one can be looked at while the next comes.
+    """
+    paths = [folder / f"image-{number}-{turn}" for turn in "ab"]
     shared: list[NDArray[Any]] = []
 
     def share(image: NDArray[Any]) -> str:
         if not shared:
-            shared.append(shared_image(path, (image.shape[0], image.shape[1]), image.dtype))
+            shape = image.shape[0], image.shape[1]
+            shared.extend(shared_image(path, shape, image.dtype) for path in paths)
+        paths.reverse()
+        shared.reverse()
         np.copyto(shared[0], image)
-        return path.name
+        return paths[0].name
 
     return share

@@ -58,7 +58,9 @@ class PipelineProcess(FrameAnalysis):
 
     def begin(self) -> None:
         """Start the process; returns at once."""
-        self._process = started("analysis", (self._config, self._image_path), self._log)
+        self._process = started(
+            "app.processes.analysis", (self._config, self._image_path), self._log
+        )
         self._on_start(self._process.pid)
 
     def wait(self) -> None:

@@ -18,8 +18,8 @@ class ProcessFailed(RuntimeError):
     """A process could not begin."""
 
 
-def started(part: str, payload: Any, log: Path | None = None) -> subprocess.Popen[bytes]:
-    """A new process of the program that was given `payload`, which can be pickled.
+def started(module: str, payload: Any, log: Path | None = None) -> subprocess.Popen[bytes]:
+    """A new process, the `main` of that module, that was given `payload`, which can be pickled.
 
     It is a session of its own: neither Ctrl-C nor a closed terminal reaches it. What it has to say
     on standard error goes to `log`, or to that of this process.
@@ -31,7 +31,7 @@ def started(part: str, payload: Any, log: Path | None = None) -> subprocess.Pope
         own = {"creationflags": flags}
     with log.open("ab") if log else nullcontext() as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "app.processes", part],
+            [sys.executable, "-m", "app.processes", module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,
@@ -63,7 +63,7 @@ def hello_of(process: subprocess.Popen[bytes], log: Path | None = None) -> Any:
         code = process.wait()
         said = log.read_text(encoding="utf-8", errors="replace").strip() if log else ""
         last = said.splitlines()[-1] if said else "it said nothing"
-        part = cast(list[str], process.args)[-1]
+        part = cast(list[str], process.args)[-1].rpartition(".")[2]
         raise ProcessFailed(
             f"{part}: its process ended with code {code} before it was ready: {last}"
         ) from None

@@ -107,7 +107,7 @@ class SupervisedBench(BenchDevices):
                 self._thread.join()
 
     def _supervise(self, watch: Watch) -> None:
-        process = started("supervisor", watch)
+        process = started("app.processes.supervisor", watch)
         hello_of(process)
         self._process = process
         self._on_start(process.pid)

@@ -49,7 +49,7 @@ def main() -> None:
             beat = beats.get(timeout=SILENT_S)
         except queue.Empty:
             beat = ""
-        if beat == "end\n":
+        if beat == "end":
             return
         if not beat:
             _stop(watch, and_kill=True)
@@ -64,8 +64,11 @@ def main() -> None:
 
 
 def _listen(beats: queue.SimpleQueue[str]) -> None:
-    for line in iter(sys.stdin.buffer.readline, b""):
-        beats.put(line.decode())
+    pending = b""
+    while said := os.read(sys.stdin.fileno(), 4096):
+        *lines, pending = (pending + said).split(b"\n")
+        for line in lines:
+            beats.put(line.decode())
     beats.put("")
 
 

@@ -40,16 +40,10 @@ def launched(path, *overrides, pace=1.0):
     try:
         yield run
     finally:
-        kill(run.bench.pid)
-        end(run)
-
-
-def end(run):
-    """Let go of the pipes to a bench."""
-    process = run._process
-    process.wait(PATIENT_S)
-    process.stdin.close()
-    process.stdout.close()
+        outcome = run.outcome()
+        if outcome is None or outcome.state != "done":
+            kill(run.bench.pid)
+        wait_until(lambda: not run.bench.is_alive, "its end")
 
 
 def kill(pid, number=signal.SIGKILL):
@@ -73,9 +67,9 @@ def drives(run, travel_um=5.0):
 class Program:
     """`slipscope run` as a user starts it in a terminal."""
 
-    def __init__(self, path, *overrides):
+    def __init__(self, path, *overrides, headless=True):
         settings = [word for o in (*SMALL, *overrides) for word in ("--set", o)]
-        command = ["-m", "app", "run", "--headless", "-o", str(path), *settings]
+        command = ["-m", "app", "run", *["--headless"] * headless, "-o", str(path), *settings]
         self.process = subprocess.Popen(
             [sys.executable, *command],
             cwd=ROOT,

@@ -107,7 +107,7 @@ def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     wait_until(lambda: drives(first), "the drive")
     _, code = program.end(signal.SIGKILL)
     assert code == -signal.SIGKILL
-    second = launch.attached("a.h5")
+    second = launch.attached(str(program.path))
     assert second.health().state == "running"
     assert len(second.snapshots_since(0)) > 10
     outcome = second.wait(PATIENT_S)
@@ -177,7 +177,7 @@ def test_a_bench_that_dies_is_a_failure_by_name_and_its_session_can_be_repaired(
 def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"x")
     settings = config.load(None, SMALL)
-    with pytest.raises(UserError, match="exists already"):
+    with pytest.raises(UserError, match="a session of that name exists"):
         LaunchedRun(settings, tmp_path / "a.h5", pace=1.0, overwrite=False)
     with pytest.raises(UserError, match=r"no bench of yours runs|running benches"):
         launch.attached("no such bench")
@@ -186,7 +186,7 @@ def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
 
 def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
     log = tmp_path / "log"
-    process = started("bench", "not an order", log)
+    process = started("app.processes.bench", "not an order", log)
     with pytest.raises(ProcessFailed, match=r"bench: its process ended .*: AttributeError"):
         hello_of(process, log)
     process.stdin.close()
@@ -197,5 +197,5 @@ def test_a_bench_that_nobody_starts_ends(tmp_path):
     with launched(tmp_path / "a.h5") as run:
         for caller in (run._ask, run._order):
             caller.close()
-        wait_until(lambda: run._process.poll() is not None, "its end")
+        wait_until(lambda: not run.bench.is_alive, "its end")
     assert not (tmp_path / "a.h5").exists()

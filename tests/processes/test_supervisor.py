@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from dataclasses import dataclass
@@ -33,10 +34,9 @@ class Supervised:
     def __init__(self, path, age_s=0.5):
         self.path = path
         path.touch()
-        self.victim = started("supervisor", Watch(FileStop(str(path)), 0, 60.0, 1.0))
-        hello_of(self.victim)
+        self.victim = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
         watch = Watch(FileStop(str(path)), self.victim.pid, age_s, 100e-6)
-        self.process = started("supervisor", watch)
+        self.process = started("app.processes.supervisor", watch)
         hello_of(self.process)
 
     def beat(self, sample, travel_m=0.0, drives=1):
@@ -47,9 +47,9 @@ class Supervised:
         return self.path.read_text(encoding="utf-8").count("ST")
 
     def end(self):
+        self.process.stdin.close()
+        self.process.stdout.close()
         for process in (self.process, self.victim):
-            process.stdin.close()
-            process.stdout.close()
             process.kill()
             process.wait()
 
