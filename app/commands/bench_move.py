@@ -67,6 +67,7 @@ def _go(config: Config, bench: BenchDevices, way_m: float) -> float:
     try:
         stage.arm()
         stage.aim()
+        intake.take(_Unrecorded())  # of the time before
         watchdog.drives = True
         while experiment.phase is not Phase.END:
             measured = intake.take(_Unrecorded())

@@ -35,8 +35,8 @@ class Measured:
     reference image was taken.
 
     `travel_m` is that of the stage along +x. `range_used` is the largest reading of the normal and
-    the shear sensor, as a share of the range of its input. `age_s` is how much later the board's
-    newest sample is than those forces.
+    the shear sensor, as a share of the range of its input. `age_s` is how old the newest force was
+    at most that was known before them.
     """
 
     end_sample: int
@@ -239,4 +239,4 @@ class Experiment:
 
 
 def _behind(now: Measured) -> str:
-    return f"the newest force that was read is {now.age_s:.1f} s old"
+    return f"the newest force that was read was {now.age_s:.2g} s old"

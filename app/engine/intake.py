@@ -121,8 +121,7 @@ class Intake:
             recorder.append(Gap(block.first, block.count, block.reason))
         recorder.append(Position(look.now, look.position_m))
         self._history.append(block.first, forces, look.position_m, look.now)
-        age_s = (look.now - block.end) / self._samples_per_s
-        self._watchdog.heard(age_s)
+        age_s = self._watchdog.heard((look.now - block.end) / self._samples_per_s)
         if problem is not None:
             raise problem
         if isinstance(block, LostSamples):
