@@ -76,7 +76,7 @@ CONTRACTS: dict[str, list[Contract]] = {"forces": [], "camera": [], "actuator": 
 def _contract(*kinds: str, moves: bool = False) -> Callable[[Callable[..., None]], None]:
     def add(function: Callable[..., None]) -> None:
         for kind in kinds:
-            CONTRACTS[kind].append(Contract(kind, function.__name__, moves, function))
+            CONTRACTS[kind].append(Contract(kind, function.__name__[1:], moves, function))
 
     return add
 
@@ -99,7 +99,7 @@ def _refused(kind: type[DeviceError], what: str) -> Iterator[None]:
 
 
 @_contract("forces")
-def it_is_a_force_source(forces: Any) -> None:
+def _it_is_a_force_source(forces: Any) -> None:
     _that(isinstance(forces, ForceSource), _missing(forces, ForceSource))
     _that(forces.name, "its name is empty")
     _that(forces.sample_rate_hz > 0, f"sample_rate_hz = {forces.sample_rate_hz}")
@@ -107,7 +107,7 @@ def it_is_a_force_source(forces: Any) -> None:
 
 
 @_contract("forces")
-def blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> None:
+def _blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> None:
     forces.open()
     forces.start(TRAIN)
     expected = 0
@@ -124,7 +124,7 @@ def blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> N
 
 
 @_contract("forces")
-def the_receiver_owns_the_block(forces: ForceSource) -> None:
+def _the_receiver_owns_the_block(forces: ForceSource) -> None:
     forces.open()
     forces.start(TRAIN)
     first: Any = forces.read(PATIENCE_S)
@@ -136,7 +136,7 @@ def the_receiver_owns_the_block(forces: ForceSource) -> None:
 
 
 @_contract("forces")
-def samples_out_of_order_are_a_device_error(forces: ForceSource) -> None:
+def _samples_out_of_order_are_a_device_error(forces: ForceSource) -> None:
     with _refused(DeviceError, "start() before open()"):
         forces.start(TRAIN)
     forces.open()
@@ -158,14 +158,14 @@ End = Callable[[], None]
 
 
 @_contract("camera")
-def it_is_a_camera(camera: Any) -> None:
+def _it_is_a_camera(camera: Any) -> None:
     _that(isinstance(camera, Camera), _missing(camera, Camera))
     _that(camera.name, "its name is empty")
     _that(camera.exposure_samples >= 1, f"exposure_samples = {camera.exposure_samples}")
 
 
 @_contract("camera")
-def one_frame_per_trigger_in_order(camera: Camera, run_until: Until) -> None:
+def _one_frame_per_trigger_in_order(camera: Camera, run_until: Until) -> None:
     camera.open()
     camera.start(TRAIN)
     for index in range(4):
@@ -178,7 +178,7 @@ def one_frame_per_trigger_in_order(camera: Camera, run_until: Until) -> None:
 
 
 @_contract("camera")
-def a_frame_says_which_triggers_it_may_be_of(camera: Camera, run_until: Until) -> None:
+def _a_frame_says_which_triggers_it_may_be_of(camera: Camera, run_until: Until) -> None:
     """A camera that the board does not trigger (`is_triggered` is False) is never certain, and says
     so in `describe` as well.
     """
@@ -199,7 +199,7 @@ def a_frame_says_which_triggers_it_may_be_of(camera: Camera, run_until: Until) -
 
 
 @_contract("camera")
-def frames_wait_to_be_read(camera: Camera, run_until: Until) -> None:
+def _frames_wait_to_be_read(camera: Camera, run_until: Until) -> None:
     camera.open()
     camera.start(TRAIN)
     run_until(TRAIN.sample(2) + camera.exposure_samples)
@@ -211,7 +211,7 @@ def frames_wait_to_be_read(camera: Camera, run_until: Until) -> None:
 
 
 @_contract("camera")
-def the_image_is_read_only_and_stays_as_it_is(camera: Camera, run_until: Until) -> None:
+def _the_image_is_read_only_and_stays_as_it_is(camera: Camera, run_until: Until) -> None:
     camera.open()
     camera.start(TRAIN)
     run_until(TRAIN.sample(1) + camera.exposure_samples)
@@ -226,7 +226,7 @@ def the_image_is_read_only_and_stays_as_it_is(camera: Camera, run_until: Until) 
 
 
 @_contract("camera")
-def a_trigger_that_has_not_come_is_a_timeout_and_may_still_come(
+def _a_trigger_that_has_not_come_is_a_timeout_and_may_still_come(
     camera: Camera, run_until: Until
 ) -> None:
     camera.open()
@@ -242,7 +242,7 @@ def a_trigger_that_has_not_come_is_a_timeout_and_may_still_come(
 
 
 @_contract("camera")
-def what_was_exposed_when_the_clock_ended_can_still_be_read(
+def _what_was_exposed_when_the_clock_ended_can_still_be_read(
     camera: Camera, run_until: Until, end_clock: End
 ) -> None:
     camera.open()
@@ -257,7 +257,7 @@ def what_was_exposed_when_the_clock_ended_can_still_be_read(
 
 
 @_contract("camera")
-def frames_out_of_order_are_a_device_error(camera: Camera) -> None:
+def _frames_out_of_order_are_a_device_error(camera: Camera) -> None:
     with _refused(DeviceError, "start() before open()"):
         camera.start(TRAIN)
     camera.open()
@@ -281,7 +281,7 @@ Pass = Callable[[float], None]
 
 
 @_contract("actuator")
-def it_is_an_actuator(actuator: Any) -> None:
+def _it_is_an_actuator(actuator: Any) -> None:
     _that(isinstance(actuator, Actuator), _missing(actuator, Actuator))
     _that(actuator.name, "its name is empty")
     low, high = actuator.travel_limits_m
@@ -290,7 +290,7 @@ def it_is_an_actuator(actuator: Any) -> None:
 
 
 @_contract("actuator", moves=True)
-def a_move_ends_by_itself_at_its_target(actuator: Actuator, pass_time: Pass) -> None:
+def _a_move_ends_by_itself_at_its_target(actuator: Actuator, pass_time: Pass) -> None:
     actuator.open()
     start = actuator.position_m()
     _that(not actuator.is_moving(), "it moves as soon as it is open")
@@ -307,7 +307,7 @@ def a_move_ends_by_itself_at_its_target(actuator: Actuator, pass_time: Pass) -> 
 
 
 @_contract("actuator", moves=True)
-def it_moves_at_about_the_velocity_asked(actuator: Actuator, pass_time: Pass) -> None:
+def _it_moves_at_about_the_velocity_asked(actuator: Actuator, pass_time: Pass) -> None:
     actuator.open()
     start = actuator.position_m()
     actuator.set_velocity(50e-6)
@@ -318,7 +318,7 @@ def it_moves_at_about_the_velocity_asked(actuator: Actuator, pass_time: Pass) ->
 
 
 @_contract("actuator", moves=True)
-def stop_ends_the_motion_now(actuator: Actuator, pass_time: Pass) -> None:
+def _stop_ends_the_motion_now(actuator: Actuator, pass_time: Pass) -> None:
     actuator.open()
     actuator.stop()
     start = actuator.position_m()
@@ -336,7 +336,7 @@ def stop_ends_the_motion_now(actuator: Actuator, pass_time: Pass) -> None:
 
 
 @_contract("actuator", moves=True)
-def what_is_out_of_limits_changes_nothing(actuator: Actuator, pass_time: Pass) -> None:
+def _what_is_out_of_limits_changes_nothing(actuator: Actuator, pass_time: Pass) -> None:
     actuator.open()
     low, high = actuator.travel_limits_m
     start = actuator.position_m()
@@ -355,7 +355,7 @@ def what_is_out_of_limits_changes_nothing(actuator: Actuator, pass_time: Pass) -
 
 
 @_contract("actuator")
-def moves_out_of_order_are_a_device_error(actuator: Actuator) -> None:
+def _moves_out_of_order_are_a_device_error(actuator: Actuator) -> None:
     with _refused(DeviceError, "move_to() before open()"):
         actuator.move_to(0.0)
     with _refused(DeviceError, "set_velocity() before open()"):
@@ -365,7 +365,7 @@ def moves_out_of_order_are_a_device_error(actuator: Actuator) -> None:
 
 
 @_contract("actuator", moves=True)
-def close_stops_and_may_come_at_any_time_and_twice(actuator: Actuator, pass_time: Pass) -> None:
+def _close_stops_and_may_come_at_any_time_and_twice(actuator: Actuator, pass_time: Pass) -> None:
     actuator.close()
     actuator.open()
     start = actuator.position_m()
@@ -387,7 +387,7 @@ def _is_at(actuator: Actuator, expected_m: float, tolerance_m: float) -> None:
 
 
 @_contract("forces", "camera")
-def stop_and_close_may_come_at_any_time_and_twice(device: ForceSource | Camera) -> None:
+def _stop_and_close_may_come_at_any_time_and_twice(device: ForceSource | Camera) -> None:
     device.close()
     device.open()
     device.stop()
@@ -399,7 +399,7 @@ def stop_and_close_may_come_at_any_time_and_twice(device: ForceSource | Camera) 
 
 
 @_contract("forces", "camera", "actuator")
-def it_says_what_it_is(device: ForceSource | Camera | Actuator) -> None:
+def _it_says_what_it_is(device: ForceSource | Camera | Actuator) -> None:
     device.open()
     _that(device.describe(), "describe() is empty")
     device.close()
