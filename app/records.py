@@ -194,7 +194,9 @@ class Event:
 
 @record("/entry/results", rows="results")
 class Conditions:
-    """The state of the bench during an exposure; forces are means over it."""
+    """The state of the bench during an exposure; forces are means over it. Q and travel are along
+    the drive, also of one against +x.
+    """
 
     phase: Phase = column(
         "phase", "1", ", ".join(f"{n}: {phase}" for n, phase in enumerate(Phase)), dtype="uint8"

@@ -59,7 +59,9 @@ class Analysis:
 
     def __init__(self, config: Config, pipeline: FrameAnalysis) -> None:
         self.config = config
-        self.history = History(float(config.forces.sample_rate), config.exposure_samples)
+        self.history = History(
+            float(config.forces.sample_rate), config.exposure_samples, config.run.direction
+        )
         self.pipeline = pipeline
         self.series = Series()
 

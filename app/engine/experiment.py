@@ -35,8 +35,8 @@ class Measured:
     reference image was taken.
 
     `travel_m` is that of the stage along +x. `range_used` is the largest reading of the normal and
-    the shear sensor, as a share of the range of its input. `age_s` is how much later the board's
-    newest sample is than those forces.
+    the shear sensor, as a share of the range of its input. `age_s` is how old the newest force was
+    at most that was known before them.
     """
 
     end_sample: int
@@ -81,6 +81,11 @@ class Experiment:
             self._since = now.end_sample
             self.advice = ""
         return self.phase
+
+    def begin_drive(self, now: Measured) -> None:
+        """Go on with the drive, whatever comes before it in an experiment; see `advance`."""
+        self.phase, self._since = Phase.DRIVE, now.end_sample
+        self._check_limits(now)
 
     def progress(self, now: Measured) -> float:
         """Share of the experiment that is done, 0 to 1: 10 % up to the drive, then by travel."""
@@ -234,4 +239,4 @@ class Experiment:
 
 
 def _behind(now: Measured) -> str:
-    return f"the newest force that was read is {now.age_s:.1f} s old"
+    return f"the newest force that was read was {now.age_s:.2g} s old"

@@ -12,17 +12,22 @@ import numpy as np
 
 from app.engine.experiment import Measured
 from app.engine.history import History
-from app.engine.recorder import Recorder
 from app.engine.setup import sensor_chain
 from app.engine.stage import Stage
 from app.engine.watchdog import Watchdog
-from app.records import Gap, Position, Samples
+from app.records import Gap, Position, Record, Samples
 from app.settings import Config
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
 from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock
 
 READ_TIMEOUT_S = 2.0
 PATIENT_READS = 30
+
+
+class Takes(Protocol):
+    """Where the records go: the recorder of a run."""
+
+    def append(self, record: Record) -> None: ...
 
 
 class BenchDevices(Protocol):
@@ -87,7 +92,7 @@ class Intake:
         """The board's newest sample, read or not."""
         return self._history.end + self._bench.forces.backlog()
 
-    def take(self, recorder: Recorder, has_reference: bool = False) -> Measured | None:
+    def take(self, recorder: Takes, has_reference: bool = False) -> Measured | None:
         """The next block, on its way to the disk, and what it says; None for a gap that the
         settings put up with.
 
@@ -116,8 +121,7 @@ class Intake:
             recorder.append(Gap(block.first, block.count, block.reason))
         recorder.append(Position(look.now, look.position_m))
         self._history.append(block.first, forces, look.position_m, look.now)
-        age_s = (look.now - block.end) / self._samples_per_s
-        self._watchdog.heard(age_s)
+        age_s = self._watchdog.heard((look.now - block.end) / self._samples_per_s)
         if problem is not None:
             raise problem
         if isinstance(block, LostSamples):

@@ -59,6 +59,9 @@ class Pipeline:
     Frames must come in order. The result of a frame depends on the background and reference frames;
     those analysed in between only start its search, which can change a displacement by a small part
     of its uncertainty. The same frames give the same bits.
+
+    Everything but the displacement field, which is that of the image, is along the drive: one
+    against +x is the drive along +x, turned by half a turn.
     """
 
     def __init__(self, config: Config) -> None:
@@ -175,6 +178,7 @@ class Pipeline:
         assert self._tracker is not None
         assert self.contact is not None
         now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
+        along = self.config.run.direction
         field = self._tracker.track(image)
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
@@ -182,12 +186,14 @@ class Pipeline:
         ux_m = field.ux_px * pixel_m
         centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
         # distances from the lens where the material is now, not where it was at t = 0
-        x = self._x_m + ux_m - centre_x - lens_m
+        x = self._x_m + ux_m - centre_x - along * lens_m
         y = self._y_m + field.uy_px * pixel_m - centre_y
         r = np.hypot(x, y)
-        sliding_ux = ux_m - lens_m
+        sliding_ux = along * ux_m - lens_m
         width = self.config.dic.step * self._pixel_m
-        rings = ring_means(r, sliding_ux, width, self._whole_rings_m(), theta=np.arctan2(y, x))
+        rings = ring_means(
+            r, sliding_ux, width, self._whole_rings_m(), theta=np.arctan2(along * y, along * x)
+        )
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         apparent_m = self.contact.apparent_radius_m
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
@@ -196,7 +202,7 @@ class Pipeline:
             stick = self._stick(rings, hertz_m)
             if self._tractions is not None:
                 traction, stress = self._tractions.of(rings)
-                stress_field = self._tractions.field(sliding_ux, field.ux_std_px * pixel_m)
+                stress_field = self._tractions.field(sliding_ux, field.ux_std_px * pixel_m, along)
         return replace(
             snapshot,
             motion=Motion(lens_m, float(central_value(r, sliding_ux, inner_m))),

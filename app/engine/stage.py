@@ -104,10 +104,10 @@ class Stage:
             return math.nan, False
         actuator = self._bench.actuator
         try:
-            position = actuator.position_m()
+            moves = actuator.is_moving()
+            position = actuator.position_m()  # the last one, if it does not move any more
             if abs(position - self.start_m) > self._config.limits.travel:
                 position = actuator.position_m()  # one reading may be garbled
-            moves = actuator.is_moving()
         except DeviceError:
             self.has_failed = True
             raise

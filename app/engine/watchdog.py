@@ -66,9 +66,14 @@ class Watchdog:
         self._calls: queue.SimpleQueue[_Call] | None = None
         self._heard_at = time.monotonic()
 
-    def heard(self, age_s: float) -> None:
-        """Note that forces came, of which the newest is this old."""
-        self._heard_at = time.monotonic() - age_s
+    def heard(self, age_s: float) -> float:
+        """Note that forces came, of which the newest is `age_s` old; how old the newest known one
+        had become by then, if that is more.
+        """
+        if self._is_direct:
+            return 0.0
+        before, self._heard_at = self._heard_at, time.monotonic() - age_s
+        return max(age_s, time.monotonic() - before)
 
     def ask(self, who: str, step: Callable[[], T], patience_s: float = PATIENCE_S) -> T:
         """What a step with a device returns or raises.

@@ -14,7 +14,7 @@ from drivers.sim.images import Renderer
 
 SMALL = (*short_run.SMALL, "run.travel=30")
 # longer than a run: a busy machine may be late, the world's time passes all the same
-PATIENT = ("forces.buffer=60", "limits.age=10")
+PATIENT = "forces.buffer=60"
 TIMEOUT = 400
 
 
@@ -23,7 +23,7 @@ class HilRun:
 
     def __init__(self, path, *overrides, pace=2.0, while_running=None):
         self.path = path
-        self.settings = config.load(Path("hil-emulated"), [*SMALL, *PATIENT, *overrides])
+        self.settings = config.load(Path("hil-emulated"), [*SMALL, PATIENT, *overrides])
         self.run = live.make_run(self.settings, path, pace=pace)
         self.bench = self.run._bench
         self.run.start()
