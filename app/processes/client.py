@@ -182,7 +182,7 @@ class RemoteRun:
     def _has_died(self, error: Exception) -> None:
         with self._lock:
             if self._outcome is None:
-                LOG.error("the bench has died", exc_info=error)
+                LOG.debug("the bench has died", exc_info=error)
                 reason = (
                     f"bench: its process (number {self.bench.pid}) has ended, and its supervisor"
                     " stops the stage; what was recorded is safe, slipscope repair"
