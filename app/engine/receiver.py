@@ -88,7 +88,7 @@ class Receiver:
             self._awaited = (self.answered, now)
         elif now - self._awaited[1] > patience_s:
             raise DeviceTimeout(
-                f"{self._camera.name}: trigger {self.answered} had no answer for {patience_s:g} s;"
+                f"{self._camera.name}: trigger {self.answered} had no answer for {patience_s:.2g} s;"
                 " check the trigger line and the camera"
             )
         return overdue
