@@ -280,6 +280,34 @@ def check(
     return benches.check(bench, overrides or (), home=home, move_um=move_um, as_json=as_json)
 
 
+@command(app, "check-driver")
+def check_driver(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="PACKAGE.MODULE:CLASS", help="The class of the driver, which can be imported."
+        ),
+    ],
+    move: Annotated[
+        bool,
+        typer.Option("--move", help="Let the stage of an actuator move, by up to 1 mm both ways."),
+    ] = False,
+    overrides: Overrides = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Try a driver of your own, with its device connected, against everything that a driver of its
+    kind must do: one line for each contract.
+
+    A camera is tried on the clock of the forces of the settings, the simulated ones if not set. The
+    exit code is 1 if a contract is broken, 2 if there is no such driver.
+
+    Example: `slipscope check-driver my_lab.stage:Stage --move --set actuator.port=COM3`
+    """
+    from app.commands import check_driver as driver_checks
+
+    return driver_checks.check_driver(source, overrides or (), move=move, as_json=as_json)
+
+
 @command(app)
 def cameras(
     producer: Annotated[

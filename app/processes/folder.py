@@ -67,7 +67,7 @@ def root() -> Path:
     """Where the folders of this user's benches are."""
     base = MEMORY if os.access(MEMORY, os.W_OK) else Path(tempfile.gettempdir())
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
-    folder = Path(os.environ.get("SLIPSCOPE_RUNNING", base / f"slipscope-{user}"))
+    folder = base / f"slipscope-{user}"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     return folder
 

@@ -11,9 +11,7 @@ from app.errors import UserError
 from app.processes.calls import Gone
 from app.processes.client import LaunchedRun, RemoteRun
 from app.processes.folder import running
-from app.processes.starting import ProcessFailed
 from app.settings import Config
-from drivers.errors import DeviceError
 
 
 def launched_or_made(
@@ -31,10 +29,7 @@ def launched_or_made(
         from app.live import make_run
 
         return make_run(config, output, pace=None, overwrite=overwrite)
-    try:
-        return LaunchedRun(config, output, pace=pace, overwrite=overwrite)
-    except ProcessFailed as error:
-        raise DeviceError(str(error)) from error
+    return LaunchedRun(config, output, pace=pace, overwrite=overwrite)
 
 
 def attached(name: str | None) -> RemoteRun:

@@ -14,8 +14,8 @@ from app.errors import UserError
 from drivers.errors import DeviceError
 
 
-class ProcessFailed(RuntimeError):
-    """A process could not begin."""
+class ProcessFailed(DeviceError):
+    """A part of the bench could not begin."""
 
 
 def started(module: str, payload: Any, log: Path | None = None) -> subprocess.Popen[bytes]:

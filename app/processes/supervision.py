@@ -14,7 +14,6 @@ from app.engine.intake import BenchDevices
 from app.processes.starting import ProcessFailed, hello_of, started
 from app.processes.supervisor import Watch
 from app.settings import Limits
-from drivers.errors import DeviceError
 from drivers.protocols import Actuator, Camera, ForceSource
 
 LOG = logging.getLogger(__name__)
@@ -89,9 +88,9 @@ class SupervisedBench(BenchDevices):
         )
         try:
             self._supervise(watch)
-        except ProcessFailed as error:
+        except ProcessFailed:
             self._bench.close()
-            raise DeviceError(str(error)) from error
+            raise
         self._thread = threading.Thread(
             target=self._beat, args=(watch,), name="slipscope-beat", daemon=True
         )

@@ -287,7 +287,7 @@ def test_an_exception_anywhere_stops_the_actuator_first(where, words, tmp_path):
 
 
 def test_stop_motion_stops_in_the_calling_thread(tmp_path):
-    stopped = []
+    stopped, others = [], set(threading.enumerate())
 
     def sabotage(run):
         journal = Journal(run)
@@ -302,7 +302,8 @@ def test_stop_motion_stops_in_the_calling_thread(tmp_path):
     assert stopped == [True]
     assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
     assert outcome.counts.frames_lost == 0
-    assert not any(t.name.startswith("slipscope") for t in threading.enumerate())
+    left = set(threading.enumerate()) - others
+    assert not [t.name for t in left if t.name.startswith("slipscope")]
 
 
 def test_a_limit_ends_the_run_by_name(tmp_path):
