@@ -3,6 +3,8 @@ the SMC100. Its emulated controller takes 10 ms over each answer on a line of 57
 another thread asks for position and state every 50 ms. The stops come at random moments of a move;
 a command has arrived with its last byte.
 
+A strict controller ignores what follows the end of a command in the same transfer, for 4 ms.
+
     python -m benchmarks stop_latency [STOPS]
 """
 
@@ -27,9 +29,9 @@ SUBJECT = "Stopping the actuator"
 POLL_S = 0.05
 
 
-def stop_often(wire: str, stops: int) -> dict[str, list[float]]:
+def stop_often(wire: str, stops: int, deaf_s: float) -> dict[str, list[float]]:
     """Seconds of each step, one value per stop; the failure of the line happens once."""
-    line = SerialLine(Controller(FreeStage()), wire, byte_s=10 / 57600, think_s=0.01)
+    line = SerialLine(Controller(FreeStage()), wire, byte_s=10 / 57600, think_s=0.01, deaf_s=deaf_s)
     driver = Smc100(ActuatorSettings(port=line.start()), SampleClock(1000.0))
     driver.open()
     is_over, times = threading.Event(), defaultdict(list)
@@ -72,5 +74,6 @@ def stop_often(wire: str, stops: int) -> dict[str, list[float]]:
 def measure(report: Report, stops: int = 100) -> None:
     """Measure over a pseudo-terminal, where there is one, and over a network port."""
     for wire in ("tcp",) if sys.platform == "win32" else ("pty", "tcp"):
-        for name, seconds in stop_often(wire, stops).items():
-            report.times(f"{name} ({wire})", seconds)
+        for kind, deaf_s in ("", 0.0), (", strict", 0.004):
+            for name, seconds in stop_often(wire, stops, deaf_s).items():
+                report.times(f"{name} ({wire}{kind})", seconds)

@@ -4,6 +4,7 @@ analysis newest first.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import Any
@@ -57,6 +58,7 @@ class Receiver:
         self._ending = ending
         self._limits = limits
         self._answering = threading.Lock()
+        self._asked_at = math.inf  # since then a call of the camera lasts
         self._is_over = False  # every trigger is accounted for, or the camera was given up
         self._awaited = (0, time.monotonic())  # the trigger whose answer is awaited, and since when
         self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
@@ -79,13 +81,14 @@ class Receiver:
         overdue = self._history.end - self._train.sample(self.answered) > late
         patience_s = PATIENCE_S
         if drives:
-            left_s = self._limits.age - late / self._history.sample_rate_hz
+            # the camera may have fallen silent a period before
+            left_s = self._limits.age - (late + self._train.divisor) / self._history.sample_rate_hz
             patience_s = min(PATIENCE_S, max(LEAST_PATIENCE_S, left_s))
         if not overdue or self._hands_over or self.answered != self._awaited[0]:
             self._awaited = (self.answered, now)
         elif now - self._awaited[1] > patience_s:
             raise DeviceTimeout(
-                f"{self._camera.name}: trigger {self.answered} had no answer for {patience_s:g} s;"
+                f"{self._camera.name}: trigger {self.answered} had no answer for {patience_s:.2g} s;"
                 " check the trigger line and the camera"
             )
         return overdue
@@ -104,14 +107,16 @@ class Receiver:
         camera that does not return is given up.
         """
         for thread in threads[:1]:
-            thread.join(2 * PATIENCE_S)
-            if thread.is_alive() and not self._hands_over:
-                self._ending.call(
-                    f"{self._camera.name}: it did not return from a call and was given up; check"
-                    " the camera, its connection and its driver",
-                    failed=True,
-                )
-                self._account()
+            while thread.is_alive():
+                thread.join(POLL_S)
+                if not self._hands_over and time.monotonic() - self._asked_at > PATIENCE_S:
+                    self._ending.call(
+                        f"{self._camera.name}: it did not return from a call and was given up;"
+                        " check the camera, its connection and its driver",
+                        failed=True,
+                    )
+                    self._account()
+                    break
         for thread in threads[1:]:
             thread.join()
 
@@ -135,14 +140,17 @@ class Receiver:
             self._history.end
         ):
             try:
+                self._asked_at = time.monotonic()
                 answer = self._camera.read(POLL_S)
                 with self._answering:
                     if self._is_over:
                         return
                     self._deliver(answer)
                 answered_at = time.monotonic()
+                self._asked_at = math.inf
                 self._check_losses()
             except DeviceTimeout:
+                self._asked_at = math.inf
                 if self._history.has_ended and time.monotonic() - answered_at > PATIENCE_S:
                     return
 
