@@ -8,6 +8,7 @@ import math
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.engine.experiment import Measured
 from app.engine.history import History
@@ -84,7 +85,7 @@ class Intake:
         volts = block.volts if isinstance(block, SampleBlock) else np.full((block.count, 2), np.nan)
         forces = self._chain.forces(volts)
         if isinstance(block, SampleBlock):
-            recorder.append(Samples(block.first, volts, forces))
+            recorder.append(Samples(block.first, volts, forces, self._further(block)))
         else:
             self.samples_lost += block.count
             recorder.append(Gap(block.first, block.count, block.reason))
@@ -112,6 +113,19 @@ class Intake:
             has_reference,
             (float(normal), float(shear)),
         )
+
+    def _further(self, block: SampleBlock) -> NDArray[np.float64] | None:
+        """Values of the further channels in their units."""
+        channels, volts = self._config.forces.auxiliary_channels, block.auxiliary
+        found = 0 if volts is None else volts.shape[1]
+        if found != len(channels):
+            raise DeviceFault(
+                f"{self._bench.forces.name}: forces.auxiliary asks for {len(channels)} further"
+                f" channels, it delivers {found}; leave them out, or use a source that has them"
+            )
+        if volts is None:
+            return None
+        return volts * [c.per_volt for c in channels] + [c.at_zero for c in channels]
 
     def _read(self) -> SampleBlock | LostSamples:
         for attempts_left in reversed(range(self._reads)):

@@ -21,6 +21,7 @@ from analysis.mechanics import hertz
 from app.config import to_toml
 from app.engine.tractions import Tractions, local_law
 from app.records import (
+    Channels,
     Conditions,
     ContactResult,
     DisplacementField,
@@ -87,6 +88,12 @@ def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) 
         grid_x_px=grid.x_px,
         grid_y_px=grid.y_px,
         compression="gzip" if config.recording.compression == "gzip" else "none",
+        auxiliary=Channels(
+            tuple(channel.name for channel in config.forces.auxiliary_channels),
+            tuple(channel.unit for channel in config.forces.auxiliary_channels),
+        )
+        if config.forces.auxiliary
+        else None,
     )
 
 

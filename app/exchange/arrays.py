@@ -41,6 +41,10 @@ def _arrays(
     header, samples, results = reader.header, reader.forces(), reader.results()[rows]
     stage_sample, stage_m = reader.positions()
     has_field = reader.have_fields()[rows]
+    further = {}
+    if header.auxiliary is not None and samples.auxiliary is not None:
+        named = zip(header.auxiliary.labels, samples.auxiliary.T, strict=True)
+        further = {f"auxiliary_{label}": values for label, values in named}
     whole = {
         "sample_rate_hz": header.sample_rate_hz,
         "pixel_m": header.pixel_m,
@@ -48,6 +52,7 @@ def _arrays(
         "force_Q_N": samples.forces[:, 1],
         "normal_sensor_V": samples.volts[:, 0],
         "shear_sensor_V": samples.volts[:, 1],
+        **further,
         "stage_sample": stage_sample,
         "stage_m": stage_m,
         # through lists: the phases are texts, as long as the longest of them

@@ -245,15 +245,20 @@ def _forces_table(chosen: _Chosen, path: Path) -> int:
     """Write all samples, one a line; how many there are."""
     rate = chosen.header.sample_rate_hz
     held, stage_um = chosen.reader.forces(), _stage_um(chosen.reader)
-    count = len(held.volts)
+    count, channels = len(held.volts), chosen.header.auxiliary
+    names = channels.labels if channels else []
     with _text(path) as table:
         table.write(
-            f"# {rate:.9g} samples a second; cells of missing samples are empty\n{FORCES}\n"
+            f"# {rate:.9g} samples a second; cells of missing samples are empty\n"
+            f"{','.join([FORCES, *names])}\n"
         )
         for start in range(0, count, BLOCK):
             chosen.tell("forces", start / count)
             part, samples = slice(start, start + BLOCK), np.arange(start, min(start + BLOCK, count))
-            rows = np.column_stack([held.forces[part], held.volts[part], stage_um(samples)])
+            columns = [held.forces[part], held.volts[part], stage_um(samples)]
+            if held.auxiliary is not None:
+                columns.append(held.auxiliary[part])
+            rows = np.column_stack(columns)
             for sample, row in zip(samples.tolist(), rows.tolist(), strict=True):
                 table.write(f"{sample},{sample / rate!r},{','.join(map(_cell, row))}\n")
     return count
