@@ -8,7 +8,6 @@ session file that holds it, with its unit and meaning (`app.schema`).
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -56,16 +55,10 @@ class Source:
 
 @record("/entry/auxiliary", since=4)
 class Channels:
-    """The further analog channels that are recorded beside the forces."""
+    """The further channels that are recorded beside the forces."""
 
     name: tuple[str, ...] = column("name", "", "name of each channel", shape=("channels",))
     unit: tuple[str, ...] = column("unit", "", "unit of its values", shape=("channels",))
-
-    @property
-    def labels(self) -> list[str]:
-        """Name and unit of each as one word of letters, digits and ``_``, for tables of others."""
-        named = zip(self.name, self.unit, strict=True)
-        return [re.sub(r"\W", "_", f"{name}_{unit}") for name, unit in named]
 
 
 @record("/entry")
@@ -86,8 +79,6 @@ class Header:
         None where the images are in this session.
     compression : str
         Of the images in this session.
-    auxiliary : Channels or None
-        None where no further channels are recorded.
     """
 
     frame_shape: tuple[Index, Index]
@@ -125,9 +116,8 @@ class Header:
 class Samples:
     """Consecutive samples from number `first` on, as read (volts) and as forces (newtons).
 
-    Both arrays have the shape (n, 2): normal, shear. Samples missing before `first` are a gap.
-    `auxiliary` has the values of the k further channels in their units, shape (n, k); None where
-    there are none.
+    Both arrays have the shape (n, 2): normal, shear; `auxiliary` (n, k) has further channels in
+    their units. Samples missing before `first` are a gap.
     """
 
     first: Index
@@ -142,15 +132,9 @@ class Samples:
     auxiliary: F64 | None = None
 
     def __post_init__(self) -> None:
-        if self.auxiliary is not None and self.auxiliary.shape[:1] != self.volts.shape[:1]:
-            raise ValueError(
-                f"session: {self.auxiliary.shape} values of further channels beside samples"
-                f" {self.volts.shape}"
-            )
         if self.volts.shape != self.forces.shape or self.volts.shape[1:] != (2,):
             raise ValueError(
-                f"session: volts {self.volts.shape} and forces {self.forces.shape} must both be"
-                " (n, 2)"
+                f"session: volts {self.volts.shape}, forces {self.forces.shape} must be (n, 2)"
             )
 
 

@@ -162,7 +162,7 @@ class NiForces:
         inputs = dict(zip(s.channels, s.range, strict=True))
         inputs |= {found.channel: found.range_v for found in s.auxiliary_channels}
         with (
-            self._ni(f"{', '.join(inputs)} at {self.sample_rate_hz:g} Hz"),
+            self._ni(f"{' and '.join(inputs)} at {self.sample_rate_hz:g} Hz"),
             self._task() as task,
         ):
             for channel, limit in inputs.items():

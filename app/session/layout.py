@@ -57,7 +57,7 @@ GROUPS = (
     Group("/entry/instrument/actuator", "NXpositioner"),
     Group("/entry/triggers"),
     Group("/entry/forces", "NXdata", "shear_force", ("normal_force",), (".",)),
-    Group("/entry/auxiliary", "NXdata", "value", (), (".", ".")),  # only with further channels
+    Group("/entry/auxiliary"),  # only with further channels
     Group("/entry/gaps"),
     Group("/entry/events"),
     Group("/entry/results", "NXdata", "shear_force", ("normal_force",), ("stage_displacement",)),

@@ -12,6 +12,7 @@ from short_run import SMALL
 from app import config, live
 from app.commands.inspect import info
 from app.config import ConfigError, load
+from app.exchange.arrays import labels
 from app.exchange.exporting import export
 from app.offline.reanalysis import Reanalysis
 from app.records import Channels, Gap, Samples
@@ -167,4 +168,4 @@ def test_a_channel_that_can_not_be_read_is_refused(text):
 
 
 def test_labels_are_safe_names():
-    assert Channels(("a/../b", "T"), ("degC", "um/s")).labels == ["a____b_degC", "T_um_s"]
+    assert labels(Channels(("a/../b", "T"), ("degC", "um/s"))) == ["a____b_degC", "T_um_s"]
