@@ -66,7 +66,9 @@ def expected_bytes(config: Config) -> int:
     seconds = waiting + abs(run.travel) / run.velocity * 1.06
     points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
     frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
-    rate = config.frame_rate_hz * frame + config.forces.sample_rate * 32
+    rate = config.frame_rate_hz * frame + config.forces.sample_rate * (
+        32 + 8 * len(config.forces.auxiliary)
+    )
     return int(seconds * rate) + RESERVE_BYTES
 
 

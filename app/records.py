@@ -54,6 +54,14 @@ class Source:
     )
 
 
+@record("/entry/auxiliary", since=4)
+class Channels:
+    """The further channels that are recorded beside the forces."""
+
+    name: tuple[str, ...] = column("name", "", "name of each channel", shape=("channels",))
+    unit: tuple[str, ...] = column("unit", "", "unit of its values", shape=("channels",))
+
+
 @record("/entry")
 class Header:
     """What is known of a session from its beginning.
@@ -102,13 +110,15 @@ class Header:
     )
     source: Source | None = None
     compression: Literal["none", "gzip"] = "none"
+    auxiliary: Channels | None = None
 
 
 @record("/entry/forces", rows="samples")
 class Samples:
     """Consecutive samples from number `first` on, as read (volts) and as forces (newtons).
 
-    Both arrays have the shape (n, 2): normal, shear. Samples missing before `first` are a gap.
+    Both arrays have the shape (n, 2): normal, shear; `auxiliary` (n, k) has further channels in
+    their units. Samples missing before `first` are a gap.
     """
 
     first: Index
@@ -120,11 +130,12 @@ class Samples:
         ("normal_force", "N", "normal force P"), ("shear_force", "N", "shear force Q")
     )
 
+    auxiliary: F64 | None = None
+
     def __post_init__(self) -> None:
         if self.volts.shape != self.forces.shape or self.volts.shape[1:] != (2,):
             raise ValueError(
-                f"session: volts {self.volts.shape} and forces {self.forces.shape} must both be"
-                " (n, 2)"
+                f"session: volts {self.volts.shape}, forces {self.forces.shape} must be (n, 2)"
             )
 
 

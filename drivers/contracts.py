@@ -118,6 +118,9 @@ def _blocks_follow_each_other_from_sample_0_without_gap(forces: ForceSource) -> 
         _that(shape == (n, 2), f"volts of shape {shape} came instead of ({n}, 2)")
         _that(block.volts.dtype == np.float64, f"volts are {block.volts.dtype}, not float64")
         _that(np.isfinite(block.volts).all(), "some volts are not finite")
+        auxiliary = block.auxiliary
+        beside = auxiliary is None or (auxiliary.ndim == 2 and len(auxiliary) == n)
+        _that(beside, "its auxiliary readings are not one row for each sample")
         _that(forces.backlog() >= 0, f"the backlog is {forces.backlog()}")
         expected = block.end
     forces.close()

@@ -136,6 +136,8 @@ class NiForces:
             model = _model(Device(s.device, **self._remote))
         server = f" on {s.server}" * bool(s.server)
         inputs = f"{s.channels[0]} and {s.channels[1]}, {s.wiring}, at {self.sample_rate_hz:g} Hz"
+        further = [f"{a.name} on {a.channel}" for a in s.auxiliary_channels]
+        inputs += f", {', '.join(further)}" * bool(further)
         counter = s.trigger_counter + f" at {s.trigger_terminal}" * bool(s.trigger_terminal)
         trigger = s.trigger_line if s.trigger == "digital" else counter
         counted = f", exposures counted by {s.exposure_counter} at {s.exposure_terminal}"
@@ -147,11 +149,13 @@ class NiForces:
 
         s = self._settings
         wiring = TerminalConfiguration[WIRINGS[s.wiring]]
+        inputs = dict(zip(s.channels, s.range, strict=True))
+        inputs |= {found.channel: found.range_v for found in s.auxiliary_channels}
         with (
-            self._ni(f"{s.channels[0]} and {s.channels[1]} at {self.sample_rate_hz:g} Hz"),
+            self._ni(f"{' and '.join(inputs)} at {self.sample_rate_hz:g} Hz"),
             self._task() as task,
         ):
-            for channel, limit in zip(s.channels, s.range, strict=True):
+            for channel, limit in inputs.items():
                 task.ai_channels.add_ai_voltage_chan(
                     f"{s.device}/{channel}", terminal_config=wiring, min_val=-limit, max_val=limit
                 )
@@ -324,7 +328,8 @@ class NiForces:
                 f"{self.name}: sample {first} can not be read, NI's library reads by number up to"
                 f" {LAST_SAMPLE}; start a new run"
             )
-        volts, counts = np.empty((2, n)), np.empty(n, np.uint32)
+        further = len(self._settings.auxiliary)
+        volts, counts = np.empty((2 + further, n)), np.empty(n, np.uint32)
         kinds = zip((AnalogMultiChannelReader, CounterReader), self._inputs, strict=False)
         readers = [kind(task.in_stream) for kind, task in kinds]
         try:
@@ -343,8 +348,9 @@ class NiForces:
         self._next, self._margin = first + n, 0
         return SampleBlock(
             first,
-            np.ascontiguousarray(volts.T),
+            np.ascontiguousarray(volts[:2].T),
             self._unwrapped(counts) if self.counts_exposures else None,
+            np.ascontiguousarray(volts[2:].T) if further else None,
         )
 
     def _gap(self) -> LostSamples:

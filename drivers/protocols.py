@@ -42,11 +42,14 @@ class SampleBlock:
     exposures : ndarray, shape (n,), int64, or None
         How many exposures of the camera had begun by each sample, as the board counted them on its
         sample clock; None if it does not count them.
+    auxiliary : ndarray, shape (n, k), float64, or None
+        Volts of the k further channels of `ForceSettings.auxiliary`; None if there are none.
     """
 
     first: int
     volts: NDArray[np.float64]
     exposures: NDArray[np.int64] | None = None
+    auxiliary: NDArray[np.float64] | None = None
 
     @property
     def end(self) -> int:

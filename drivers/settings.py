@@ -6,15 +6,17 @@ The names are those of the settings file; instances hold SI units.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from analysis.options import Section, option, quantity
 
 if TYPE_CHECKING:
     import numpy as np
 
+MOST_AUXILIARY = 64
 FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono12Packed", "Mono16")
 
 
@@ -34,6 +36,41 @@ class DeviceSettings(Section):
     options: Section = field(default_factory=Section)
 
 
+class AuxiliaryChannel(NamedTuple):
+    """An analog channel beside the two sensors: ``value = per_volt * volts + at_zero``, in its own
+    unit; it is read from minus to plus `range_v` volts.
+    """
+
+    name: str
+    channel: str
+    unit: str
+    per_volt: float = 1.0
+    at_zero: float = 0.0
+    range_v: float = 10.0
+
+
+def _auxiliary(text: str) -> AuxiliaryChannel:
+    name, channel, unit, *numbers = [*text.split(), *[""] * 3][: max(3, len(text.split()))]
+    try:
+        made = AuxiliaryChannel(name, channel, unit, *map(float, numbers))
+        is_usable = (
+            re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", name)
+            and unit
+            and all(map(math.isfinite, made[3:]))
+            and made.per_volt
+            and 0 < made.range_v <= 100
+        )
+    except (TypeError, ValueError):
+        is_usable = False
+    if not is_usable:
+        raise ValueError(
+            f"forces.auxiliary: '{text[:200]}' can not be read; write NAME INPUT UNIT, then, if you"
+            " like, UNIT per volt (not 0), UNIT at 0 V and the range in volts (more than 0 and at"
+            " most 100), such as 'temperature ai2 degC 100 -50 5'"
+        )
+    return made
+
+
 @dataclass(frozen=True, kw_only=True)
 class ForceSettings(DeviceSettings):
     """The DAQ board and the two capacitive sensors."""
@@ -50,6 +87,11 @@ class ForceSettings(DeviceSettings):
     )
     channels: tuple[str, str] = option(
         ("ai0", "ai1"), "Analog inputs of the normal and the shear sensor"
+    )
+    auxiliary: tuple[str, ...] = option(
+        (),
+        "Further channels: each 'NAME INPUT UNIT', then UNIT per volt, UNIT at 0 V, range in volts:"
+        " 'temperature ai2 degC 100 -50 5'",
     )
     wiring: str = option(
         "differential",
@@ -132,6 +174,32 @@ class ForceSettings(DeviceSettings):
                 "forces.exposure_counter and forces.trigger_counter are both"
                 f" {self.exposure_counter!r}; use two different counters"
             )
+
+        if len(self.auxiliary) > MOST_AUXILIARY:
+            raise ValueError(
+                f"forces.auxiliary has {len(self.auxiliary)} channels; {MOST_AUXILIARY} at most"
+            )
+        taken = list(self.channels)
+        names: list[str] = []
+        for text, found in zip(self.auxiliary, self.auxiliary_channels, strict=True):
+            if found.channel in taken or found.name in names:
+                raise ValueError(
+                    f"forces.auxiliary: '{text}' has a name or an input that is taken already; use"
+                    " each once"
+                )
+            taken.append(found.channel)
+            names.append(found.name)
+
+    @property
+    def auxiliary_channels(self) -> tuple[AuxiliaryChannel, ...]:
+        """The further channels, in order.
+
+        Raises
+        ------
+        ValueError
+            One can not be read.
+        """
+        return tuple(map(_auxiliary, self.auxiliary))
 
     @property
     def sensitivity(self) -> tuple[float, float]:

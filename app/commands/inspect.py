@@ -32,6 +32,8 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
             for e in reader.events()
             if e.kind == "phase"
         ]
+    held = header.auxiliary
+    channels = dict(zip(held.name, held.unit, strict=False)) if held else {}
     analyses = [path.name for path in analyses_of(session)]
     changed = changed_settings(config)
     if as_json:
@@ -43,6 +45,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
             "started": header.started,
             "ended": ended,
             "frame_shape": header.frame_shape,
+            "auxiliary": channels,
             "counts": outcome.counts,
             "phases": phases,
             "changed_settings": changed,
@@ -65,6 +68,9 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         Row("ended", "", ended or "not closed in good order"),
         Row("images", "", f"{columns} x {rows} px{kept_in}"),
     ]
+    if channels:
+        named = ", ".join(f"{name} ({unit})" for name, unit in channels.items())
+        about.append(Row("further channels", "", named))
     if analyses:
         about.append(Row("further analyses", "", ", ".join(analyses)))
     about += [*counts_rows(outcome.counts), Row("phases", "", spans or "none")]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.engine.experiment import Measured
 from app.engine.history import History
@@ -115,7 +116,7 @@ class Intake:
         volts = block.volts if isinstance(block, SampleBlock) else np.full((block.count, 2), np.nan)
         forces = self._chain.forces(volts)
         if isinstance(block, SampleBlock):
-            recorder.append(Samples(block.first, volts, forces))
+            recorder.append(Samples(block.first, volts, forces, self._further(block)))
         else:
             self.samples_lost += block.count
             recorder.append(Gap(block.first, block.count, block.reason))
@@ -151,6 +152,19 @@ class Intake:
         # the stage was read now, which is later than the block where more of them wait
         look.now = max(block.end, self.now())
         look.position_m, look.moves = position, moves
+
+    def _further(self, block: SampleBlock) -> NDArray[np.float64] | None:
+        """Values of the further channels in their units."""
+        channels, volts = self._config.forces.auxiliary_channels, block.auxiliary
+        found = 0 if volts is None else volts.shape[1]
+        if found != len(channels):
+            raise DeviceFault(
+                f"{self._bench.forces.name}: forces.auxiliary asks for {len(channels)} further"
+                f" channels, it delivers {found}; leave them out, or use a source that has them"
+            )
+        if volts is None:
+            return None
+        return volts * [c.per_volt for c in channels] + [c.at_zero for c in channels]
 
     def _read(self) -> SampleBlock | LostSamples:
         for attempts_left in reversed(range(self._reads)):

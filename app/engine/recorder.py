@@ -36,7 +36,8 @@ def held_bytes(record: Record) -> int:
         case ReceivedFrame():
             return record.image.nbytes
         case Samples():
-            return record.volts.nbytes + record.forces.nbytes
+            further = 0 if record.auxiliary is None else record.auxiliary.nbytes
+            return record.volts.nbytes + record.forces.nbytes + further
         case Gap():
             return 32 * record.count
         case Snapshot():

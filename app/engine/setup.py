@@ -9,7 +9,7 @@ import numpy as np
 from analysis.calibration.forces import SensorChain
 from analysis.grid import Grid
 from app.config import to_toml
-from app.records import Header
+from app.records import Channels, Header
 from app.settings import Config
 
 
@@ -46,4 +46,10 @@ def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) 
         grid_x_px=grid.x_px,
         grid_y_px=grid.y_px,
         compression="gzip" if config.recording.compression == "gzip" else "none",
+        auxiliary=Channels(
+            tuple(channel.name for channel in config.forces.auxiliary_channels),
+            tuple(channel.unit for channel in config.forces.auxiliary_channels),
+        )
+        if config.forces.auxiliary
+        else None,
     )

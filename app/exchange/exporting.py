@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from app.config import from_record, to_toml
 from app.errors import UserError
-from app.exchange.arrays import write_mat, write_npz
+from app.exchange.arrays import labels, write_mat, write_npz
 from app.exchange.fields import FieldTable
 from app.exchange.paraview import write_pvd
 from app.outputs import check_output, check_output_folder, new_file, new_folder
@@ -248,12 +248,16 @@ def _forces_table(chosen: _Chosen, path: Path) -> int:
     count = len(held.volts)
     with _text(path) as table:
         table.write(
-            f"# {rate:.9g} samples a second; cells of missing samples are empty\n{FORCES}\n"
+            f"# {rate:.9g} samples a second; cells of missing samples are empty\n"
+            f"{','.join([FORCES, *labels(chosen.header.auxiliary)])}\n"
         )
         for start in range(0, count, BLOCK):
             chosen.tell("forces", start / count)
             part, samples = slice(start, start + BLOCK), np.arange(start, min(start + BLOCK, count))
-            rows = np.column_stack([held.forces[part], held.volts[part], stage_um(samples)])
+            columns = [held.forces[part], held.volts[part], stage_um(samples)]
+            if held.auxiliary is not None:
+                columns.append(held.auxiliary[part])
+            rows = np.column_stack(columns)
             for sample, row in zip(samples.tolist(), rows.tolist(), strict=True):
                 table.write(f"{sample},{sample / rate!r},{','.join(map(_cell, row))}\n")
     return count

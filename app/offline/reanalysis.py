@@ -93,6 +93,7 @@ class Reanalysis(Replay):
             started="",
             source=self.source,
             compression="none",
+            auxiliary=None,  # they stay in the session
         )
         return record_analysis(
             self._analysis,

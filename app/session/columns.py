@@ -182,12 +182,13 @@ def _make_empty(file: h5py.File, column: Column, header: Header | None) -> h5py.
     filters: dict[str, Any] = {} if column.dtype == TEXT else {"fletcher32": True}
     if header is not None:
         sides = {"nx": len(header.grid_x_px), "ny": len(header.grid_y_px)}
+        sides["channels"] = len(header.auxiliary.name) if header.auxiliary else 0
         sides |= dict(zip(("rows", "columns"), header.frame_shape, strict=True))
         if column.dtype == IMAGE:  # the checksum of an image is in triggers
             dtype, filters = header.frame_dtype, {}
             if header.compression == "gzip":
                 filters = {"compression": "gzip", "compression_opts": GZIP_LEVEL}
-    rows = FORCES_CHUNK if column.shape == ("samples",) else CHUNK_ROWS[len(column.shape)]
+    rows = FORCES_CHUNK if column.shape[0] == "samples" else CHUNK_ROWS[len(column.shape)]
     rest = [0 if side in GROWING else sides[side] for side in column.shape[1:]]
     return file.create_dataset(
         column.path,

@@ -57,6 +57,7 @@ GROUPS = (
     Group("/entry/instrument/actuator", "NXpositioner"),
     Group("/entry/triggers"),
     Group("/entry/forces", "NXdata", "shear_force", ("normal_force",), (".",)),
+    Group("/entry/auxiliary"),  # only with further channels
     Group("/entry/gaps"),
     Group("/entry/events"),
     Group("/entry/results", "NXdata", "shear_force", ("normal_force",), ("stage_displacement",)),
@@ -69,7 +70,7 @@ GROUPS = (
     Group("/entry/counts"),  # only where the run was finished
 )
 LATER = frozenset(
-    f"/entry/{name}" for name in ("source", "contact", "profile", "summary", "counts")
+    f"/entry/{name}" for name in ("source", "auxiliary", "contact", "profile", "summary", "counts")
 )
 
 # numbers of rows that are 0 at the beginning
@@ -146,6 +147,14 @@ IMAGES = Column(
 FIELD_FRAMES = Column(
     "/entry/fields/frame", ("fields",), "int64", "1", "trigger number of the frame"
 )
+AUXILIARY = Column(
+    "/entry/auxiliary/value",
+    ("samples", "channels"),
+    "float64",
+    "see unit",
+    "readings of the further channels, row n at sample n",
+    since=4,
+)
 COLUMNS = (
     *(column for kind in (Texts, Versions, Header) for column in columns_of(kind)),
     IMAGES,
@@ -154,6 +163,7 @@ COLUMNS = (
         for kind in (Position, TriggerRow, Samples, Gap, Event)
         for column in columns_of(kind)
     ),
+    AUXILIARY,
     FIELD_FRAMES,
     *(
         column

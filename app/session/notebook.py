@@ -35,6 +35,15 @@ class Forces(NamedTuple):
     shear_force_n: F64
 
 
+class Channel(NamedTuple):
+    """A further channel at the full rate, `values` of shape (samples,) in its own `unit`; NaN where
+    a sample is missing.
+    """
+
+    unit: str
+    values: F64
+
+
 class FieldInMetres(NamedTuple):
     """The displacement of one frame from the reference; NaN where it could not be measured.
 
@@ -187,6 +196,15 @@ class Session:
         newtons = self._reader.forces().forces
         time_s = np.arange(len(newtons)) / self.sample_rate_hz
         return Forces(time_s, newtons[:, 0], newtons[:, 1])
+
+    @cached_property
+    def auxiliary(self) -> dict[str, Channel]:
+        """Name -> the further channels of `forces.auxiliary`; empty where there are none."""
+        channels, values = self._reader.header.auxiliary, self._reader.forces().auxiliary
+        if channels is None or values is None:
+            return {}
+        named = zip(channels.name, channels.unit, values.T, strict=True)
+        return {name: Channel(unit, column) for name, unit, column in named}
 
     @cached_property
     def results(self) -> NDArray[np.void]:

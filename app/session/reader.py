@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from app.errors import UserError
 from app.records import (
     NUMBERS,
+    Channels,
     ContactResult,
     Counts,
     DisplacementField,
@@ -50,6 +51,7 @@ from app.session.checked import CheckedFile
 from app.session.layout import FORCES_CHUNK, FORMAT_ATTRIBUTE, FORMAT_VERSION, LATER, NO_ROW
 
 T = TypeVar("T")
+MOST_CHANNELS = 64  # beside the forces, as many as the settings allow
 UNREADABLE_IMAGE = "its image can not be read, the bytes are not those that were recorded"
 UNREADABLE_SAMPLES = "they can not be read, the bytes are not those that were recorded"
 
@@ -114,6 +116,7 @@ class SessionReader:
             frame_dtype=str(images.dtype),
             versions=dict(zip(names.tolist(), versions.tolist(), strict=False)),
             source=self._single(Source) if self.file.has("/entry/source") else None,
+            auxiliary=self._single(Channels) if self.file.has("/entry/auxiliary") else None,
             compression=images.compression or "none",
         )
 
@@ -162,7 +165,7 @@ class SessionReader:
     def forces(self) -> Samples:
         """All samples; those that are missing are NaN."""
         table = self._table("/entry/forces")
-        return _samples(0, table)
+        return _samples(0, table, self._auxiliary(0, len(table["normal_force"])))
 
     def samples(self) -> Iterator[Samples]:
         """The samples between the gaps, in blocks; an empty block where a gap ends without any."""
@@ -188,7 +191,21 @@ class SessionReader:
     def _block(self, first: int, end: int) -> Samples:
         with self.file.reading("/entry/forces"):
             block = {name: column[first:end] for name, column in self._force_columns().items()}
-        return _samples(first, block)
+        return _samples(first, block, self._auxiliary(first, end))
+
+    def _auxiliary(self, first: int, end: int) -> NDArray[np.float64] | None:
+        """Values of the further channels on these samples; NaN where the file ends before them."""
+        if self.header.auxiliary is None:
+            return None
+        path, channels = layout.AUXILIARY.path, len(self.header.auxiliary.name)
+        dataset = self.dataset(path)
+        found = {dataset.shape[1], len(self.header.auxiliary.unit)}
+        if found != {channels} or channels > MOST_CHANNELS:
+            raise self._damaged(path, f"{dataset.shape[1]} channels, {channels} have a name")
+        with self.file.reading(path):
+            self.file.check_claim(dataset, dataset.shape)
+            held = np.asarray(dataset[first:end], np.float64)
+        return np.concatenate([held, np.full((end - first - len(held), channels), np.nan)])
 
     def _force_columns(self) -> dict[str, h5py.Dataset]:
         return {c.name: self.dataset(c.path) for c in columns_of(Samples)}
@@ -463,7 +480,12 @@ class SessionReader:
         return self.file.damaged(path, found)
 
 
-def _samples(first: int, columns: Mapping[str, NDArray[np.float64]]) -> Samples:
+def _samples(
+    first: int,
+    columns: Mapping[str, NDArray[np.float64]],
+    auxiliary: NDArray[np.float64] | None,
+) -> Samples:
     """A block of samples from the columns of the forces."""
     volts = np.column_stack([columns["normal_sensor"], columns["shear_sensor"]])
-    return Samples(first, volts, np.column_stack([columns["normal_force"], columns["shear_force"]]))
+    newtons = np.column_stack([columns["normal_force"], columns["shear_force"]])
+    return Samples(first, volts, newtons, auxiliary)

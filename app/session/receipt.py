@@ -16,7 +16,7 @@ from app.errors import UserError
 from app.records import Event, Gap, LostTrigger, Position, ReceivedFrame, Samples, SourceFrame
 from app.schema import TEXT
 from app.session.journal import StoredFrame, read_journal
-from app.session.layout import GROUPS, GROWING, IMAGE, columns_in
+from app.session.layout import GROUPS, GROWING, IMAGE, LATER, columns_in
 from app.session.reader import Altered, SessionReader
 
 _SLAB = 1 << 20  # values read at a time
@@ -63,19 +63,26 @@ class _Account:
     """
 
     most: int = field(default=sys.maxsize - 1, compare=False)
+    channels: int = 0  # beside the forces
     frames: dict[int, int | None] = field(default_factory=dict)
     samples: int = 0
     gaps: int = 0
     positions: int = 0
     events: int = 0
-    forces: tuple[int, ...] = (0, 0, 0, 0)  # CRC-32 of the columns
+    forces: tuple[int, ...] = ()  # CRC-32 of the columns, those of the further channels last
+
+    def __post_init__(self) -> None:
+        self.forces = (0,) * (4 + self.channels)
 
     def add(self, record: object) -> None:
         """Count a record; one that is not of a session is passed over."""
         match record:
             case Samples():
                 self._skip(record.first)
-                self._add(np.concatenate([record.volts.T, record.forces.T]))
+                further = record.auxiliary
+                if further is None:
+                    further = np.full((len(record.volts), self.channels), np.nan)
+                self._add(np.concatenate([record.volts.T, record.forces.T, further.T]))
             case Gap():
                 self._skip(record.first)
                 self._skip(record.first + record.count)
@@ -100,7 +107,7 @@ class _Account:
         """Count the samples before `end` as missing, if there are any."""
         end = min(end, self.most + 1)
         if end > self.samples:
-            self._add(np.full((4, end - self.samples), np.nan))
+            self._add(np.full((len(self.forces), end - self.samples), np.nan))
             self.gaps += 1
 
 
@@ -116,8 +123,10 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
         It can not be read.
     """
     began = time.monotonic()
-    found, altered = _Account(), []
+    altered = []
     with SessionReader(session) as reader:
+        channels = len(reader.header.auxiliary.name) if reader.header.auxiliary else 0
+        found = _Account(channels=channels)
         checked = _read_columns(reader)
         for record in reader.records():
             if isinstance(record, Altered):
@@ -130,7 +139,7 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
             " session of the others"
         )
     if journal is not None:
-        given = _Account(most=found.samples)
+        given = _Account(found.samples, channels)
         for entry in read_journal(journal):
             given.add(entry)
         if given != found:
@@ -158,6 +167,8 @@ def _read_columns(reader: SessionReader) -> bool:
     """
     checked = reader.format >= 4
     for group in GROUPS:
+        if group.path in LATER and not reader.file.has(group.path):
+            continue
         columns = [
             reader.dataset(column.path)
             for column in columns_in(group.path)

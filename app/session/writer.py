@@ -80,7 +80,9 @@ class SessionWriter:
         self._on_disk = FileIO(path, "r+")
         self._images = file[layout.IMAGES.path]
         self._fields = {c.path: file[c.path] for c in columns_of(DisplacementField)}
-        self._tables = {name: Table(file, f"/entry/{name}") for name in TABLES}
+        self._channels = len(header.auxiliary.name) if header.auxiliary else 0
+        tables = ["auxiliary", *TABLES] if self._channels else TABLES
+        self._tables = {name: Table(file, f"/entry/{name}") for name in tables}
         self._longest_gap = int(LONGEST_GAP_S * header.sample_rate_hz)
         # trigger numbers of the frames received, increasing, and their rows in triggers
         self._received, self._received_rows = array("q"), array("q")
@@ -119,7 +121,8 @@ class SessionWriter:
                 }
             )
             for group in layout.GROUPS:
-                if group.path not in LATER or (group.path == "/entry/source" and header.source):
+                asked = {"/entry/source": header.source, "/entry/auxiliary": header.auxiliary}
+                if group.path not in LATER or asked.get(group.path):
                     make_group(file, group.path, values, header)
             file["/entry"].attrs["default"] = "results"
             journal.append(header)
@@ -198,7 +201,17 @@ class SessionWriter:
         expected = len(self._tables["forces"])
         if missing := block.first - expected:
             self._add("gaps", Gap(expected, missing, ""))
-            self._tables["forces"].extend(stored(_missing(expected, missing)))
+            self._extend(_missing(expected, missing))
+        self._extend(block)
+
+    def _extend(self, block: Samples) -> None:
+        if self._channels:
+            shape, values = (len(block.volts), self._channels), block.auxiliary
+            if values is None:
+                values = np.full(shape, np.nan)
+            if values.shape != shape:
+                raise ValueError(f"session: further channels {values.shape} instead of {shape}")
+            self._tables["auxiliary"].extend({layout.AUXILIARY.path: values})
         self._tables["forces"].extend(stored(block))
 
     def _add_gap(self, gap: Gap) -> None:

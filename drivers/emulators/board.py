@@ -71,8 +71,9 @@ class Board:
         Moves the sensors and the camera; its time passes with the board's samples.
     device : str
         Name of the board.
-    sensors : (str, str)
-        Inputs that the normal and the shear sensor are wired to; the others are at 0 V.
+    sensors : tuple of str
+        Inputs that the normal and the shear sensor and the world's further channels are wired to;
+        the others are at 0 V.
     exposure_terminal : str
         Terminal that the camera's exposure output is wired to.
     when_gone : callable, optional
@@ -86,7 +87,7 @@ class Board:
         world: World,
         *,
         device: str = "Dev1",
-        sensors: tuple[str, str] = ("ai0", "ai1"),
+        sensors: tuple[str, ...] = ("ai0", "ai1"),
         exposure_terminal: str = "PFI3",
         when_gone: Callable[[], Any] = lambda: None,
         renew: Callable[[], World] | None = None,
@@ -101,7 +102,8 @@ class Board:
         self._generating = threading.Lock()
         self._owners: dict[str, Task] = {}  # of inputs, counters and lines
         self._tasks: list[Task] = []
-        self._ring = np.zeros((1, 2))
+        self._width = 2 + len(world.scenario.forces.auxiliary_channels)
+        self._ring = np.zeros((1, self._width))
         self._total = 0
         self._thread: threading.Thread | None = None
         faults = world.faults.all
@@ -167,7 +169,7 @@ class Board:
                     text = f"{task.rate_hz:g} Hz, the simulated bench has {rate:g} Hz"
                     raise NiError(-200077, f"Requested value is not supported: {text}.")
                 train = self._train()
-                self._ring = np.zeros((max(task.buffer, 1), 2))
+                self._ring = np.zeros((max(task.buffer, 1), self._width))
                 try:
                     self._world.start(train)
                 except DeviceFault as error:
@@ -257,7 +259,9 @@ class Board:
             return False
         block = self._world.advance(n)
         with self._changed:
-            self._ring[np.arange(block.first, block.end) % len(self._ring)] = block.volts
+            parts = [block.volts] if block.auxiliary is None else [block.volts, block.auxiliary]
+            rows = np.arange(block.first, block.end) % len(self._ring)
+            self._ring[rows] = np.column_stack(parts)
             self._total = block.end
             self._changed.notify_all()
         return True

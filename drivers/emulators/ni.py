@@ -34,7 +34,7 @@ class EmulatedNiForces(NiForces):
         self.server = NiServer(
             self._world,
             device=s.device,
-            sensors=s.channels,
+            sensors=(*s.channels, *(found.channel for found in s.auxiliary_channels)),
             exposure_terminal=s.exposure_terminal,
         )
         self._settings = replace(s, server=self.server.address, certificate="")

@@ -159,7 +159,8 @@ class World:
         with self._changed:
             is_counted = self.scenario.forces.exposure_counter
             counts = self.exposure_counts(self.now, n) if is_counted else None
-            block = SampleBlock(self.now, self._volts(np.arange(self.now, self.now + n)), counts)
+            samples = np.arange(self.now, self.now + n)
+            block = SampleBlock(self.now, self._volts(samples), counts, self._auxiliary(samples))
             self.now += n
             self._changed.notify_all()
         return block
@@ -312,6 +313,19 @@ class World:
             if fault.kind == "saturated":
                 codes[samples >= fault.at, 1] = top
         return np.asarray(np.clip(codes, -top, top - 1) * step)
+
+    def _auxiliary(self, samples: NDArray[np.int64]) -> F64 | None:
+        """Volts of the further channels: channel i is near 1 + i/2 V, and wanders in a minute."""
+        channels = self.scenario.forces.auxiliary_channels
+        if not channels:
+            return None
+        wander = 0.1 * np.sin(2 * math.pi / 60 / self.scenario.forces.sample_rate * samples)
+        return np.column_stack(
+            [
+                np.clip(1 + i / 2 + wander, -channel.range_v, channel.range_v)
+                for i, channel in enumerate(channels)
+            ]
+        )
 
     def _noise(self, samples: NDArray[np.int64]) -> F64:
         """White noise of unit variance, shape (n, 2), always drawn in the same chunks, so that it
