@@ -37,7 +37,7 @@ class Run:
 
     def play(self):
         self.train = TriggerTrain(20, self.divisor)
-        self.clock = SampleClock(RATE)
+        self.clock = SampleClock(RATE, 1.0)
         self.numbers = FrameNumbers(
             "camera",
             self.train,
@@ -47,6 +47,7 @@ class Run:
         )
         self.numbers._last_id = (self.first_id - 1 or 65535) if self.first_id > 1 else None
         self.clock.start(counts_exposures=self.counts)
+        self.clock.began_s = 0.0
         self.began = []
         self.end = self.train.sample(len(self.fates)) // self.block * self.block  # the board stops
         images, frame_id = [], self.first_id
@@ -72,7 +73,7 @@ class Run:
         polls = [(t, None) for t in range(0, self.end + 4000, 20)]
         for when, what in sorted(images + reads + polls, key=lambda event: event[0]):
             if isinstance(what, Delivered):
-                self.numbers.arrived(what)
+                self.numbers.arrived(what, when / RATE)
             elif what is None:
                 self.numbers.nothing_came(when / RATE)
             else:
@@ -83,7 +84,7 @@ class Run:
                 )
                 if what == self.end:
                     self.clock.stop()
-            while (answer := self.numbers.next()) is not None:
+            while (answer := self.numbers.next(when / RATE)) is not None:
                 self.answers.append(answer)
         return self
 
@@ -251,13 +252,13 @@ def test_two_exposures_of_one_trigger_are_a_fault():
     numbers = FrameNumbers("camera", TriggerTrain(0, 100), clock, OPEN, 0)
     clock.start(counts_exposures=True)
     clock.advance(60, np.searchsorted([0, 40], np.arange(60), side="right"))
-    numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))
-    assert isinstance(numbers.next(), Frame)
+    numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)), 0.0)
+    assert isinstance(numbers.next(0.0), Frame)
     with pytest.raises(
         DeviceFault,
         match=r"camera: frames can not be numbered: exposure 1 began on sample 40.*noise",
     ):
-        numbers.next()
+        numbers.next(0.0)
 
 
 @pytest.mark.parametrize(("missed", "expected"), [((), "FFFFFF"), ((2,), "FLLLFF")])
@@ -271,11 +272,11 @@ def test_exposures_in_lost_samples(missed, expected):
     exposed = [n for n in range(6) if n not in missed]
     began = [100 * n for n in exposed]
     for k, n in enumerate(exposed):
-        numbers.arrived(Delivered(k, None, np.full((1, 1), n, np.uint8)))
+        numbers.arrived(Delivered(k, None, np.full((1, 1), n, np.uint8)), 0.0)
     clock.advance(90, np.searchsorted(began, np.arange(90), side="right"))
     clock.advance(350)
     clock.advance(600, np.searchsorted(began, np.arange(350, 600), side="right"))
-    answers = [numbers.next() for _ in range(6)]
+    answers = [numbers.next(0.0) for _ in range(6)]
     assert "".join(type(a).__name__[0] for a in answers) == expected
     assert all(
         a.image[0, 0] == a.index and a.sample == 100 * a.index
@@ -288,11 +289,11 @@ def test_exposures_in_lost_samples(missed, expected):
 def test_a_frame_id_that_goes_back_and_an_image_without_one_are_faults():
     image = np.zeros((1, 1), np.uint8)
     numbers = FrameNumbers("camera", TriggerTrain(0, 100), SampleClock(RATE), OPEN, 0)
-    numbers.arrived(Delivered(7, None, image))
+    numbers.arrived(Delivered(7, None, image), 0.0)
     with pytest.raises(DeviceFault, match="went from 7 to 6"):
-        numbers.arrived(Delivered(6, None, image))
+        numbers.arrived(Delivered(6, None, image), 0.0)
     with pytest.raises(DeviceFault, match="without a frame id"):
-        numbers.arrived(Delivered(None, None, image))
+        numbers.arrived(Delivered(None, None, image), 0.0)
 
 
 def test_a_first_image_lost_is_known_only_where_the_transport_numbers_from_a_fixed_id():
@@ -320,7 +321,7 @@ def test_answer_waits_for_the_image_and_for_the_clock():
         numbers.answer(fetch, 0.05)
     assert 0 < waits[0] <= 0.02
     assert len(waits) <= 8  # no busy loop, whatever fetch does
-    numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))
+    numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)), 0.0)
     with pytest.raises(DeviceTimeout):
         numbers.answer(fetch, 0.03)
     clock.advance(50, np.ones(50, np.int64))
@@ -334,12 +335,12 @@ def test_an_image_that_comes_after_it_was_given_up_shifts_nothing():
     clock.advance(250, np.searchsorted([0, 100, 200], np.arange(250), side="right"))
     numbers.nothing_came(0.0)
     numbers.nothing_came(5.0)
-    assert [type(numbers.next()) for _ in range(3)] == 3 * [LostFrame]
+    assert [type(numbers.next(0.0)) for _ in range(3)] == 3 * [LostFrame]
     for n in range(4):
-        numbers.arrived(Delivered(n, None, np.full((1, 1), n, np.uint8)))
+        numbers.arrived(Delivered(n, None, np.full((1, 1), n, np.uint8)), 0.0)
     clock.advance(350, np.searchsorted([0, 100, 200, 300], np.arange(250, 350), side="right"))
-    assert numbers.next().image[0, 0] == 3
-    assert numbers.next() is None
+    assert numbers.next(0.0).image[0, 0] == 3
+    assert numbers.next(0.0) is None
     assert not numbers._waiting
 
 
@@ -350,7 +351,7 @@ def test_an_image_after_triggers_that_had_none_is_a_fault_where_it_may_be_anyone
     clock.advance(1000)
     numbers.nothing_came(0.0)
     numbers.nothing_came(5.0)
-    assert [numbers.next().index for _ in range(10)] == list(range(10))
+    assert [numbers.next(0.0).index for _ in range(10)] == list(range(10))
     with pytest.raises(
         DeviceFault,
         match=(
@@ -358,4 +359,4 @@ def test_an_image_after_triggers_that_had_none_is_a_fault_where_it_may_be_anyone
             r" is that of trigger 10; wire .* counter"
         ),
     ):
-        numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)))
+        numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)), 0.0)
