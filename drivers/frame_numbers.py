@@ -54,7 +54,7 @@ class _Item:
     `number` counts exposures by the camera's ids: `steps` of them since the last image (None: it is
     not known how many), `named` since the last image with an id. `missed` is the number of triggers
     between by timestamps. `limit` is the last trigger that it can have by the time at which it
-    came, less the number.
+    came, less the number; `least` the first.
     """
 
     delivered: Delivered
@@ -64,6 +64,7 @@ class _Item:
     missed: int | None
     came_s: float
     limit: int
+    least: int
     complaint: str
     verdict: Verdict | None = None
 
@@ -139,6 +140,7 @@ class FrameNumbers:
         self._given: tuple[int, int] | None = None  # the doubt that was given last
         # (wall clock, sample clock) at times when no image was waiting
         self._idle: deque[tuple[float, int]] = deque()
+        self._least = 0  # the first trigger that the next image can have
         self._settled = -1  # images exposed before this sample have had time enough to arrive
 
     @property
@@ -219,7 +221,17 @@ class FrameNumbers:
             missed = periods - advance
         self._number += advance
         limit = self._causality.latest(now_s) - self._number
-        item = _Item(delivered, self._number, steps, named, missed, now_s, limit, self._complaint)
+        item = _Item(
+            delivered,
+            self._number,
+            steps,
+            named,
+            missed,
+            now_s,
+            limit,
+            self._least,
+            self._complaint,
+        )
         self._complaint = ""
         far = self._clock.now + self._causality.patience_s * self._rate
         if self._train.sample(self._number - self._may_repeat) > far:
@@ -270,7 +282,8 @@ class FrameNumbers:
         before, doubtful, likely = self._verdict, 0, 0
         counted: int | None = None
         start = before.high + self._judged
-        if self._clock.counts_exposures and before.high < NOWHERE and item.steps is not None:
+        follows = self._clock.counts_exposures and (before.by_rule or before.is_certain)
+        if follows and item.steps is not None:
             limit = max(item.limit + item.number, start + item.steps)
             found = self._counts.following(start, item.steps, limit)
             if found is None and not self._is_wire_dead():
@@ -300,6 +313,8 @@ class FrameNumbers:
             low, number = self._named_low
             verdict.low = max(verdict.low, low + number + item.named - extras - item.number)
             verdict.high = max(verdict.low, verdict.high)
+        verdict.low = max(verdict.low, min(item.least - item.number, item.limit))
+        verdict.high = max(verdict.low, verdict.high)
         self._bound(item, verdict)
         if item.delivered.frame_id is not None:
             self._named_low = (verdict.low, item.number)
@@ -449,9 +464,7 @@ class FrameNumbers:
         doubt = 0 if self._verdict.is_certain else self._verdict.high - self._verdict.low
         first, last = max(0, index - doubt), index + min(doubt, _BACK)
         if not self._clock.counts_exposures and self._slow():
-            # later images can not belong to this trigger any more
-            self._verdict.low = max(self._verdict.low, index - self._judged)
-            self._verdict.high = max(self._verdict.low, self._verdict.high)
+            self._least = index + 1  # later images can not belong to this trigger any more
         return LostFrame(index, self._train.sample(index), reason, first, last)
 
     def _slow(self) -> bool:
