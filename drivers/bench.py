@@ -156,7 +156,7 @@ def make_bench(
         from drivers.sim.scenario import Scenario
 
         scenario = Scenario(forces=forces, camera=camera)
-    clock = SampleClock(float(forces.sample_rate))
+    clock = SampleClock(float(forces.sample_rate), pace)
     shared = _Shared(clock, scenario, recording, pace)
     sections: dict[str, Any] = {"forces": forces, "camera": camera, "actuator": actuator}
     drivers = {kind: driver(kind, section.source) for kind, section in sections.items()}

@@ -85,23 +85,22 @@ class PylonCamera(GenICamCamera):
 
     def _delivered(self, result: Any) -> Delivered:
         frame_id = None if result.BlockID == _NO_ID else int(result.BlockID)
+        stamp = None
+        if result.TimeStamp:
+            ticks_per_s = self._node("GevTimestampTickFrequency", to_read=True)
+            stamp = result.TimeStamp / (
+                self._value(ticks_per_s) if ticks_per_s is not None else 1e9
+            )
         if not result.GrabSucceeded():
             return Delivered(
                 frame_id,
-                None,
+                stamp,
                 None,
                 f"grab failed: {result.ErrorDescription} (0x{result.ErrorCode:08x})",
             )
         image = result.Array  # an unpacked copy
         image.setflags(write=False)
-        if not result.TimeStamp:
-            return Delivered(frame_id, None, image)
-        ticks_per_s = self._node("GevTimestampTickFrequency", to_read=True)
-        return Delivered(
-            frame_id,
-            result.TimeStamp / (self._value(ticks_per_s) if ticks_per_s is not None else 1e9),
-            image,
-        )
+        return Delivered(frame_id, stamp, image)
 
     def _node(self, name: str, *, to_read: bool = False) -> Any:
         node = self.device.GetNodeMap().GetNode(name)

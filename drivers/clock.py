@@ -4,11 +4,15 @@ and on which samples the camera exposed.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+
+DRIFT = 2e-4  # the board's clock and that of the computer differ by no more
 
 
 class SampleClock:
@@ -22,13 +26,20 @@ class SampleClock:
         Samples that were read or are known to be lost, counted from 0.
     phase : str
         "idle", "running" or "stopped".
+    pace : float or None
+        Samples per second of the wall clock, in units of the rate; None: they are not bound to it.
+    gaps : list of (int, int)
+        Lost samples whose exposures are known only by their number: first, and first after them.
     counts_exposures : bool
-        Whether the board counts the camera's exposures beside the samples, so that `exposure` gives
-        the sample on which each of them began.
+        Whether the board counts the camera's exposures beside the samples, so that
+        `exposures_from` gives the sample on which each of them began.
     """
 
-    def __init__(self, sample_rate_hz: float) -> None:
+    def __init__(self, sample_rate_hz: float, pace: float | None = None) -> None:
         self.sample_rate_hz = sample_rate_hz
+        self.pace = pace
+        self.gaps: list[tuple[int, int]] = []
+        self.began_s = 0.0
         self.now = 0
         self.phase = "idle"
         self.counts_exposures = False
@@ -36,8 +47,10 @@ class SampleClock:
         self._changed = threading.Condition()
 
     def start(self, *, counts_exposures: bool = False) -> None:
-        """Begin a run: the next sample is sample 0."""
+        """Begin a run: the next sample is sample 0, and it has not been taken yet."""
         with self._changed:
+            self.began_s = time.monotonic()
+            self.gaps = []
             self.now, self.phase, self.counts_exposures = 0, "running", counts_exposures
             self._exposures.clear()
             self._changed.notify_all()
@@ -55,6 +68,8 @@ class SampleClock:
         """
         with self._changed:
             if counts is not None:
+                if now - len(counts) > self.now:
+                    self.gaps.append((self.now, now - len(counts)))
                 steps = np.diff(counts, prepend=len(self._exposures))
                 self._exposures += np.repeat(
                     np.arange(now - len(counts), now), np.maximum(steps, 0)
@@ -68,10 +83,16 @@ class SampleClock:
             self.phase = "stopped"
             self._changed.notify_all()
 
-    def exposure(self, k: int) -> int | None:
-        """Sample on which exposure `k` (counted from 0) began; None if it has not begun yet."""
+    def exposures_from(self, k: int) -> list[int]:
+        """Samples on which the exposures from number `k` (counted from 0) on began, so far."""
         with self._changed:
-            return self._exposures[k] if k < len(self._exposures) else None
+            return self._exposures[k:]
+
+    def latest(self, now_s: float) -> float:
+        """No sample after this one can have been taken by a time of the wall clock."""
+        if self.pace is None:
+            return math.inf
+        return (now_s - self.began_s) * self.sample_rate_hz * self.pace * (1 + DRIFT) + 1
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Whether a condition became true within `timeout_s` seconds of the wall clock; it is

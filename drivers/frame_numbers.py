@@ -7,24 +7,24 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
-
-PATIENCE_S = {"proved": 2.0, "timed": 2.0, "inferred": 1.0}
-"""Images, and the samples taken with them, reach the program within this time after the exposure,
-or within half a trigger period if that is longer.
-"""
+from drivers.verdict import NOWHERE, Verdict
+from drivers.witnesses import Causality, Counts, Stamps
 
 _IDS = 65535  # after 65535 a 16-bit frame id continues with 1; 0 is not used
 _BACK = 32768  # a step of this length or more is a step back
 _SLICE_S = 0.02
-_REMEDY = (
-    "wire the camera's exposure output to a counter of the board, which proves each frame's trigger"
-)
+_PROMPT = 3  # images in time that confirm a verdict
+_RECENT_S = 10.0
 _MISSED = "missed trigger: the board counted no exposure for it"
+_WIRE = (
+    "exposure wire: images come, but the board counts no exposures; check the wire from the"
+    " camera's exposure output to the counter"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +47,50 @@ class Delivered:
     reason: str = ""
 
 
+@dataclass(slots=True)
+class _Item:
+    """A delivered image on its way to an answer.
+
+    `number` counts exposures by the camera's ids: `steps` of them since the last image (None: it is
+    not known how many), `named` since the last image with an id. `missed` is the number of triggers
+    between by timestamps. `limit` is the last trigger that it can have by the time at which it
+    came, less the number; `least` the first.
+    """
+
+    delivered: Delivered
+    number: int
+    steps: int | None
+    named: int
+    missed: int | None
+    came_s: float
+    limit: int
+    least: int
+    complaint: str
+    verdict: Verdict | None = None
+
+
+@dataclass(slots=True)
+class Account:
+    """What came of the triggers of a run so far.
+
+    `exposures` is what the board has counted (-1: it does not count), `surplus` the images that had
+    no trigger or came when it was given up.
+    """
+
+    exposures: int = -1
+    surplus: int = 0
+    notes: set[str] = field(default_factory=set)
+
+
 class FrameNumbers:
     """The account of one run: takes what the camera delivers, and gives a `Frame` or `LostFrame`
     for each trigger.
 
-    There are three ways, and the best possible one is used. *proved*: the board counts exposures;
-    each of them belongs to the last trigger before it, and the camera numbers images as it exposes.
-    *timed*: gaps between the camera's timestamps are multiples of the trigger period. *inferred*:
-    images come in the order of the triggers. In all three, a jump of the camera's frame ids is a
-    loss. Without a counter, it is certain which trigger the camera has missed only if images come
-    slowly enough to belong to a single trigger; otherwise that is a `DeviceFault`.
+    The camera numbers its images as it exposes; the witnesses tell which triggers it has missed:
+    the board's count of exposures (*proved*), the camera's timestamps (*timed*), and in any case
+    the time at which an image came (*inferred*). What they agree on is certain. What one of them
+    says alone waits for `PATIENCE_S` at most, until an image that comes early enough disproves it,
+    or enough of them come in time to confirm it; then it is given as uncertain.
 
     Parameters
     ----------
@@ -67,7 +101,7 @@ class FrameNumbers:
     exposure_samples : int
     first_id : int or None
         Frame id of the first exposure (GigE Vision 1, USB3 Vision 0); None if the transport does
-        not define it: that of the first image is taken.
+        not define it: which exposure the first image shows is then told by the time alone.
     """
 
     def __init__(
@@ -80,26 +114,41 @@ class FrameNumbers:
     ) -> None:
         self._name, self._train, self._clock = name, train, clock
         self._rate, self._open, self._first_id = clock.sample_rate_hz, exposure_samples, first_id
+        self._counts = Counts(train, clock)
+        self._stamps = Stamps(train, clock.sample_rate_hz)
+        self._causality = Causality(train, clock, exposure_samples)
+        self.account = Account()
         self._next = 0  # the trigger to be answered
-        self._exposure = 0  # its exposure, if the board counts them
         self._last_id: int | None = None
-        self._stamp: float | None = None
-        self._newest = -1  # number of the newest image's exposure (proved) or of its trigger
-        self._waiting: dict[int, Delivered] = {}
-        self._lost: dict[int, str] = {}
+        self._seen: deque[int] = deque(maxlen=64)  # the newest ids
+        self._may_repeat = 0  # images that may have come before
+        self._nameless = 0  # images without an id since the last with one
+        self._named_low = (0, -1)  # least offset and number of the last with one
+        self._number = -1  # of the newest image
+        self._items: deque[_Item] = deque()
         self._complaint = ""  # about a failed grab without a frame id
-        self._is_certain = True  # whether all images so far have their true numbers
-        self._unclear_to = -1
+        self._verdict = Verdict()  # on the newest image that was judged
+        self._judged = -1  # its number
+        self._extras_to = -1  # extra counts have been taken up to this trigger
+        self._uncounted = 0  # images since the last counted exposure
+        self._is_noisy = False  # ids and triggers contradict each other
+        self._prompt_s = -1e9  # when the last image came in time
+        self._ever_prompt = False
+        self._claimed_s = 0.0  # when the present doubt arose
+        self._was_prompt = False  # whether images came in time before it
+        self._confirming = 0
+        self._given: tuple[int, int] | None = None  # the doubt that was given last
         # (wall clock, sample clock) at times when no image was waiting
-        self._seen: deque[tuple[float, int]] = deque()
+        self._idle: deque[tuple[float, int]] = deque()
+        self._least = 0  # the first trigger that the next image can have
         self._settled = -1  # images exposed before this sample have had time enough to arrive
 
     @property
     def way(self) -> str:
         """How images get their trigger numbers: "proved", "timed" or "inferred"."""
-        if self._clock.counts_exposures:
+        if self._clock.counts_exposures and not self._is_wire_dead():
             return "proved"
-        return "inferred" if self._stamp is None else "timed"
+        return "inferred" if self._stamps.last is None else "timed"
 
     def describe(self) -> str:
         """The way, in words."""
@@ -125,18 +174,18 @@ class FrameNumbers:
         DeviceTimeout
             Nothing is known about the trigger yet.
         DeviceFault
-            The images can no longer be assigned to triggers.
+            The images can not be assigned to triggers.
         """
         give_up = time.monotonic() + timeout_s
-        while (answer := self.next()) is None:
+        while (answer := self.next(time.monotonic())) is None:
             left = give_up - time.monotonic()
             wait = max(0.0, min(left, _SLICE_S))
-            if self._waiting:  # an image is here whose exposure has not been counted yet
+            if self._items:  # an image is here that waits for its count, or for a proof
                 self._await_clock(self._clock.now, wait)
                 wait = 0.0
             delivered = fetch(wait)
             if delivered is not None:
-                self.arrived(delivered)
+                self.arrived(delivered, time.monotonic())
             else:
                 self.nothing_came(time.monotonic())
                 if left <= 0:
@@ -147,178 +196,305 @@ class FrameNumbers:
                     )
         return answer
 
-    def arrived(self, delivered: Delivered) -> None:
-        """Assign what was delivered to its exposure or trigger; DeviceFault if that is not
-        possible.
+    def arrived(self, delivered: Delivered, now_s: float) -> None:
+        """Note what was delivered by this time of the wall clock, and what its witnesses say.
+
+        Raises
+        ------
+        DeviceFault
+            The camera has numbered its images anew, or sends them without triggers.
         """
-        if delivered.frame_id is None:
-            if delivered.image is not None:
-                raise self._fault("an image came without a frame id; check cable and camera")
+        if delivered.frame_id is None and delivered.image is None:
             self._complaint = f" ({delivered.reason})"
             return
-        before, step = self._newest, self._step(delivered.frame_id)
-        number, missed = before + step, ""
-        if not self._clock.counts_exposures:
-            number, missed = self._trigger(step, delivered.timestamp_s)
-        reason = missed or (
-            f"lost on its way: the camera's frame ids jump to {delivered.frame_id}{self._complaint}"
+        steps, named = self._steps(delivered.frame_id)
+        periods = None if steps == 0 else self._stamps.periods(delivered.timestamp_s)
+        if steps == 0 or (delivered.frame_id is None and periods == 0):
+            self.account.surplus += 1  # it came twice
+            return
+        self._nameless += delivered.frame_id is None
+        advance = steps or 1
+        if delivered.frame_id is None and periods is not None:
+            steps = 1 if periods > 0 else None
+        missed = None
+        if periods is not None and periods >= advance and steps is not None:
+            missed = periods - advance
+        self._number += advance
+        limit = self._causality.latest(now_s) - self._number
+        item = _Item(
+            delivered,
+            self._number,
+            steps,
+            named,
+            missed,
+            now_s,
+            limit,
+            self._least,
+            self._complaint,
         )
-        self._lost.update((n, reason) for n in range(before + 1, number))
-        self._newest, self._complaint = number, ""
-        self._stamp = delivered.timestamp_s or self._stamp
-        # an earlier one has been given up already
-        if number >= (self._exposure if self._clock.counts_exposures else self._next):
-            self._waiting[number] = delivered
+        self._complaint = ""
+        far = self._clock.now + self._causality.patience_s * self._rate
+        if self._train.sample(self._number - self._may_repeat) > far:
+            raise DeviceFault(
+                f"{self._name}: frames can not be numbered: an image came long before trigger"
+                f" {self._number}; check the trigger line for noise, and its setting"
+            )
+        self._items.append(item)
 
     def nothing_came(self, now_s: float) -> None:
         """Note that no image is waiting at this time of the wall clock: what was exposed long
         before is lost.
         """
-        patience_s = max(PATIENCE_S[self.way], self._train.divisor / self._rate / 2)
-        self._seen.append((now_s, self._clock.now))
-        while self._seen and self._seen[0][0] <= now_s - patience_s:
-            self._settled = self._seen.popleft()[1]
+        self._idle.append((now_s, self._clock.now))
+        while self._idle and self._idle[0][0] <= now_s - self._causality.patience_s:
+            self._settled = self._idle.popleft()[1]
 
-    def next(self) -> Frame | LostFrame | None:
-        """The next trigger's answer; None while nothing is known about it.
-
-        Raises
-        ------
-        DeviceFault
-            Nothing will ever be known.
+    def next(self, now_s: float) -> Frame | LostFrame | None:
+        """The next trigger's answer at this time of the wall clock; None while nothing is known
+        about it, or a doubt may still be resolved.
         """
-        index, sample = self._next, self._train.sample(self._next)
-        way = self._by_exposure if self._clock.counts_exposures else self._by_order
-        answer = way(index, sample)
-        if answer is not None:
-            self._next += 1
-        return answer
-
-    # ------------------------------------------------------------------ with a counter of exposures
-
-    def _by_exposure(self, index: int, sample: int) -> Frame | LostFrame | None:
-        if index <= self._unclear_to:
-            return LostFrame(
-                index,
-                sample,
-                "samples were lost here, so that it is unknown which of these triggers the camera"
-                " missed",
-            )
-        k, clock, train = self._exposure, self._clock, self._train
-        began = clock.exposure(k)
-        if began is None:
-            cut = clock.phase == "stopped" and clock.now > sample + 1
-            is_missed = cut or clock.now >= sample + train.divisor
-            return LostFrame(index, sample, _MISSED) if is_missed else None
-        # the trigger of this exposure, which may be counted one sample early and no more
-        last = (began + 1 - train.first) // train.divisor
-        at_once = 1  # lost samples put several exposures on one
-        while clock.exposure(k + at_once) == began:
-            at_once += 1
-        pending = last - index + 1
-        if at_once > max(pending, 0):
-            raise self._fault(
-                f"exposure {k} began on sample {began}, before trigger {index} on {sample}; check"
-                " the trigger line for noise"
-            )
-        if at_once < pending:
-            if at_once == 1:
-                return LostFrame(index, sample, _MISSED)
-            self._unclear_to, self._exposure = last, k + at_once
-            return self._by_exposure(index, sample)
-        alone = at_once == 1 and (k == 0 or clock.exposure(k - 1) != began)
-        answer = self._image(k, index, began if alone and began > sample + 1 else sample, began)
-        self._exposure += answer is not None
-        return answer
-
-    # ------------------------------------------------------------------ without
-
-    def _by_order(self, index: int, sample: int) -> Frame | LostFrame | None:
-        answer = self._image(index, index, sample, sample)
-        if isinstance(answer, LostFrame) and index > self._newest and not self._is_certain:
-            raise self._fault(
-                f"up to trigger {index} there is one image less than triggers, and it is unknown"
-                f" which trigger was missed; {_REMEDY}"
-            )
-        return answer
-
-    def _trigger(self, step: int, stamp_s: float | None) -> tuple[int, str]:
-        """Number of the trigger of an image `step` frame ids after the last one, and why the
-        triggers between have none, if that step is not the reason.
-        """
-        fits = self._newest + step
-        if stamp_s and self._stamp:
-            gap = round((stamp_s - self._stamp) * self._rate / self._train.divisor)
-            if gap < step:
-                raise self._fault(
-                    f"{step} images came within {gap} trigger periods; check the trigger line for"
-                    f" noise, or {_REMEDY}"
-                )
-            missed = gap - step
-            number, why = self._newest + gap, ""
-            if missed:
-                why = f"missed trigger: by timestamps {missed} of {gap - 1} were missed here"
-        else:
-            number, why = max(fits, self._next), ""
-        latest = self._clock.now + max(PATIENCE_S["inferred"] * self._rate, self._train.divisor / 2)
-        if latest < self._train.sample(number):
-            raise self._fault(
-                f"an image came long before trigger {number}; check the trigger line for noise, and"
-                " its setting"
-            )
-        # the image of the next trigger can not have come yet
-        if latest < self._train.sample(number + 1) + self._open:
-            self._is_certain = True
-        elif number > fits and not why:
-            raise self._fault(
-                f"an image came after trigger {number - 1} had none, and it is unknown whether it"
-                f" is that of trigger {number}; {_REMEDY}"
-            )
-        elif not (stamp_s and self._stamp):
-            self._is_certain = False
-        return number, why
-
-    # ------------------------------------------------------------------ both
-
-    def _image(self, number: int, index: int, sample: int, began: int) -> Frame | LostFrame | None:
-        delivered = self._waiting.pop(number, None)
-        if delivered is not None and delivered.image is not None:
-            return Frame(index, sample, delivered.image)
-        if delivered is not None:
-            return LostFrame(index, self._train.sample(index), delivered.reason)
-        if number <= self._newest:
-            return LostFrame(
-                index, self._train.sample(index), self._lost.pop(number, "its image came too late")
-            )
-        if began + self._open <= self._settled:
-            if self._newest >= 0 and not self._is_certain:
-                raise self._fault(
-                    f"up to trigger {index} an image is missing, and it is unknown which one;"
-                    f" {_REMEDY}"
-                )
-            return LostFrame(
-                index,
-                self._train.sample(index),
-                f"no image came in time: trigger missed, or image lost{self._complaint}",
-            )
+        if self._clock.counts_exposures:
+            self._counts.update()
+            self.account.exposures = self._counts.total
+        for item in self._items:
+            if item.verdict is None and not self._judge(item):
+                break
+        while self._items and (verdict := (item := self._items[0]).verdict) is not None:
+            if self._may_wait(item, verdict, now_s):
+                return None
+            number = self._chosen(verdict) + item.number
+            if verdict.high + item.number < self._next:  # given up already
+                self._items.popleft()
+                self.account.surplus += 1
+                continue
+            if number > self._next:
+                return self._give(self._missing(item, verdict, number))
+            self._items.popleft()
+            return self._give(self._answer(item, verdict))
+        if not self._items and self._counts.began(self._next) + self._open <= self._settled:
+            return self._give(self._silent())
         return None
 
-    def _step(self, frame_id: int) -> int:
-        """Number of exposures from the last delivered one to this one."""
-        last, self._last_id = self._last_id, frame_id
-        if last is None:
-            self._is_certain = self._first_id is not None or frame_id == 0
-            return 1 + max(0, frame_id - (frame_id if self._first_id is None else self._first_id))
-        step = frame_id - last if frame_id > last else (frame_id - last) % _IDS
-        if not 0 < step < _BACK:
-            raise self._fault(
-                f"its frame id went from {last} to {frame_id}; check cable and camera, and start a"
-                " new run"
+    # ------------------------------------------------------------------ judging
+
+    def _judge(self, item: _Item) -> bool:
+        """Give an image its verdict, unless the board's samples that tell have not been read."""
+        before, doubtful, likely = self._verdict, 0, 0
+        counted: int | None = None
+        start = before.high + self._judged
+        follows = self._clock.counts_exposures and (before.by_rule or before.is_certain)
+        if follows and item.steps is not None:
+            limit = max(item.limit + item.number, start + item.steps)
+            found = self._counts.following(start, item.steps, limit)
+            if found is None and not self._is_wire_dead():
+                return False
+            if found:
+                counted, doubtful = found[0] - start - item.steps, found[1]
+                likely = counted
+                begun = before.best + self._judged
+                again = self._counts.following(begun, item.steps, limit)
+                if again:
+                    likely = again[0] - begun - item.steps
+        self._watch_wire(counted is not None or item.steps is None)
+        extras = 0
+        if counted is not None:
+            end = start + item.steps + counted if item.steps else start
+            extras = sum(self._counts.extra(n) for n in range(max(0, self._extras_to), end))
+            self._extras_to = max(self._extras_to, end)
+        if item.steps is None:
+            verdict = before.with_step(None, 0, 0, None, 0)
+            if item.delivered.frame_id is None:  # it may be one that came before
+                verdict.low, verdict.extras = verdict.low - 1, verdict.extras + 1
+                self._may_repeat += 1
+            verdict.why = "the number of images that were lost before it is not known"
+        else:
+            verdict = before.with_step(counted, doubtful, likely, item.missed, extras)
+        if item.named:
+            low, number = self._named_low
+            verdict.low = max(verdict.low, low + number + item.named - extras - item.number)
+            verdict.high = max(verdict.low, verdict.high)
+        verdict.low = max(verdict.low, min(item.least - item.number, item.limit))
+        verdict.high = max(verdict.low, verdict.high)
+        self._bound(item, verdict)
+        if item.delivered.frame_id is not None:
+            self._named_low = (verdict.low, item.number)
+        self._confirm(item, before, verdict)
+        item.verdict, self._verdict, self._judged = verdict, verdict, item.number
+        return True
+
+    def _bound(self, item: _Item, verdict: Verdict) -> None:
+        """What causality allows: an image that comes early bounds those before it as well."""
+        if item.limit < verdict.low:
+            self._is_noisy = True
+            self._note("an image came before its trigger; check the trigger line for noise")
+            verdict.low = item.limit
+        if verdict.high > max(item.limit, verdict.low):
+            verdict.high = max(item.limit, verdict.low)
+            verdict.by_rule = False  # no witness stands for it
+        verdict.best = min(max(verdict.best, verdict.low), verdict.high)
+        for earlier in self._items:
+            if earlier is item or earlier.verdict is None:
+                break
+            held = earlier.verdict
+            high = min(held.high, verdict.high + verdict.extras - held.extras)
+            held.high = max(high, held.low)
+            held.best = min(held.best, held.high)
+
+    def _confirm(self, item: _Item, before: Verdict, verdict: Verdict) -> None:
+        """Take what a witness says for certain if for `PATIENCE_S` no image has come early enough
+        to disprove it although they come in time.
+        """
+        is_prompt = item.limit <= verdict.high and (verdict.by_rule or verdict.is_certain)
+        if verdict.high > before.high or (before.is_certain and not verdict.is_certain):
+            self._claimed_s, self._confirming = item.came_s, 0
+            self._was_prompt = item.came_s - self._prompt_s < max(
+                _RECENT_S, 4 * self._causality.patience_s
             )
-        return step
+        self._confirming += is_prompt
+        if is_prompt:
+            self._prompt_s, self._ever_prompt = item.came_s, True
+        if verdict.is_certain:
+            verdict.by_rule, verdict.why = True, ""
+        elif (
+            verdict.by_rule
+            and self._was_prompt
+            and self._confirming >= _PROMPT
+            and item.came_s - self._claimed_s >= self._causality.patience_s
+        ):
+            for other in (*self._items, item):
+                if other.came_s >= self._claimed_s and other.verdict is not None:
+                    other.verdict.low = other.verdict.high
+            verdict.low = verdict.high
+            verdict.why = ""
+
+    def _may_wait(self, item: _Item, verdict: Verdict, now_s: float) -> bool:
+        """Whether a proof may still come, and has not been waited for already."""
+        doubt = (verdict.low, verdict.high)
+        return (
+            not verdict.is_certain
+            and (self._ever_prompt or (self._next == 0 and self._clock.pace is not None))
+            and doubt != self._given
+            and now_s - item.came_s < self._causality.patience_s
+        )
+
+    def _chosen(self, verdict: Verdict) -> int:
+        if verdict.by_rule or verdict.is_certain:
+            return verdict.best
+        return verdict.high if self._ever_prompt and verdict.high < NOWHERE else verdict.low
+
+    def _watch_wire(self, was_counted: bool) -> None:
+        self._uncounted = 0 if was_counted else self._uncounted + 1
+        if self._is_wire_dead():
+            self._note(_WIRE)
+
+    def _is_wire_dead(self) -> bool:
+        silent = self._clock.now - self._counts.last
+        return (
+            self._clock.counts_exposures
+            and len(self._items) + self._uncounted >= _PROMPT
+            and silent > max(self._causality.patience_s * self._rate, 3 * self._train.divisor)
+        )
+
+    def _note(self, text: str) -> None:
+        self.account.notes.add(text)
+
+    # ------------------------------------------------------------------ answering
+
+    def _give(self, answer: Frame | LostFrame) -> Frame | LostFrame:
+        self._next += 1
+        return answer
+
+    def _answer(self, item: _Item, verdict: Verdict) -> Frame | LostFrame:
+        index = self._next
+        first, last = self._range(item, verdict, index)
+        if not verdict.is_certain:
+            self._given = (verdict.low, verdict.high)
+        if item.delivered.image is None:
+            sample = self._train.sample(index)
+            return LostFrame(index, sample, item.delivered.reason, first, last)
+        doubts = [*sorted(self.account.notes), verdict.why * (first < last)]
+        doubt = "; ".join(filter(None, doubts))
+        began = self._counts.began(index) if first == last else self._train.sample(index)
+        return Frame(index, began, item.delivered.image, first, last, doubt)
+
+    def _range(self, item: _Item, verdict: Verdict, index: int) -> tuple[int, int]:
+        """The triggers that an image can belong to; two at least where nothing is certain."""
+        first = min(index, max(0, verdict.low + item.number))
+        last = max(index, min(verdict.high + item.number, index + _BACK))
+        if first == last and self._is_noisy:
+            first, last = max(0, first - 1), last + 1
+        return first, last
+
+    def _missing(self, item: _Item, verdict: Verdict, number: int) -> LostFrame:
+        """The loss of a trigger before that of the next image."""
+        index = self._next
+        steps, between = item.steps, number - index
+        lost = (
+            f"lost on its way: the camera's frame ids jump to {item.delivered.frame_id}"
+            f"{item.complaint}"
+        )
+        if self._clock.counts_exposures and self._counts.is_unclear(index):
+            reason = "samples were lost here, so that it is unknown whether the camera exposed"
+        elif self._clock.counts_exposures and not self._is_wire_dead():
+            reason = lost if self._counts.has(index) else _MISSED
+        elif item.missed:
+            gap = item.missed + (steps or 1)
+            reason = f"missed trigger: by timestamps {item.missed} of {gap - 1} were missed here"
+        elif steps is not None and steps > between:
+            reason = lost
+        else:
+            reason = f"no image came of it: trigger missed, or image lost{item.complaint}"
+        doubt = 0 if verdict.is_certain else verdict.high - verdict.low
+        return LostFrame(
+            index,
+            self._train.sample(index),
+            reason,
+            max(0, index - doubt),
+            index + min(doubt, _BACK),
+        )
+
+    def _silent(self) -> LostFrame:
+        """The loss of a trigger of which nothing came in time."""
+        index = self._next
+        reason = f"no image came in time: trigger missed, or image lost{self._complaint}"
+        if self._clock.counts_exposures and not self._counts.is_unclear(index):
+            reason = _MISSED
+            if self._counts.has(index):
+                reason = f"no image came in time: it was exposed and lost{self._complaint}"
+        doubt = 0 if self._verdict.is_certain else self._verdict.high - self._verdict.low
+        first, last = max(0, index - doubt), index + min(doubt, _BACK)
+        if not self._clock.counts_exposures and self._slow():
+            self._least = index + 1  # later images can not belong to this trigger any more
+        return LostFrame(index, self._train.sample(index), reason, first, last)
+
+    def _slow(self) -> bool:
+        return self._train.divisor / self._rate >= self._causality.patience_s
+
+    # ------------------------------------------------------------------ frame ids
+
+    def _steps(self, frame_id: int | None) -> tuple[int | None, int]:
+        """Number of exposures from the last image to this one (0: it came before, None: nobody
+        knows), and from the last with an id (0: nobody knows).
+        """
+        if frame_id is None:
+            return None, 0
+        if frame_id in self._seen:
+            return 0, 0
+        last, self._last_id = self._last_id, frame_id
+        nameless, self._nameless = self._nameless, 0
+        self._seen.append(frame_id)
+        if last is None:
+            if self._first_id is None and frame_id != 0:
+                return None, 0
+            step = 1 + max(0, frame_id - (self._first_id or 0))
+        else:
+            step = frame_id - last if frame_id > last else (frame_id - last) % _IDS
+        if not 0 < step < _BACK:
+            raise DeviceFault(
+                f"{self._name}: frames can not be numbered: its frame id went from {last} to"
+                f" {frame_id}; check cable and camera, and start a new run"
+            )
+        return max(1, step - nameless), step
 
     def _await_clock(self, now: int, timeout_s: float) -> None:
         self._clock.wait_for(lambda: self._clock.now != now, timeout_s)
-
-    def _fault(self, what: str) -> DeviceFault:
-        return DeviceFault(f"{self._name}: frames can not be numbered: {what}")

@@ -104,25 +104,56 @@ class Frame:
         counts exposures and found this one late.
     image : ndarray, shape (rows, columns), uint8 or uint16
         Grey levels, read-only; the receiver may keep it.
-    first, last : int or None
-        The first and the last trigger that it can be of: None, or `index`, where that is certain.
-        A camera that the board does not trigger is never certain.
+    first, last : int
+        The triggers that can have taken it, from the first to the last; both are `index` where it
+        is certain, and where they are not given. A camera that the board does not trigger is never
+        certain.
+    doubt : str
+        What is in doubt, or which witness has failed; empty where nothing is.
     """
 
     index: int
     sample: int
     image: Image
-    first: int | None = None
-    last: int | None = None
+    first: int = -1
+    last: int = -1
+    doubt: str = ""
+
+    def __post_init__(self) -> None:
+        _certain_unless_given(self)
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether only one trigger can have taken it."""
+        return self.first == self.last
 
 
 @dataclass(frozen=True, slots=True)
 class LostFrame:
-    """A trigger without an image. It keeps its index, and so do the others."""
+    """A trigger without an image. It keeps its index, and so do the others.
+
+    Where it is not certain which trigger has none, it is one from `first` to `last`.
+    """
 
     index: int
     sample: int
     reason: str
+    first: int = -1
+    last: int = -1
+
+    def __post_init__(self) -> None:
+        _certain_unless_given(self)
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is this trigger that has no image."""
+        return self.first == self.last
+
+
+def _certain_unless_given(answer: Frame | LostFrame) -> None:
+    for name in ("first", "last"):
+        if getattr(answer, name) < 0:
+            object.__setattr__(answer, name, answer.index)
 
 
 @dataclass(frozen=True, slots=True)
