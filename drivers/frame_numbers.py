@@ -233,7 +233,9 @@ class FrameNumbers:
             self._complaint,
         )
         self._complaint = ""
-        far = self._clock.now + self._causality.patience_s * self._rate
+        # samples that the board has taken may wait to be read: while it is silent, its clock stands
+        newest = self._clock.now if self._clock.pace is None else self._clock.latest(now_s)
+        far = max(self._clock.now, newest) + self._causality.patience_s * self._rate
         if self._train.sample(self._number - self._may_repeat) > far:
             raise DeviceFault(
                 f"{self._name}: frames can not be numbered: an image came long before trigger"
@@ -251,8 +253,10 @@ class FrameNumbers:
 
     def next(self, now_s: float) -> Frame | LostFrame | None:
         """The next trigger's answer at this time of the wall clock; None while nothing is known
-        about it, or a doubt may still be resolved.
+        about it, its sample has not been read, or a doubt may still be resolved.
         """
+        if self._train.sample(self._next) >= self._clock.now:
+            return None
         if self._clock.counts_exposures:
             self._counts.update()
             self.account.exposures = self._counts.total
