@@ -133,9 +133,8 @@ class Samples:
 
     def __post_init__(self) -> None:
         if self.volts.shape != self.forces.shape or self.volts.shape[1:] != (2,):
-            raise ValueError(
-                f"session: volts {self.volts.shape}, forces {self.forces.shape} must be (n, 2)"
-            )
+            found = f"volts {self.volts.shape}, forces {self.forces.shape}"
+            raise ValueError(f"session: {found} must be (n, 2)")
 
 
 @record("/entry/gaps", rows="gaps")
