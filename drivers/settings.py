@@ -82,6 +82,9 @@ class ForceSettings(DeviceSettings):
     certificate: str = option(
         "", "File (PEM) that vouches for the server; empty: an unencrypted connection"
     )
+    answer_time: float = option(
+        2.0, "How long the server has to answer a call; then it counts as gone", "s", ge=0.2, le=60
+    )
     channels: tuple[str, str] = option(
         ("ai0", "ai1"), "Analog inputs of the normal and the shear sensor"
     )

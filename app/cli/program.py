@@ -128,6 +128,41 @@ def run(
     )
 
 
+BENCH_NAME = typer.Argument(
+    metavar="[BENCH]",
+    help="Name of the bench, or its session; needed where more than one runs.",
+    show_default=False,
+)
+
+
+@command(app)
+def attach(
+    bench: Annotated[str | None, BENCH_NAME] = None,
+    headless: Headless = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """Open a window on the run that is under way on this computer, whatever became of its own.
+
+    Closing this window, or Ctrl-C, leaves the run as it is; its buttons act on it.
+
+    Example: `slipscope attach`
+    """
+    from app.commands import experiment
+
+    return experiment.attach(bench, headless, as_json)
+
+
+@command(app)
+def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
+    """Stop the motion of the run that is under way on this computer, then end it in good order.
+
+    Example: `slipscope stop`
+    """
+    from app.commands import experiment
+
+    return experiment.stop(bench)
+
+
 @command(app)
 def replay(
     session: SessionFile,
