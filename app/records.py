@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from app.channels import Channels
 from app.schema import column, columns, columns_of, record, uncertainty
 
 F32 = NDArray[np.float32]
@@ -52,14 +53,6 @@ class Source:
     started: str = column(
         "start_time", "", "its start_time, which tells it from others of that name"
     )
-
-
-@record("/entry/auxiliary", since=4)
-class Channels:
-    """The further channels that are recorded beside the forces."""
-
-    name: tuple[str, ...] = column("name", "", "name of each channel", shape=("channels",))
-    unit: tuple[str, ...] = column("unit", "", "unit of its values", shape=("channels",))
 
 
 @record("/entry")
@@ -134,9 +127,8 @@ class Samples:
 
     def __post_init__(self) -> None:
         if self.volts.shape != self.forces.shape or self.volts.shape[1:] != (2,):
-            raise ValueError(
-                f"session: volts {self.volts.shape}, forces {self.forces.shape} must be (n, 2)"
-            )
+            found = f"volts {self.volts.shape}, forces {self.forces.shape}"
+            raise ValueError(f"session: {found} must be (n, 2)")
 
 
 @record("/entry/gaps", rows="gaps")

@@ -6,11 +6,10 @@ falls on sample ``first + n * divisor`` and every frame carries that number. The
 computer appears nowhere.
 
 A driver is made from the settings of its device and the bench's `drivers.clock.SampleClock`. Every
-driver keeps these rules (``tests/contracts.py`` tests each of them):
+driver keeps these rules (`drivers.contracts` tries each of them):
 
 - Making a driver touches no hardware. `open` claims the hardware, and is the only place that
-imports
-  a vendor library; `close` may be called at any time, twice, and after a failure.
+  imports a vendor library; `close` may be called at any time, twice, and after a failure.
 - Order of a run: ``camera.start(train)``, then ``forces.start(train)``, then reads;
   ``forces.stop()`` ends the trigger train.
 - `ForceSource.read` and `Camera.read` are each called from one thread, `Actuator.stop` and `close`
@@ -210,7 +209,12 @@ class ForceSource(Protocol):
 
 @runtime_checkable
 class Camera(Protocol):
-    """The triggered camera: one answer per trigger, in order."""
+    """The triggered camera: one answer per trigger, in order.
+
+    A camera that the board does not trigger has ``is_triggered = False``, says "uncertain" in
+    `describe`, and gives every frame a `first` and a later `last`; `drivers.software_trigger` is
+    the base of such cameras.
+    """
 
     name: str
     shape: tuple[int, int]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.dic import Status
 from app.errors import UserError
-from app.records import NUMBERS, Channels, DisplacementField
+from app.records import NUMBERS, DisplacementField
 from app.schema import columns_of
 from app.session.reader import SessionReader
 
@@ -35,12 +34,6 @@ class _Array:
     blocks: Iterable[NDArray[Any]]
 
 
-def labels(channels: Channels | None) -> list[str]:
-    """Name and unit of each further channel as one word of letters, digits and ``_``."""
-    named = zip(channels.name, channels.unit, strict=True) if channels else ()
-    return [re.sub(r"\W", "_", f"{name}_{unit}") for name, unit in named]
-
-
 def _arrays(
     reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
 ) -> Iterator[_Array]:
@@ -49,8 +42,8 @@ def _arrays(
     stage_sample, stage_m = reader.positions()
     has_field = reader.have_fields()[rows]
     further = {}
-    if samples.auxiliary is not None:
-        named = zip(labels(header.auxiliary), samples.auxiliary.T, strict=True)
+    if header.auxiliary is not None and samples.auxiliary is not None:
+        named = zip(header.auxiliary.labels, samples.auxiliary.T, strict=True)
         further = {f"auxiliary_{label}": values for label, values in named}
     whole = {
         "sample_rate_hz": header.sample_rate_hz,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from app.config import from_record, to_toml
 from app.errors import UserError
-from app.exchange.arrays import labels, write_mat, write_npz
+from app.exchange.arrays import write_mat, write_npz
 from app.exchange.fields import FieldTable
 from app.exchange.paraview import write_pvd
 from app.outputs import check_output, check_output_folder, new_file, new_folder
@@ -245,11 +245,12 @@ def _forces_table(chosen: _Chosen, path: Path) -> int:
     """Write all samples, one a line; how many there are."""
     rate = chosen.header.sample_rate_hz
     held, stage_um = chosen.reader.forces(), _stage_um(chosen.reader)
-    count = len(held.volts)
+    count, channels = len(held.volts), chosen.header.auxiliary
+    further = channels.labels if channels else []
     with _text(path) as table:
         table.write(
             f"# {rate:.9g} samples a second; cells of missing samples are empty\n"
-            f"{','.join([FORCES, *labels(chosen.header.auxiliary)])}\n"
+            f"{','.join([FORCES, *further])}\n"
         )
         for start in range(0, count, BLOCK):
             chosen.tell("forces", start / count)

@@ -21,10 +21,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from app.channels import Channels
 from app.errors import UserError
 from app.records import (
     NUMBERS,
-    Channels,
     ContactResult,
     Counts,
     DisplacementField,

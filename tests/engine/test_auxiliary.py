@@ -10,12 +10,12 @@ import short_run
 from short_run import SMALL
 
 from app import config, live
+from app.channels import Channels
 from app.commands.inspect import info
 from app.config import ConfigError, load
-from app.exchange.arrays import labels
 from app.exchange.exporting import export
 from app.offline.reanalysis import Reanalysis
-from app.records import Channels, Gap, Samples
+from app.records import Gap, Samples
 from app.session import Session
 from app.session.files import abandon
 from app.session.repair import repair
@@ -168,4 +168,4 @@ def test_a_channel_that_can_not_be_read_is_refused(text):
 
 
 def test_labels_are_safe_names():
-    assert labels(Channels(("a/../b", "T"), ("degC", "um/s"))) == ["a____b_degC", "T_um_s"]
+    assert Channels(("a/../b", "T"), ("degC", "um/s")).labels == ["a____b_degC", "T_um_s"]

@@ -3,6 +3,8 @@ the contracts, by the command that its author would use, and takes part in a who
 """
 
 import json
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -197,6 +199,23 @@ def test_a_run_with_webcam_and_stage_of_a_lab(tmp_path, film, monkeypatch):
     assert actuator["source"] == "labs.zaber:ZaberStage"
     assert actuator["options"] == {"microstep": 0.047625}
     assert np.nanmax(positions) - np.nanmin(positions) == pytest.approx(4e-6, abs=0.1e-6)
+    replays_without_its_drivers(tmp_path / "run.h5")
+
+
+def replays_without_its_drivers(session):
+    """A program that can import none of the drivers opens it, and finds every bit again."""
+    code = "import importlib.util as i; assert not i.find_spec('labs'); from app.cli import main; "
+    for command in (["info", "--verify"], ["replay", "--headless"]):
+        done = subprocess.run(
+            [sys.executable, "-c", code + "main()", *command, str(session)],
+            cwd=LABS.parents[1],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+            encoding="utf-8",
+        )
+        assert done.returncode == 0, done.stderr
 
 
 def test_a_run_with_the_board_of_a_lab(tmp_path, monkeypatch):
