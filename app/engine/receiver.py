@@ -88,8 +88,8 @@ class Receiver:
             self._awaited = (self.answered, now)
         elif now - self._awaited[1] > patience_s:
             raise DeviceTimeout(
-                f"{self._camera.name}: trigger {self.answered} had no answer for {patience_s:.2g} s;"
-                " check the trigger line and the camera"
+                f"{self._camera.name}: trigger {self.answered} had no answer for"
+                f" {patience_s:.2g} s; check the trigger line and the camera"
             )
         return overdue
 
