@@ -139,13 +139,15 @@ class Gap:
 @dataclass(frozen=True, slots=True)
 class ReceivedFrame:
     """The image of a trigger, exposed from `sample` on; `checksum` is its CRC-32 where it is known
-    already.
+    already. `span` is the first and the last trigger that can have taken it, None where it is
+    certain; so it is in the records below.
     """
 
     index: Index
     sample: Index
     image: NDArray[Any]
     checksum: int | None = None
+    span: tuple[Index, Index] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +158,7 @@ class SourceFrame:
     sample: Index
     row: Index
     checksum: Checksum
+    span: tuple[Index, Index] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +168,7 @@ class LostTrigger:
     index: Index
     sample: Index
     reason: str
+    span: tuple[Index, Index] | None = None
 
 
 @record("/entry/instrument/actuator", rows="positions")
@@ -180,7 +184,7 @@ class Event:
     """Something that happened at a sample: a change of phase, a limit, a stop."""
 
     sample: Index = column("sample", "samples", "when it happened")
-    kind: str = column("kind", "", "phase, reference, gap, import, analysis, stop or error")
+    kind: str = column("kind", "", "phase, reference, gap, camera, import, analysis, stop or error")
     text: str = column("text", "", "what happened")
 
 
