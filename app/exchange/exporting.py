@@ -169,7 +169,8 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
         with _text(folder / "metadata.csv") as table:
             table.write(
                 "# sample: that of the forces on which the exposure began; time_s: from sample 0;"
-                " phase_sample: on which its phase did; first, last: triggers that may have taken it\n"
+                " phase_sample: on which its phase did; first, last: triggers that may have taken"
+                " it;\n"
                 "# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is"
                 f" {header.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
             )
