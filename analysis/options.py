@@ -75,6 +75,13 @@ class Option:
     le: float | None
     choices: tuple[Any, ...]
 
+    def __post_init__(self) -> None:
+        if self.unit not in UNITS:
+            raise ValueError(
+                f"option: the unit '{self.unit}' ({self.meaning}) is not known; use one of"
+                f" {', '.join(filter(None, UNITS))}, or none"
+            )
+
     @property
     def limits(self) -> str:
         """The limits or choices in words, ``more than 0 and at most 10``; or empty."""
@@ -182,6 +189,7 @@ def options(section: type[Section]) -> dict[str, Option]:
         _DECLARED[section] = {
             f.name: replace(f.metadata["option"], name=f.name, type=types[f.name])
             for f in fields(section)
+            if "option" in f.metadata
         }
     return _DECLARED[section]
 

@@ -6,21 +6,27 @@ People write settings in the units that their declarations name; a `Config` hold
 
 from __future__ import annotations
 
+import copy
 import difflib
+import keyword
 import math
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, make_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
-from analysis.options import Section, SettingError, as_written, options
+from analysis.options import Section, SettingError, as_written, option, options
 from app.settings import Config
 from app.toml import LONGEST_TOML, parse_toml
+from drivers.errors import DeviceNotFound
+from drivers.settings import DeviceSettings
 
 BENCHES = Path(__file__).parent / "benches"
+OWN = "options"  # the table of a driver's own settings, within that of its device
 LONGEST_QUOTE = 200  # characters of somebody's text in an error
 ANALYSED = (  # tables and options that say how a measurement is analysed, not what was measured
     "sample",
@@ -50,8 +56,19 @@ def tables() -> dict[str, type[Section]]:
 
 
 def values_of(config: Config) -> dict[str, dict[str, Any]]:
-    """Table -> key -> value of all settings, in the units of the settings file."""
-    return {table: as_written(getattr(config, table)) for table in tables()}
+    """Table -> key -> value of all settings, in the units of the settings file; a driver's own are
+    a dict under the key "options" of its device.
+    """
+    values = {table: as_written(getattr(config, table)) for table in tables()}
+    for table, section in own_options(config).items():
+        values[table][OWN] = as_written(section)
+    return values
+
+
+def own_options(config: Config) -> dict[str, Section]:
+    """Table -> the settings of its driver's own, of the devices whose drivers have any."""
+    sections = {table: getattr(getattr(config, table), OWN, Section()) for table in tables()}
+    return {table: section for table, section in sections.items() if options(type(section))}
 
 
 # ---------------------------------------------------------------------- from plain data
@@ -72,13 +89,13 @@ def section_from(kind: type[S], written: dict[str, Any], name: Callable[[str], s
     """
     values = {}
     for key, value in written.items():
-        option = options(kind)[key]
+        declared = options(kind)[key]
         if (number := _not_finite(value)) is not None:
             raise ConfigError(f"{name(key)}: a finite number is needed; found {number}")
         try:
-            values[key] = option.si(msgspec.convert(value, option.type))
+            values[key] = declared.si(msgspec.convert(value, declared.type))
         except msgspec.ValidationError:
-            raise _refused(name(key), option.wanted, value) from None
+            raise _refused(name(key), declared.wanted, value) from None
     try:
         return kind(**values)
     except SettingError as error:
@@ -92,16 +109,75 @@ def _refused(name: str, wanted: str, value: Any) -> ConfigError:
     return ConfigError(f"{name} must be {wanted}; found {_brief(_text(value))}")
 
 
-def from_data(data: dict[str, Any], where: str) -> Config:
-    """Settings from nested plain dicts; `where` names the source in error sentences."""
+def from_data(data: dict[str, Any], where: str, *, recorded: bool = False) -> Config:
+    """Settings from nested plain dicts; `where` names the source in error sentences.
+
+    With `recorded`, a driver's own settings are taken as they are, and no driver is imported: it
+    need not be installed, and a session from somebody else executes nothing.
+    """
     sections: dict[str, Any] = {}
     try:
         for table, content in data.items():
             _check_keys(table, content)
-            sections[table] = section_from(tables()[table], content, f"{table}.{{}}".format)
+            sections[table] = _section(table, content, recorded)
         return Config(**sections)
-    except ValueError as error:
+    except (ValueError, DeviceNotFound) as error:
         raise ConfigError(f"{where}: {error}") from None
+
+
+def _section(table: str, content: dict[str, Any], recorded: bool) -> Section:
+    kind = tables()[table]
+    if not issubclass(kind, DeviceSettings):
+        return section_from(kind, content, f"{table}.{{}}".format)
+    plain = {key: value for key, value in content.items() if key != OWN}
+    section, given = section_from(kind, plain, f"{table}.{{}}".format), content.get(OWN, {})
+    where = f"{table}.{OWN}"
+    if not isinstance(given, dict):
+        raise ConfigError(
+            f"'{where}' is a table of the driver's own options, found {_brief(repr(given))}; write"
+            f" [{where}] above them"
+        )
+    own = _as_recorded(tuple(given)) if recorded else _options_of(table, section.source)
+    known = options(own)
+    for key, value in given.items():
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+            nearest = f"the nearest known one is '{where}.{close[0]}'" if close else "leave it out"
+            raise ConfigError(
+                f"unknown key '{_brief(f'{where}.{key}')}' of the driver '{section.source}', which"
+                f" has {len(known) or 'no'} options of its own; {nearest}"
+            )
+        if recorded and not _is_plain(value):
+            raise ConfigError(f"{where}.{key}: a number, text or list is needed")
+    return replace(section, options=section_from(own, given, f"{where}.{{}}".format))
+
+
+def _options_of(kind: str, source: str) -> type[Section]:
+    """The section of a driver's own settings."""
+    from drivers.sources import driver  # a session is read without any driver
+
+    return driver(kind, source).options
+
+
+@cache
+def _as_recorded(names: tuple[str, ...]) -> type[Section]:
+    """A section of options of these names, with any values."""
+    if not names:
+        return Section
+    for name in names:
+        if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name) or keyword.iskeyword(name):
+            raise ConfigError(f"'{_brief(name)}' can not be the name of an option")
+    about = [(name, Any, option(None, "as recorded")) for name in names]
+    bases = {"bases": (Section,), "frozen": True, "kw_only": True}
+    return make_dataclass("RecordedOptions", about, **bases)  # type: ignore[arg-type]
+
+
+def _is_plain(value: Any) -> bool:
+    return (
+        all(map(_is_plain, value))
+        if isinstance(value, list)
+        else isinstance(value, bool | int | float | str)
+    )
 
 
 def _check_keys(table: str, content: Any) -> None:
@@ -113,7 +189,8 @@ def _check_keys(table: str, content: Any) -> None:
             " its options"
         )
     for key in content:
-        if key not in options(tables()[table]):
+        is_own = key == OWN and issubclass(tables()[table], DeviceSettings)
+        if key not in options(tables()[table]) and not is_own:
             unknown = _brief(f"{table}.{key}")
             raise ConfigError(f"unknown key '{unknown}'; {_nearest(unknown)}")
 
@@ -154,7 +231,7 @@ def from_record(text: str, where: str) -> Config:
         raise ConfigError(f"{where}: not TOML: {error}") from None
     if isinstance(data.setdefault("dic", {}), dict):
         data["dic"].setdefault("method", "direct")
-    return from_data(data, where)
+    return from_data(data, where, recorded=True)
 
 
 def parse_override(text: str) -> tuple[str, str, Any]:
@@ -174,6 +251,8 @@ def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
     for text in overrides:
         table, name, value = parse_override(text)
         content = data.setdefault(table, {})
+        if name.startswith(f"{OWN}.") and isinstance(content, dict):
+            content, name = content.setdefault(OWN, {}), name.removeprefix(f"{OWN}.")
         if isinstance(content, dict):
             content[name] = value
 
@@ -187,15 +266,16 @@ def revised(config: Config, overrides: Sequence[str]) -> Config:
         An override is not allowed, or changes what was measured rather than how it is analysed.
     """
     was = values_of(config)
-    data: dict[str, Any] = {table: dict(content) for table, content in was.items()}
+    data = copy.deepcopy(was)
     _override(data, overrides)
-    new = from_data(data, "--set")
+    new = from_data(data, "--set", recorded=True)
     for table, content in values_of(new).items():
         for key, value in content.items():
-            if value != was[table][key] and not {table, f"{table}.{key}"} & set(ANALYSED):
+            if value != was[table].get(key) and not {table, f"{table}.{key}"} & set(ANALYSED):
+                found = _text(was[table].get(key))
                 raise ConfigError(
-                    f"--set: {table}.{key} is {_text(was[table][key])} in the session, as it was"
-                    " measured; what an analysis may change is " + ", ".join(ANALYSED)
+                    f"--set: {table}.{key} is {found} in the session, as it was measured;"
+                    " what an analysis may change is " + ", ".join(ANALYSED)
                 )
     return new
 
@@ -266,20 +346,25 @@ def to_toml(config: Config, comments: bool = True) -> str:
         if comments
         else []
     )
-    for table, values in values_of(config).items():
-        kind = tables()[table]
-        if comments:
-            lines.append(f"# {_title(kind)}")
-        lines.append(f"[{table}]")
-        for key, value in values.items():
-            option = options(kind)[key]
-            if comments:
-                notes = f" [{option.unit}]" if option.unit else ""
-                notes += f" ({option.limits})" if option.limits else ""
-                lines.append(f"# {option.meaning}{notes}.")
-            lines.append(f"{key} = {_text(value)}")
-        lines.append("")
+    own = own_options(config)
+    for table in tables():
+        lines += _table_lines(table, getattr(config, table), comments)
+        if table in own:
+            lines += _table_lines(f"{table}.{OWN}", own[table], comments)
     return "\n".join(lines)
+
+
+def _table_lines(table: str, section: Section, comments: bool) -> list[str]:
+    lines = [f"# {_title(type(section))}"] if comments else []
+    lines.append(f"[{table}]")
+    for key, value in as_written(section).items():
+        declared = options(type(section))[key]
+        if comments:
+            notes = f" [{declared.unit}]" if declared.unit else ""
+            notes += f" ({declared.limits})" if declared.limits else ""
+            lines.append(f"# {declared.meaning}{notes}.")
+        lines.append(f"{key} = {_text(value)}")
+    return [*lines, ""]
 
 
 def default_toml() -> str:
@@ -299,10 +384,13 @@ def markdown() -> str:
     for table, kind in tables().items():
         lines += ["", f"## [{table}]", "", _title(kind), ""]
         lines += ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
-        for key, option in options(kind).items():
-            default = f"`{_text(option.default)}`"
-            cells = (f"`{key}`", default, option.unit, option.limits, option.meaning)
+        for key, declared in options(kind).items():
+            default = f"`{_text(declared.default)}`"
+            cells = (f"`{key}`", default, declared.unit, declared.limits, declared.meaning)
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        if issubclass(kind, DeviceSettings):
+            own = f"Options of a driver's own follow in the table `[{table}.{OWN}]`"
+            lines += ["", f"{own}; `slipscope config --set {table}.source=...` shows them."]
     return "\n".join(lines) + "\n"
 
 

@@ -7,23 +7,23 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from analysis import dic
-from analysis.contact.rings import ring_means
-from app.engine.pipeline import header_of
+from analysis.options import quantity
+from app.engine.analyst import FrameAnalysis
+from app.engine.intake import BenchDevices
 from app.engine.run import Run
+from app.engine.setup import header_of
 from app.errors import UserError
 from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recording import SessionRecording
 from app.session.versions import versions
 from app.session.writer import SessionWriter
 from app.settings import Config
-from drivers.bench import DRIVERS, Bench, driver
+from drivers.bench import Bench
 from drivers.bench import make_bench as bench_of
 from drivers.settings import CameraSettings
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
+from drivers.sources import DRIVERS, driver
 
 
 def scenario(config: Config) -> Scenario:
@@ -63,7 +63,7 @@ def expected_bytes(config: Config) -> int:
     """Size of the session that a run of these settings writes, to within about ten per cent."""
     run, camera = config.run, config.camera
     waiting = run.background_time + 2.0 + run.settle_time + run.reference_time
-    seconds = waiting + run.travel / run.velocity * 1.06
+    seconds = waiting + abs(run.travel) / run.velocity * 1.06
     points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
     frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
     rate = config.frame_rate_hz * frame + config.forces.sample_rate * 32
@@ -85,15 +85,16 @@ def check_room(config: Config, output: Path) -> None:
         )
 
 
-def prepare(config: Config, say: Callable[[str], None]) -> None:
+def prepare(
+    config: Config, prepare_analysis: Callable[[], object], say: Callable[[str], None]
+) -> None:
     """Compile what a run of these settings uses, so that nothing compiles during the run; cached
     for the next start.
 
     `say` is called with what is being prepared.
     """
     say("compiling the image correlation")
-    dic.compile_kernels(config.correlation)
-    ring_means(np.ones(8), np.ones(8), 1.0, theta=np.ones(8))
+    prepare_analysis()
     if driver("camera", config.camera.source).nature in ("simulated", "emulated"):
         from drivers.sim.images import Renderer
         from drivers.sim.world import World
@@ -118,6 +119,9 @@ def make_run(
     pace: float | None,
     overwrite: bool = False,
     bench: Bench | None = None,
+    wrap: Callable[[BenchDevices], BenchDevices] | None = None,
+    pipeline: FrameAnalysis | None = None,
+    prepare_analysis: Callable[[], object] | None = None,
 ) -> Run:
     """A run on the bench that the settings name; nothing is opened before its `start`.
 
@@ -128,17 +132,65 @@ def make_run(
         1.
     bench : Bench, optional
         The bench to use, made with `make_bench` from the same settings and pace.
+    wrap : callable, optional
+        Makes of the bench the one that the run opens and closes.
+    pipeline : FrameAnalysis, optional
+        What analyses the frames, and `prepare_analysis` makes it ready; else a pipeline in this
+        process.
 
     Raises
     ------
     UserError
         The session can not be written, or a device of that name is not known.
     """
+    natures = check_run(config, output, pace, overwrite)
+    bench = bench or make_bench(config, pace)
+    if pipeline is None:
+        from app.engine.compiling import compile_analysis
+        from app.engine.pipeline import Pipeline
+
+        pipeline, prepare_analysis = Pipeline(config), partial(compile_analysis, config)
+
+    def create_sink() -> SessionWriter:
+        return SessionWriter.create(
+            output, header_of(config, versions() | known(config)), overwrite=overwrite
+        )
+
+    return Run(
+        config,
+        wrap(bench) if wrap else bench,
+        create_sink,
+        pipeline,
+        pace=pace,
+        title="simulated bench" if natures == {"simulated"} else " + ".join(config.sources),
+        output=output,
+        prepare=partial(prepare, config, prepare_analysis or (lambda: None)),
+    )
+
+
+def check_run(config: Config, output: Path, pace: float | None, overwrite: bool) -> set[str]:
+    """The natures of the devices (`drivers.bench.NEEDS`) of a run that can be made.
+
+    Raises
+    ------
+    UserError
+        As `make_run`.
+    """
     check_new_session(output, overwrite, has_picture=False)
     check_room(config, output)
-    bench = bench or make_bench(config, pace)
     kinds = zip(DRIVERS, config.sources, strict=True)
     natures = {driver(kind, source).nature for kind, source in kinds}
+    forces = config.forces
+    if pace is not None and forces.block >= config.limits.age * forces.sample_rate * pace:
+        raise UserError(
+            f"forces.block = {forces.block} samples last longer than limits.age ="
+            f" {quantity(config.limits, 'age')}; read fewer at a time"
+        )
+    if config.run.travel < 0 and not {"simulated", "emulated"}.isdisjoint(natures):
+        raise UserError(
+            f"run.travel = {quantity(config.run, 'travel')} goes against +x, which the simulated"
+            " world does not model; give a travel above 0, or real devices"
+        )
     if pace != 1.0 and "real" in natures:
         raise UserError(
             "--pace: a bench with a real device runs at pace 1, not"
@@ -149,17 +201,4 @@ def make_run(
             "--pace: only simulated and recorded devices wait for the program, as pace max needs;"
             " give a number"
         )
-
-    def create_sink() -> SessionWriter:
-        return SessionWriter.create(output, header_of(config, versions()), overwrite=overwrite)
-
-    title = "simulated bench" if natures == {"simulated"} else " + ".join(config.sources)
-    return Run(
-        config,
-        bench,
-        create_sink,
-        free_running=pace is None,
-        title=title,
-        output=output,
-        prepare=partial(prepare, config),
-    )
+    return natures

@@ -28,6 +28,7 @@ Positive = Annotated[float, Meta(gt=0, le=1e300)]
 
 NAN = math.nan
 UNFINISHED = "unfinished"  # state of a session that was cut short
+RESTART = "restart"  # kind of the event that the analysis of the frames began anew
 
 
 class Phase(StrEnum):
@@ -181,10 +182,14 @@ class Position:
 
 @record("/entry/events", rows="events")
 class Event:
-    """Something that happened at a sample: a change of phase, a limit, a stop."""
+    """Something that happened at a sample: a change of phase, a limit, a stop. From a restart on,
+    results rest on the background and the reference as if no frame had been analysed since.
+    """
 
     sample: Index = column("sample", "samples", "when it happened")
-    kind: str = column("kind", "", "phase, reference, gap, camera, import, analysis, stop or error")
+    kind: str = column(
+        "kind", "", "phase, reference, gap, camera, import, analysis, restart, stop or error"
+    )
     text: str = column("text", "", "what happened")
 
 
@@ -193,7 +198,9 @@ class Event:
 
 @record("/entry/results", rows="results")
 class Conditions:
-    """The state of the bench during an exposure; forces are means over it."""
+    """The state of the bench during an exposure; forces are means over it. Q and travel are along
+    the drive, also of one against +x.
+    """
 
     phase: Phase = column(
         "phase", "1", ", ".join(f"{n}: {phase}" for n, phase in enumerate(Phase)), dtype="uint8"

@@ -25,9 +25,9 @@ class RunSettings(Section):
     velocity: float = option(5.0, "Nominal velocity of the actuator", "um/s", gt=0, le=1000)
     travel: float = option(
         190.0,
-        "Stage travel of the drive; the actuator is never sent further",
+        "Stage travel of the drive, below 0 the other way; the actuator is never sent further",
         "um",
-        gt=0,
+        ge=-20000,
         le=20000,
     )
     background_time: float = option(
@@ -64,6 +64,11 @@ class RunSettings(Section):
         le=60,
     )
 
+    @property
+    def direction(self) -> float:
+        """1.0 for a drive along +x, -1.0 for one the other way."""
+        return math.copysign(1.0, self.travel)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Limits(Section):
@@ -73,6 +78,16 @@ class Limits(Section):
     normal_force: float = option(1.9, "Greatest P", "N", gt=0, le=100)
     travel: float = option(
         500.0, "Greatest stage travel from the start of the drive", "um", gt=0, le=20000
+    )
+    age: float = option(
+        0.8,
+        "Greatest age of the newest force, and of an image that is due, while the stage moves",
+        "s",
+        gt=0.1,
+        le=10,
+    )
+    lost_frames: float = option(
+        0.2, "Greatest share of triggers without an image, from the twentieth on", gt=0, le=1
     )
 
 
@@ -137,7 +152,9 @@ class Config:
                 f"camera.exposure = {quantity(camera, 'exposure')} is longer than the trigger"
                 f" period of {1e3 / self.frame_rate_hz:.4g} ms; shorten it or raise camera.divisor"
             )
-        if run.travel > self.limits.travel:
+        if not run.travel:
+            raise ValueError("run.travel = 0 um is no drive; give the way of the stage")
+        if abs(run.travel) > self.limits.travel:
             raise ValueError(
                 f"run.travel = {quantity(run, 'travel')} is beyond limits.travel ="
                 f" {quantity(self.limits, 'travel')}"

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from app import config, live
+from app.engine.compiling import compile_analysis
 from app.engine.run import Run
 from app.records import Outcome
 from app.settings import Config
@@ -48,7 +50,7 @@ def experiment(
     machine.
     """
     settings = config.load(Path(bench) if bench else None, overrides)
-    live.prepare(settings, lambda what: None)
+    live.prepare(settings, partial(compile_analysis, settings), lambda what: None)
     made = live.make_bench(settings, pace)
     return Experiment(
         settings, made, live.make_run(settings, path, pace=pace, overwrite=True, bench=made)

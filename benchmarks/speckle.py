@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dic.grid import Grid
+from analysis.grid import Grid
 from drivers.sim.speckle import SPECKLE_DIAMETER_PX, SPECKLE_PER_PX2, add_blobs
 
 Array = NDArray[np.float64]

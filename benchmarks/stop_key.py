@@ -1,10 +1,11 @@
 """Time from a press of Escape in the window to the stop command on the actuator's line, during a
-run at the camera's full rate. The bench has simulated forces and camera at 23.8 frames/s, 1600 x
-1200, recorded and analysed with the traction of every frame, and the real driver of the SMC100 on
-an emulated controller with a line of 57600 baud. The key is pressed at random moments through the X
-server; a command has arrived with the last byte of `ST`.
+run at the camera's full rate: simulated forces and camera at 23.8 frames/s, 1600 x 1200, recorded
+and analysed with the traction of every frame, and the real driver of the SMC100 on an emulated
+controller, in a process of its own, with a line of 57600 baud. The key is pressed at random moments
+through the X server; a command has arrived with the last byte of `ST`. Blocked: the window's thread
+sleeps, and SIGINT or `stop_motion` of another process takes the place of the key.
 
-    xvfb-run -a python -m benchmarks stop_key [PRESSES]
+    xvfb-run -a -s "-screen 0 1700x1000x24" python -m benchmarks stop_key [PRESSES] [--blocked]
 
 It needs an X display and xdotool. So that one run can be stopped many times, its end is not called:
 the actuator is stopped as always, then sent on.
@@ -12,90 +13,144 @@ the actuator is stopped as always, then sent on.
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 import subprocess
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PySide6.QtCore import QTimer
 
+from app import config
 from app.gui.start import run_window
-from app.records import Phase
+from app.processes.client import LaunchedRun
+from app.processes.launch import attached
+from app.processes.signals import acting_on_signals
+from benchmarks.outside_stage import OutsideStage
 from benchmarks.report import Report
-from benchmarks.simulated import Experiment, account, experiment
+from benchmarks.simulated import account
 
 SUBJECT = "Stop from the keyboard"
-SETTINGS = ["camera.divisor=42", "actuator.source=smc100-emulated", "run.travel=2000"]
-SETTINGS += ["limits.travel=3000", "run.background_time=1"]
-LONGEST_S = 5.0
+SETTINGS = ["camera.divisor=42", "run.travel=2000", "limits.travel=5000"]
+SETTINGS += ["run.background_time=1"]
+BLOCKED_S = 10.0
 
 
-def keep_running(run: Any) -> Any:
-    """Let the run only stop its actuator when something asks for its end; a function that lets it
-    end again.
-    """
-    run._experiment._drive = lambda now: Phase.DRIVE
-    ending, call = run._ending, run._ending.call
-    ending.call = lambda reason, failed: run._stop_actuator()
+class Presses:
+    """Stops a run again and again, and notes how long each took to reach the line."""
 
-    def restore() -> None:
-        ending.call = call
+    def __init__(self, run: LaunchedRun, stage: OutsideStage) -> None:
+        self.run, self.stage = run, stage
+        self.waits: dict[str, list[float]] = {}
 
-    return restore
+    def repeat(self, name: str, press: Callable[[], object], number: int) -> None:
+        """Press at random moments."""
+        waits = self.waits.setdefault(name, [])
+        for _ in range(number):
+            time.sleep(random.uniform(0.25, 0.6))
+            began = time.monotonic()
+            press()
+            arrived = self.stage.first_after(began)
+            if arrived is None:
+                print(f"{name}: no stop came: does the window have the keyboard?")
+                return
+            waits.append(arrived - began)
+
+    def tell(self, report: Report, name: str, longest_ms: float) -> None:
+        """Report the times."""
+        waits = 1e3 * np.array(self.waits[name])
+        report.row(
+            name,
+            presses=len(waits),
+            median=(np.median(waits), "ms", 5.0),
+            below_90=(np.percentile(waits, 90), "ms"),
+            longest=(waits.max(), "ms", longest_ms),
+        )
 
 
-def press(made: Experiment, window: Any, presses: int, waits: list[float]) -> None:
-    """Wait for the drive, then press the key, note the time and send the stage on."""
-    run, stage = made.run, made.bench.actuator
+def work(
+    presses: Presses, window: Any, number: int, blocked: bool, is_over: threading.Event
+) -> None:
+    """Wait for the drive, then press."""
+    run = presses.run
     while run.health().phase != "drive":
         time.sleep(0.1)
-    restore = keep_running(run)
-    line, target = stage._far_end, stage.position_m() + 1.5e-3
-    line.byte_s, line.think_s = 10 / 57600, 0.01
-    keyboard = subprocess.Popen(["xdotool", "-"], stdin=subprocess.PIPE, text=True)
-    keyboard.stdin.write(f"windowfocus {int(window.winId())}\n")
     time.sleep(3.0)
-    for _ in range(presses):
-        time.sleep(random.uniform(0.2, 0.6))
-        before, began = len(line.arrivals), time.monotonic()
-        keyboard.stdin.write("key --delay 0 Escape\n")
-        keyboard.stdin.flush()
-        stops: list[float] = []
-        while not stops and time.monotonic() - began < LONGEST_S:
-            time.sleep(0.001)
-            stops = [when for when, what in line.arrivals[before:] if what == b"1ST"]
-        if not stops:
-            print(f"no stop came within {LONGEST_S:g} s: does the window have the keyboard?")
-            break
-        waits.append(stops[0] - began)
-        time.sleep(0.05)
-        stage.move_to(target)
-    keyboard.stdin.close()
-    restore()
+    if blocked:
+        other = attached(run.bench.name)
+        while len(presses.waits.get("stop from another process", ())) < number:
+            window.block.emit()
+            time.sleep(0.3)
+            presses.repeat("SIGINT", lambda: os.kill(os.getpid(), signal.SIGINT), 8)
+            presses.repeat("stop from another process", other.stop_motion, 8)
+            time.sleep(BLOCKED_S / 5)
+    else:
+        keyboard = subprocess.Popen(["xdotool", "-"], stdin=subprocess.PIPE, text=True)
+        assert keyboard.stdin is not None
+        keyboard.stdin.write(f"windowfocus {int(window.winId())}\n")
+
+        def press() -> None:
+            assert keyboard.stdin is not None
+            keyboard.stdin.write("key --delay 0 Escape\n")
+            keyboard.stdin.flush()
+
+        presses.repeat("Escape", press, number)
+        keyboard.stdin.close()
     run.request_stop("measured")
     run.wait()
-    window.close_after_run()
+    is_over.set()
 
 
-def measure(report: Report, presses: int = 100) -> int:
+def measure(report: Report, presses: int = 100, *, blocked: bool = False) -> int:
     """Measure in a run with its window; 1 if a press had no effect."""
-    waits: list[float] = []
+    stage = OutsideStage(10 / 57600, 0.01)
     with tempfile.TemporaryDirectory() as folder:
-        made = experiment(Path(folder) / "stop.h5", SETTINGS)
+        settings = config.load(None, [*SETTINGS, *stage.settings])
+        run = LaunchedRun(
+            settings,
+            Path(folder) / "stop.h5",
+            pace=1.0,
+            overwrite=False,
+            module="benchmarks.kept_bench",
+        )
+        made, is_over = Presses(run, stage), threading.Event()
 
         def ready(window: Any) -> None:
-            threading.Thread(target=press, args=(made, window, presses, waits), daemon=True).start()
+            window.block = Blocking(window)
+            given = (made, window, presses, blocked, is_over)
+            threading.Thread(target=work, args=given, daemon=True).start()
 
-        run_window(lambda: made.run, autostart=True, on_ready=ready)
-    outcome = made.run.outcome()
+        with acting_on_signals(run.request_stop):
+            run_window(lambda: run, autostart=True, on_ready=ready, close_when=is_over.is_set)
+    stage.end()
+    outcome = run.wait()
     assert outcome is not None
-    report.add("presses", len(waits))
-    if waits:
-        report.add("median", 1e3 * np.median(waits), "ms")
-        report.add("90 % below", 1e3 * np.percentile(waits, 90), "ms")
-        report.add("longest", 1e3 * max(waits), "ms", at_most=50)
+    for name in made.waits:
+        made.tell(report, name, 40.0 if blocked else 50.0)
     account(report, outcome)
-    return int(len(waits) < presses)
+    return int(any(len(waits) < presses for waits in made.waits.values()))
+
+
+class Blocking:
+    """Blocks the window's thread for ten seconds, once each time that it is asked."""
+
+    def __init__(self, window: Any) -> None:
+        self._asked = threading.Event()
+        self._timer = QTimer(window)
+        self._timer.timeout.connect(self._look)
+        self._timer.start(50)
+
+    def emit(self) -> None:
+        """Ask for it, from any thread."""
+        self._asked.set()
+
+    def _look(self) -> None:
+        if self._asked.is_set():
+            self._asked.clear()
+            time.sleep(BLOCKED_S)

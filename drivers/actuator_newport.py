@@ -19,9 +19,9 @@ import time
 from typing import ClassVar
 
 from drivers.clock import SampleClock
-from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.motion import check_target, check_velocity
-from drivers.newport_line import NewportLine, find
+from drivers.newport_line import NewportLine, OutsideStop, find
 from drivers.settings import ActuatorSettings
 
 __all__ = ["ConexCc", "Smc100", "find"]
@@ -134,7 +134,7 @@ class NewportStage:
     # ------------------------------------------------------------------ open and closed
 
     def open(self) -> None:
-        """Claim the port and read model, stage, state and limits. Nothing moves.
+        """Claim the port and read model, stage and state. Nothing moves and nothing is set.
 
         Raises
         ------
@@ -154,7 +154,11 @@ class NewportStage:
             self._stage = line.ask("ID?", "(.*)")
             # an earlier program may have left it moving
             self._is_under_way = self._look()[1].startswith(_IN_MOTION)
-            self._prepare(line)
+            low, high = s.travel  # which the controller is told before the first move
+            self.travel_limits_m = (
+                low if math.isfinite(low) else float(line.ask("SL?", _NUMBER)) * 1e-3,
+                high if math.isfinite(high) else float(line.ask("SR?", _NUMBER)) * 1e-3,
+            )
         except BaseException:
             self._line = None
             line.close()
@@ -177,6 +181,22 @@ class NewportStage:
                 f" {version.strip()!r}; {remedy}"
             )
         return version.strip()
+
+    def make_ready(self) -> None:
+        """Give the controller the limits of the settings. Nothing moves.
+
+        Raises
+        ------
+        DeviceFault
+            It would not accept a move: it is not referenced, its motor is off.
+        """
+        state = self._look()[1]
+        if not state.startswith("READY from"):
+            raise DeviceFault(
+                f"{self.name}: a move is to be made and it is {state}; {_remedy(state)}"
+            )
+        with self._commanding:
+            self._prepare(self._ready())
 
     def _prepare(self, line: NewportLine) -> None:
         """Give the controller the limits of the settings as soon as it accepts them, and read its
@@ -298,7 +318,7 @@ class NewportStage:
 
     def stop(self) -> None:
         """Send the command to stop at once, before whatever else waits for the line, and read the
-        state once.
+        state once, unless the controller has fallen silent before.
 
         If the stage still moves two seconds later, `is_moving` and `position_m` raise a fault.
 
@@ -314,10 +334,21 @@ class NewportStage:
         self._stop_sent_at = time.monotonic()
         try:
             line.stop()
+            if line.is_mute:
+                raise DeviceTimeout(
+                    f"{self.name}: it was told to stop and has answered nothing before; a move"
+                    " under way ends by itself at its target: check that the controller is on, and"
+                    " its cable"
+                )
             self._look(urgent=True)
         except DeviceError:
             self._is_under_way = False  # reported once; `close` need not report it again
             raise
+
+    def stopper(self) -> OutsideStop:
+        """What stops the stage from another process."""
+        s = self._settings
+        return OutsideStop(self.name, s.port, s.baud or self._baud, s.address)
 
     # ------------------------------------------------------------------ answers of the controller
 
@@ -333,12 +364,8 @@ class NewportStage:
             bits &= ~_END_SWITCHES  # the origin may be at one of them
         moves, stopped_at = state.startswith(_IN_MOTION), self._stop_sent_at
         if self._is_under_way and (bits or not (moves or stopped_at or state.startswith("READY"))):
-            remedy = next(
-                (text for group, text in _REMEDIES.items() if state.startswith(group)),
-                "find out why before the next move",
-            )
             what = "; ".join([*_in_words(bits), f"it is now {state}"])
-            self._fault = f"{self.name}: the motion failed: {what}; {remedy}"
+            self._fault = f"{self.name}: the motion failed: {what}; {_remedy(state)}"
         self._is_under_way = self._is_under_way and moves
         if not moves:
             self._stop_sent_at = None
@@ -386,6 +413,13 @@ class ConexCc(NewportStage):
 
 def _mm(metres: float) -> str:
     return f"{metres * 1e3:.9f}".rstrip("0").rstrip(".")
+
+
+def _remedy(state: str) -> str:
+    return next(
+        (text for group, text in _REMEDIES.items() if state.startswith(group)),
+        "find out why before the next move",
+    )
 
 
 def _in_words(bits: int) -> list[str]:

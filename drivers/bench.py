@@ -4,20 +4,19 @@ closes them in reverse.
 
 from __future__ import annotations
 
-import difflib
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound
 from drivers.mix import connected
 from drivers.protocols import Actuator, Camera, ForceSource
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
+from drivers.sources import NEEDS, driver
 
 if TYPE_CHECKING:
     from drivers.sim.scenario import Scenario
@@ -25,72 +24,6 @@ if TYPE_CHECKING:
     from drivers.stored import Recording
 
 LOG = logging.getLogger(__name__)
-NEEDS = {
-    "real": ("settings", "clock"),
-    "emulated": ("settings", "clock", "world"),
-    "simulated": ("world",),
-    "stored": ("settings", "clock", "recording"),
-}
-"""Nature of a driver -> what it is made from: the settings of its device, the sample clock that all
-devices of the bench share, and the simulated world or the recording that it shows.
-"""
-
-
-class Driver(NamedTuple):
-    """Where a driver is, as ``module:Class``, and what it drives: one of `NEEDS`."""
-
-    where: str
-    nature: str
-
-
-DRIVERS: dict[str, dict[str, Driver]] = {
-    "forces": {
-        "sim": Driver("drivers.sim.devices:SimForces", "simulated"),
-        "nidaqmx": Driver("drivers.ni_daq:NiForces", "real"),
-        "nidaqmx-emulated": Driver("drivers.emulators.ni:EmulatedNiForces", "emulated"),
-        "replay": Driver("drivers.stored:StoredForces", "stored"),
-    },
-    "camera": {
-        "sim": Driver("drivers.sim.devices:SimCamera", "simulated"),
-        "pylon": Driver("drivers.camera_pylon:PylonCamera", "real"),
-        "pylon-emulated": Driver("drivers.emulators.camera:EmulatedPylonCamera", "emulated"),
-        "gentl": Driver("drivers.camera_gentl:GenTLCamera", "real"),
-        "folder": Driver("drivers.camera_folder:FolderCamera", "real"),
-        "replay": Driver("drivers.stored:StoredCamera", "stored"),
-    },
-    "actuator": {
-        "sim": Driver("drivers.sim.devices:SimActuator", "simulated"),
-        "smc100": Driver("drivers.actuator_newport:Smc100", "real"),
-        "conex-cc": Driver("drivers.actuator_newport:ConexCc", "real"),
-        "smc100-emulated": Driver("drivers.emulators.newport:EmulatedSmc100", "emulated"),
-        "conex-cc-emulated": Driver("drivers.emulators.newport:EmulatedConexCc", "emulated"),
-        "replay": Driver("drivers.stored:StoredActuator", "stored"),
-    },
-}
-"""Kind of device -> `source` in its settings -> driver. A new driver is one line. Its module is
-imported when the driver is used, and loads no vendor library before `open`."""
-
-
-class UnknownDevice(DeviceNotFound):
-    """There is no driver of that name."""
-
-
-def driver(kind: str, source: str) -> Driver:
-    """The driver of a kind of device that the settings name.
-
-    Raises
-    ------
-    UnknownDevice
-        There is no such driver.
-    """
-    known = DRIVERS[kind]
-    if source not in known:
-        nearest = difflib.get_close_matches(source, known, n=1, cutoff=0.0)[0]
-        raise UnknownDevice(
-            f"{kind}: no driver is called '{source}'; known: {', '.join(sorted(known))} (the"
-            f" nearest is '{nearest}')"
-        )
-    return known[source]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,16 +161,14 @@ def make_bench(
     sections: dict[str, Any] = {"forces": forces, "camera": camera, "actuator": actuator}
     drivers = {kind: driver(kind, section.source) for kind, section in sections.items()}
     made: dict[str, Any] = {}
-    for kind, (where, nature) in drivers.items():
-        module, _, name = where.partition(":")
-        maker: Callable[..., Any] = getattr(import_module(module), name)
-        made[kind] = maker(
+    for kind, found in drivers.items():
+        made[kind] = found.made(
             *(
                 sections[kind] if need == "settings" else getattr(shared, need)
-                for need in NEEDS[nature]
+                for need in NEEDS[found.nature]
             )
         )
-    natures = {kind: nature for kind, (_, nature) in drivers.items()}
+    natures = {kind: found.nature for kind, found in drivers.items()}
     shows_world = not {"simulated", "emulated"}.isdisjoint(natures.values())
     world = shared.world if shows_world else None
     return Bench(*connected(**made, natures=natures, clock=clock, world=world), world)

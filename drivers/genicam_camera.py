@@ -245,7 +245,7 @@ class GenICamCamera(ABC):
         self._prefer("AcquisitionFrameRateEnable", False)
         if s.gain >= 0:
             self._prefer("GainAuto", "Off")
-            self._set("Gain", s.gain, "GainAbs")
+            self._set_gain(s.gain)
         if s.trigger_line:
             self._prefer("ExposureAuto", "Off")
             self._prefer("ExposureMode", "Timed")
@@ -267,9 +267,21 @@ class GenICamCamera(ABC):
         self._set("TriggerMode", "On")
         self._set("TriggerSource", line)
         self._prefer("TriggerActivation", "RisingEdge")
-        self._prefer("TriggerDelay", 0.0)
+        for name in ("TriggerDelay", "TriggerDelayAbs"):
+            self._prefer(name, 0.0)
         self._prefer("LineSelector", line)
         self._prefer("LineMode", "Input")
+
+    def _set_gain(self, gain: float) -> None:
+        """Set the gain in dB; a camera that counts it in steps of its own is set by hand."""
+        raw = self._node("GainRaw")
+        if raw is not None and self._node("Gain") is None and self._node("GainAbs") is None:
+            raise OutOfLimits(
+                f"{self.name}: a gain of {gain:g} dB was requested, it has none in dB but GainRaw,"
+                f" {', '.join(self._offer(raw))}; set that with the vendor's program, and"
+                " camera.gain = -1"
+            )
+        self._set("Gain", gain, "GainAbs")
 
     def _prefer(self, name: str, value: Any) -> None:
         """Set a feature if the camera has it; a camera without it behaves in this way anyhow."""

@@ -2,7 +2,9 @@
 from any thread.
 
 The controllers speak ASCII: ``1PA12.5`` has no answer, ``1TP`` has the answer ``1TP12.5``. A
-controller keeps the error of a command until ``TE`` reads it.
+controller keeps the error of a command until ``TE`` reads it. It ignores what follows the end of a
+command in the same transfer, so that every command is sent apart, once the one before has been
+carried and interpreted.
 """
 
 from __future__ import annotations
@@ -13,15 +15,18 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
+from drivers.port_lock import locked
 from drivers.protocols import Found
 
-ANSWER_S = 0.25  # the controllers take some 10 ms
-# for one query with its wait and its repetitions, so that a dead line is found within a second
-PATIENCE_S = 0.8
+ANSWER_S = 0.2  # the controllers take some 10 ms
+INTERPRETS_S = 0.01  # a controller needs after the end of a command that has no answer
+# for one query with its wait and its repetitions, so that the stage is stopped within a second
+PATIENCE_S = 0.6
 TRIES = 3
 _DAMAGED = "AS"  # answers to a command that arrived damaged and is sent again
 
@@ -37,8 +42,7 @@ def find() -> list[Found]:
 
 def _no_pyserial(who: str) -> DeviceNotFound:
     return DeviceNotFound(
-        f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install"
-        " '.[serial]'"
+        f"{who}: the package pyserial is not installed; in the folder of SlipScope: pip install ."
     )
 
 
@@ -46,19 +50,26 @@ class NewportLine:
     """The line to one controller.
 
     Only one query at a time waits for its answer, and those of a stop come first. Writing has a
-    lock of its own, held for one command only: a stop is sent at once, even while another answer is
-    awaited, because it has no answer that could be mistaken for that one.
+    lock of its own, held for one command only: a stop waits for nothing but the end of the command
+    before it, even while another answer is awaited, because it has no answer that could be mistaken
+    for that one.
     """
 
     def __init__(self, who: str, port: str, address: int, baud: int) -> None:
         self.stops = 0  # commands to stop so far
         self.heard = ""  # what came instead of an answer when the last query failed
-        self._who, self._name, self._address = who, port, address
+        self.is_mute = False  # the last query had no answer at all
+        self._who, self._name, self._address, self._baud = who, port, address, baud
         self._pen = threading.Lock()
+        self._clear_at = 0.0  # the controller will have interpreted what was written so far
         self._turns = threading.Condition()
         self._is_taken = False
         self._urgent = 0
-        self._port = _claimed(who, port, baud)
+        with ExitStack() as claims:
+            if "://" in port:  # the operating system knows the owner of a serial port only
+                claims.enter_context(locked(who, port))
+            self._port = _claimed(who, port, baud, exclusive=True)
+            self._claims = claims.pop_all()
         self._socket = getattr(self._port, "_socket", None)
 
     def close(self) -> None:
@@ -70,11 +81,14 @@ class NewportLine:
                     self._socket.close()  # pyserial does not if the other side has gone
             except Exception as error:
                 raise DeviceFault(f"{self._who}: {self._name} did not close ({error})") from error
+            finally:
+                self._claims.close()
 
     def stop(self) -> None:
         """Send the command to stop, before all that waits."""
         with self._pen:
             self.stops += 1
+            time.sleep(max(0.0, self._clear_at - time.monotonic()))
             self._write("ST")
 
     def ask(
@@ -85,7 +99,7 @@ class NewportLine:
         """
         give_up, heard = give_up or time.monotonic() + PATIENCE_S, ""
         for _ in range(TRIES):
-            answer, noise = self._exchange((query,), form, give_up, urgent=urgent)
+            answer, noise = self._exchange(query, form, give_up, urgent=urgent)
             if answer is not None:
                 return answer
             heard = noise or heard
@@ -108,7 +122,7 @@ class NewportLine:
             # the error in its memory may be of an earlier command, or of a stop
             self.ask("TE", "([@A-Z])", give_up=give_up)
             letter, noise = self._exchange(
-                (command, "TE"), "([@A-Z])", give_up, unless_stopped_since=unless_stopped_since
+                "TE", "([@A-Z])", give_up, after=command, unless_stopped_since=unless_stopped_since
             )
             if letter is not None and letter not in _DAMAGED and stops == self.stops:
                 return "@" if attempt and letter in done else letter
@@ -121,35 +135,52 @@ class NewportLine:
 
     def _exchange(
         self,
-        commands: tuple[str, ...],
+        query: str,
         form: str,
         give_up: float,
         *,
         urgent: bool = False,
+        after: str = "",
         unless_stopped_since: int | None = None,
     ) -> tuple[str | None, str]:
-        """One attempt: the answer to the last of the commands, or None and what came instead."""
-        prefix, heard = f"{self._address}{commands[-1].rstrip('?')}", ""
-        with self._turn(give_up, urgent=urgent), self._alive(commands[0]):
+        """One attempt: the answer to a query, or None and what came instead. The command `after`
+        which it asks is sent first, unless there was a further stop.
+        """
+        prefix, heard = f"{self._address}{query.rstrip('?')}", ""
+        with self._turn(give_up, urgent=urgent), self._alive(after or query):
             self._port.reset_input_buffer()
-            with self._pen:
-                if unless_stopped_since not in (None, self.stops):
-                    return None, ""
-                self._write(*commands)
+            if after and not self._send(after, unless_stopped_since):
+                return None, ""
+            self._send(query)
+            written = self._clear_at
             listen_until = min(time.monotonic() + ANSWER_S, give_up)
             while line := self._read_line(listen_until):
                 heard = line
+                self.is_mute = False
                 if match := re.fullmatch(re.escape(prefix) + form, line):
+                    with self._pen:  # the controller listens, unless there was a stop meanwhile
+                        self._clear_at = 0.0 if self._clear_at == written else self._clear_at
                     return match[1], ""
                 if line.startswith(prefix) or not re.match(rf"{self._address}[A-Z]{{2}}", line):
                     break  # it is damaged; anything else is a late answer to an earlier query
         return None, heard
 
-    def _write(self, *commands: str) -> None:
-        with self._alive(commands[0]):
-            self._port.write(
-                "".join(f"{self._address}{command}\r\n" for command in commands).encode("ascii")
-            )
+    def _send(self, command: str, unless_stopped_since: int | None = None) -> bool:
+        """Send a command once the line is clear and no stop waits; whether it was sent."""
+        while True:
+            time.sleep(max(0.0, self._clear_at - time.monotonic()))
+            with self._pen:
+                if unless_stopped_since not in (None, self.stops):
+                    return False
+                if self._clear_at <= time.monotonic():
+                    self._write(command)
+                    return True
+
+    def _write(self, command: str) -> None:
+        sent = f"{self._address}{command}\r\n".encode("ascii")
+        with self._alive(command):
+            self._port.write(sent)
+        self._clear_at = time.monotonic() + _carried_s(sent, self._baud) + INTERPRETS_S
 
     def _read_line(self, until: float) -> str:
         raw = b""
@@ -192,7 +223,7 @@ class NewportLine:
                 self._turns.notify_all()
 
     def _unanswered(self, query: str, heard: str) -> DeviceError:
-        self.heard = heard
+        self.heard, self.is_mute = heard, not heard
         if heard:
             return DeviceFault(
                 f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy:"
@@ -204,15 +235,59 @@ class NewportLine:
         )
 
 
-def _claimed(who: str, port: str, baud: int) -> Any:
-    """The port, opened exclusively if the operating system allows that."""
+@dataclass(frozen=True, slots=True)
+class OutsideStop:
+    """Stops a controller from another process, through a way of its own to the port; can be
+    pickled.
+    """
+
+    who: str
+    port: str
+    baud: int
+    address: int
+
+    def stop(self) -> None:
+        """Send the command to stop, twice: the first may meet the rest of a command of a program
+        that has died.
+
+        Raises
+        ------
+        DeviceNotFound, DeviceFault
+            The port can not be opened or written to.
+        """
+        way = _claimed(self.who, self.port, self.baud, exclusive=False)
+        try:
+            for pause in (0.05, 0.0):
+                way.write(f"{self.address}ST\r\n".encode("ascii"))
+                time.sleep(pause)
+            way.flush()
+        except Exception as error:  # see `NewportLine._alive`
+            raise DeviceFault(
+                f"{self.who}: 'ST' can not be sent, the line {self.port} is dead ({error}); a move"
+                " under way ends by itself at its target: check cable and power"
+            ) from error
+        finally:
+            way.close()
+
+
+def _carried_s(sent: bytes, baud: int) -> float:
+    return len(sent) * 10 / baud
+
+
+def _claimed(who: str, port: str, baud: int, *, exclusive: bool) -> Any:
+    """The port, opened exclusively if that is asked and the operating system allows it."""
     try:
         import serial
     except ImportError as error:
         raise _no_pyserial(who) from error
     try:
         opened = serial.serial_for_url(
-            port, baudrate=baud, xonxoff=True, timeout=0.05, write_timeout=0.3, exclusive=True
+            port,
+            baudrate=baud,
+            xonxoff=True,
+            timeout=0.05,
+            write_timeout=0.3,
+            exclusive=exclusive or None,
         )
         # otherwise a stop waits for the acknowledgement of the query before it: 16 ms at worst
         # instead of 6

@@ -30,14 +30,6 @@ TIMEBASE_HZ = 20_000_000
 WAIT_S = 0.1  # of one call to the library at most: `stop` waits that long for a read to end
 LAST_SAMPLE = 2**31 - 1  # 24 days at 1 kHz
 WIRINGS = {"differential": "DIFF", "rse": "RSE", "nrse": "NRSE"}
-OPTIONS = [
-    ("grpc.enable_http_proxy", 0),
-    # a call that lasts longer than this finds that the server is frozen or the cable cut
-    ("grpc.keepalive_time_ms", 2000),
-    ("grpc.keepalive_timeout_ms", 2000),
-    ("grpc.http2.ping_timeout_ms", 2000),
-    ("grpc.min_reconnect_backoff_ms", 3000),  # also how long a first connection may take
-]
 
 
 def find() -> list[Found]:
@@ -122,21 +114,19 @@ class NiForces:
         if not server:
             return
         need(self.name, "grpc")
-        import grpc
         from nidaqmx import GrpcSessionOptions
 
-        if certificate:
-            try:
-                trusted = grpc.ssl_channel_credentials(Path(certificate).read_bytes())
-            except OSError as error:
-                raise DeviceNotFound(
-                    f"{self.name}: the certificate {certificate} can not be read"
-                    f" ({error.strerror}); correct `certificate`"
-                ) from None
-            self._channel = grpc.secure_channel(server, trusted, OPTIONS)
-        else:
-            self._channel = grpc.insecure_channel(server, OPTIONS)
-        self._remote = {"grpc_options": GrpcSessionOptions(self._channel, "")}
+        from drivers.ni_channel import connect
+
+        try:
+            trusted = Path(certificate).read_bytes() if certificate else None
+        except OSError as error:
+            raise DeviceNotFound(
+                f"{self.name}: the certificate {certificate} can not be read"
+                f" ({error.strerror}); correct `certificate`"
+            ) from None
+        self._channel, calls = connect(server, trusted, self._settings.answer_time)
+        self._remote = {"grpc_options": GrpcSessionOptions(calls, "")}
 
     def _describe(self) -> None:
         from nidaqmx.system import Device

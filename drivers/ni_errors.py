@@ -6,7 +6,7 @@ from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
 
 NOT_YET = -200284
 OVERWRITTEN = (-200279, -200222)
-GONE = (-201003, -88705, -50808, -50405)
+GONE = (-201003, -200324, -200045, -88709, -88705, -50808, -50405)
 _KNOWN: tuple[tuple[tuple[int, ...], type[DeviceError], str, str], ...] = (
     (GONE, DeviceFault, "the board is gone", "check its cable and power, then start again"),
     (
@@ -54,9 +54,10 @@ def need(who: str, package: str) -> None:
     try:
         __import__(package)
     except ImportError as error:
+        what = "'.[grpc]'" if package == "grpc" else "."
         raise DeviceNotFound(
             f"{who}: the package {package} can not be imported ({error}); in the folder of"
-            " SlipScope: pip install '.[ni]'"
+            f" SlipScope: pip install {what}"
         ) from None
 
 

@@ -103,7 +103,8 @@ class Frame:
         Grey levels, read-only; the receiver may keep it.
     first, last : int
         The triggers that can have taken it, from the first to the last; both are `index` where it
-        is certain, and where they are not given.
+        is certain, and where they are not given. A camera that the board does not trigger is
+        never certain.
     doubt : str
         What is in doubt, or which witness has failed; empty where nothing is.
     """
@@ -291,3 +292,32 @@ class Actuator(Protocol):
 
     def close(self) -> None:
         """Stop any motion, then let go of the device."""
+
+
+@runtime_checkable
+class MadeReady(Protocol):
+    """An actuator that can tell, before a contact is pressed, that it would refuse a move."""
+
+    def make_ready(self) -> None:
+        """Do what must come before a move; nothing moves.
+
+        Raises `drivers.errors.DeviceFault` if a move would be refused, and says what to do.
+        """
+
+
+class OutsideStopper(Protocol):
+    """Stops an actuator from another process, without its driver; can be pickled."""
+
+    def stop(self) -> None:
+        """End any motion now, by a way of its own to the controller.
+
+        Raises `drivers.errors.DeviceError` if the command can not be sent.
+        """
+
+
+@runtime_checkable
+class StoppedFromOutside(Protocol):
+    """An actuator that another process can stop, also when that of its driver hangs or is gone."""
+
+    def stopper(self) -> OutsideStopper:
+        """What the other process needs; once the actuator is open."""

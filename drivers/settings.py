@@ -7,7 +7,7 @@ The names are those of the settings file; instances hold SI units.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from analysis.options import Section, option, quantity
@@ -19,16 +19,34 @@ FORMATS = ("Mono8", "Mono10", "Mono12", "Mono12p", "Mono12Packed", "Mono16")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceSettings(Section):
+class DeviceSettings(Section):
+    """What the settings of every device have beside their own.
+
+    Attributes
+    ----------
+    options : Section
+        The driver's own settings, an instance of the section that its class names as `Options`.
+    """
+
+    source: str = option(
+        "sim", "Driver of the device; `slipscope doctor` lists them; or 'package.module:Class'"
+    )
+    options: Section = field(default_factory=Section)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceSettings(DeviceSettings):
     """The DAQ board and the two capacitive sensors."""
 
-    source: str = option("sim", "Driver of the DAQ board; `slipscope doctor` lists them")
     device: str = option("Dev1", "Name of the board in NI MAX")
     server: str = option(
         "", "host:port of the NI gRPC device server that has the board; empty: this computer"
     )
     certificate: str = option(
         "", "File (PEM) that vouches for the server; empty: an unencrypted connection"
+    )
+    answer_time: float = option(
+        2.0, "How long the server has to answer a call; then it counts as gone", "s", ge=0.2, le=60
     )
     channels: tuple[str, str] = option(
         ("ai0", "ai1"), "Analog inputs of the normal and the shear sensor"
@@ -133,10 +151,9 @@ class ForceSettings(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraSettings(Section):
+class CameraSettings(DeviceSettings):
     """The triggered camera."""
 
-    source: str = option("sim", "Driver of the camera; `slipscope doctor` lists them")
     device: str = option(
         "",
         "Serial number or name of the camera (`slipscope cameras`); empty: the only one connected",
@@ -214,10 +231,9 @@ class CameraSettings(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ActuatorSettings(Section):
+class ActuatorSettings(DeviceSettings):
     """The DC actuator that drives the block."""
 
-    source: str = option("sim", "Driver of the actuator; `slipscope doctor` lists them")
     port: str = option("", "Serial port, 'COM3' or '/dev/ttyUSB0', or 'socket://host:port'")
     address: int = option(1, "Number of the controller on its line", ge=1, le=31)
     baud: int = option(0, "Speed of the line; 0: that of the model", "baud", ge=0, le=4000000)

@@ -31,6 +31,7 @@ FOLDERS = (
     "friction",
     "drivers",
     "engine",
+    "processes",
     "cli",
     "gui",
     "report",

@@ -133,3 +133,17 @@ def test_no_machine_is_named_in_the_project() -> None:
         if any(root in path.read_text(encoding="utf-8") for root in roots)
     ]
     assert not named
+
+
+def test_a_bench_of_real_devices_loads_neither_window_nor_analysis() -> None:
+    loaded = modules_after(
+        "import app.processes.bench, drivers.ni_daq, drivers.camera_pylon, drivers.actuator_newport"
+    )
+    assert not {"PySide6", "pyqtgraph", "matplotlib", "numba", "scipy", "analysis.dic"} & loaded
+
+
+def test_the_supervisor_is_small() -> None:
+    path = ROOT / "app" / "processes" / "supervisor.py"
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 100
+    loaded = modules_after("import app.processes.supervisor")
+    assert not HEAVY - {"numpy"} & loaded

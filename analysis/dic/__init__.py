@@ -10,9 +10,9 @@ Beyond the paper                 `open_tracker` with the methods ``shared`` and 
 
 from analysis.dic.correlation import compile_kernels, open_tracker
 from analysis.dic.field import Field, Tracker
-from analysis.dic.grid import Grid
 from analysis.dic.status import Status
 from analysis.dic.strain import Strain, strain
+from analysis.grid import Grid
 from analysis.settings import INTERPOLANTS, METHODS, Correlation
 
 __all__ = [

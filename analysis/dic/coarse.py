@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from analysis.arrays import F64, Array, Bool
-from analysis.dic.grid import Grid
 from analysis.dic.neighbours import filled
 from analysis.dic.searching import DirectSearch
 from analysis.dic.status import LOW_CONTRAST
 from analysis.dic.tracker import Reference
+from analysis.grid import Grid
 
 BOX, STEP = 16, 8  # of the reduced images
 FACTORS = (4, 2, 1)  # tried in this order, until one of them finds the points

@@ -11,7 +11,6 @@ import numpy as np
 from analysis.arrays import Array, Bool
 from analysis.dic.coarse import CoarseSearch
 from analysis.dic.field import Tracker
-from analysis.dic.grid import Grid
 from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
@@ -20,6 +19,7 @@ from analysis.dic.searching import DirectSearch
 from analysis.dic.threads import Threads
 from analysis.dic.tracker import Reference, ReferenceTracker, checked
 from analysis.dic.updating import UpdatingTracker
+from analysis.grid import Grid
 from analysis.settings import Correlation
 
 DIRECT_SEARCH = 16  # px; half-width of the direct method's own search

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from analysis.arrays import F32, U8, Array
-from analysis.dic.grid import Grid
+from analysis.grid import Grid
 
 
 @dataclass(frozen=True, slots=True)

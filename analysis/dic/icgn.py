@@ -20,11 +20,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from analysis.arrays import F64, I64, U8, Array, Bool
 from analysis.dic import reading
-from analysis.dic.grid import Grid
 from analysis.dic.interpolants import FAST, Interpolant
 from analysis.dic.reading import CHUNK, MARGIN, BoxLayout, Taps, Target
 from analysis.dic.status import MASKED, NOT_CONVERGED, OK, OUT_OF_IMAGE
 from analysis.dic.threads import Rows
+from analysis.grid import Grid
 
 PARAMETERS = (2, 6, 12)  # of the orders 0, 1, 2
 # Parameter k is the derivative of order POWER[k] of displacement component COMPONENT[k]; it

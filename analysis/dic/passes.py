@@ -11,7 +11,6 @@ import numpy as np
 
 from analysis.arrays import F32, F64, I64, Array, Bool
 from analysis.dic import shared, strips
-from analysis.dic.grid import Grid
 from analysis.dic.interpolants import Interpolant
 from analysis.dic.smoothing import smooth, widen
 from analysis.dic.spectrum import BEYOND, Texture, interpolation, slopes
@@ -19,6 +18,7 @@ from analysis.dic.status import NOT_CONVERGED, OK
 from analysis.dic.strips import BLOCK, MARGIN, PLANES, ROWS, TAPS
 from analysis.dic.threads import Rows
 from analysis.dic.tracker import Estimate, Reference
+from analysis.grid import Grid
 
 SMOOTHING = 2.5  # width of the moving average over the prediction, in boxes
 # a grey level further from the expected one than so many times the mean difference is not used ...

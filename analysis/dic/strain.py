@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from analysis.arrays import F64, Array, Bool
-from analysis.dic.grid import Grid
+from analysis.grid import Grid
 
 # ratio of the extreme eigenvalues of a fit's normal matrix; points on one line have 0, a quarter
 # window 1e-5

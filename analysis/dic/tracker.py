@@ -9,10 +9,10 @@ import numpy as np
 
 from analysis.arrays import F64, U8, Array, Bool
 from analysis.dic.field import Field
-from analysis.dic.grid import Grid
 from analysis.dic.neighbours import contradicted, filled
 from analysis.dic.status import DECORRELATED, OK
 from analysis.dic.threads import Threads
+from analysis.grid import Grid
 
 FURTHEST = 1e5  # px; no search starts further away
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from analysis.arrays import F32, Array
 from analysis.dic.field import Field, Tracker
-from analysis.dic.grid import Grid
 from analysis.dic.neighbours import filled
 from analysis.dic.status import OK
+from analysis.grid import Grid
 
 
 class UpdatingTracker:

@@ -128,6 +128,41 @@ def run(
     )
 
 
+BENCH_NAME = typer.Argument(
+    metavar="[BENCH]",
+    help="Name of the bench, or its session; needed where more than one runs.",
+    show_default=False,
+)
+
+
+@command(app)
+def attach(
+    bench: Annotated[str | None, BENCH_NAME] = None,
+    headless: Headless = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """Open a window on the run that is under way on this computer, whatever became of its own.
+
+    Closing this window, or Ctrl-C, leaves the run as it is; its buttons act on it.
+
+    Example: `slipscope attach`
+    """
+    from app.commands import experiment
+
+    return experiment.attach(bench, headless, as_json)
+
+
+@command(app)
+def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
+    """Stop the motion of the run that is under way on this computer, then end it in good order.
+
+    Example: `slipscope stop`
+    """
+    from app.commands import experiment
+
+    return experiment.stop(bench)
+
+
 @command(app)
 def replay(
     session: SessionFile,
@@ -197,15 +232,21 @@ def config(
             help="A bench that comes with the program: hil-emulated, pci-6251.",
         ),
     ] = None,
+    overrides: Overrides = None,
 ) -> int:
     """Print the default settings, each with its meaning, unit and limits: `slipscope config >
     bench.toml`.
 
-    With a name, the few settings of a bench that comes with the program.
+    With a name, the few settings of a bench that comes with the program. With --set, all settings,
+    among them those of a driver that is named by --set actuator.source=package.module:Class.
     """
-    from app.config import bench_text, default_toml
+    from app.config import bench_text, load, to_toml
 
-    typer.echo(default_toml() if name is None else bench_text(name), nl=False)
+    if name is not None and not overrides:
+        text = bench_text(name)
+    else:
+        text = to_toml(load(None if name is None else Path(name), overrides or ()))
+    typer.echo(text, nl=False)
     return 0
 
 
@@ -224,6 +265,14 @@ def check(
             show_default=False,
         ),
     ] = 0.0,
+    sync: Annotated[
+        bool,
+        typer.Option(
+            "--sync",
+            help="Measure when the exposure of a trigger is counted, and certify it for the"
+            " sessions that follow.",
+        ),
+    ] = False,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
 ) -> int:
@@ -236,7 +285,37 @@ def check(
     """
     from app.commands import bench as benches
 
-    return benches.check(bench, overrides or (), home=home, move_um=move_um, as_json=as_json)
+    return benches.check(
+        bench, overrides or (), home=home, move_um=move_um, sync=sync, as_json=as_json
+    )
+
+
+@command(app, "check-driver")
+def check_driver(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="PACKAGE.MODULE:CLASS", help="The class of the driver, which can be imported."
+        ),
+    ],
+    move: Annotated[
+        bool,
+        typer.Option("--move", help="Let the stage of an actuator move, by up to 1 mm both ways."),
+    ] = False,
+    overrides: Overrides = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Try a driver of your own, with its device connected, against everything that a driver of its
+    kind must do: one line for each contract.
+
+    A camera is tried on the clock of the forces of the settings, the simulated ones if not set. The
+    exit code is 1 if a contract is broken, 2 if there is no such driver.
+
+    Example: `slipscope check-driver my_lab.stage:Stage --move --set actuator.port=COM3`
+    """
+    from app.commands import check_driver as driver_checks
+
+    return driver_checks.check_driver(source, overrides or (), move=move, as_json=as_json)
 
 
 @command(app)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.options import UNITS
+from app.commands.bench_move import move
 from app.commands.doctor import Finding, problem
-from app.engine.pipeline import sensor_chain
+from app.engine.setup import sensor_chain
 from app.settings import Config
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout
@@ -44,7 +45,7 @@ def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterat
     home : bool
         Whether the stage may search its origin.
     move_um : float
-        How far the stage may move, and back; 0: not at all.
+        How far the stage may move, and back, if the forces can be watched; 0: not at all.
     """
     devices: dict[str, Device] = {
         "actuator": bench.actuator,
@@ -60,10 +61,10 @@ def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterat
     try:
         if "actuator" in opened and home:
             yield _attempt("home", _home, bench.actuator)
-        if "actuator" in opened and move_um:
-            way_m = move_um * UNITS["um"]
-            yield _attempt("move", _move, bench.actuator, way_m, config.run.velocity)
-        if {"camera", "forces"} <= set(opened):
+        if {"actuator", "forces"} <= set(opened) and move_um:
+            yield _attempt("move", move, config, bench, move_um * UNITS["um"])
+        is_over = bool(move_um) and bench.world is not None  # a world runs only once
+        if {"camera", "forces"} <= set(opened) and not is_over:
             yield from _take_data(config, bench)
     finally:
         for label, device in reversed(devices.items()):
@@ -93,23 +94,6 @@ def _home(actuator: Actuator) -> str:
     actuator.home()
     _wait_until_still(actuator, HOME_TIMEOUT_S)
     return f"the origin was found, the stage is at {actuator.position_m() * 1e3:.4f} mm"
-
-
-def _move(actuator: Actuator, way_m: float, velocity: float) -> str:
-    """Move the stage there and back, and compare the distances."""
-    start = actuator.position_m()
-    actuator.set_velocity(velocity)
-    began = time.monotonic()
-    actuator.move_to(start + way_m)
-    _wait_until_still(actuator, 3 * abs(way_m) / velocity + 5)
-    took, reached = time.monotonic() - began, actuator.position_m() - start
-    actuator.move_to(start)
-    _wait_until_still(actuator, 3 * abs(way_m) / velocity + 5)
-    left = actuator.position_m() - start
-    return (
-        f"{way_m * 1e6:g} um requested, {reached * 1e6:.2f} um reached in {took:.1f} s,"
-        f" {left * 1e6:+.2f} um off after the way back"
-    )
 
 
 def _wait_until_still(actuator: Actuator, timeout_s: float) -> None:

@@ -14,12 +14,11 @@ from typing import Any
 
 DISTRIBUTION = "slipscope"
 VENDORS = {  # distribution -> what it drives, and our extra that installs it
-    "nidaqmx": ("National Instruments boards", "ni"),
+    "grpcio": ("boards behind NI's gRPC device server, and emulated ones", "grpc"),
     "pypylon": ("Basler cameras", "basler"),
     "harvesters": ("cameras of other vendors, through their GenTL producers", "gentl"),
-    "pyserial": ("Newport actuators", "serial"),
 }
-MODULES = {"pyserial": "serial"}  # where the module has another name
+MODULES = {"grpcio": "grpc"}  # where the module has another name
 FINDERS = {
     "boards": "drivers.ni_daq",
     "cameras": "drivers.camera_pylon",
@@ -108,9 +107,9 @@ def display() -> Finding:
 
 def devices() -> list[Finding]:
     """The possible values of `source` in the settings, by kind of device."""
-    from drivers.bench import DRIVERS
+    from drivers.sources import DRIVERS, offered
 
-    return [Finding(kind, ", ".join(names)) for kind, names in DRIVERS.items()]
+    return [Finding(kind, ", ".join([*own, *offered(kind)])) for kind, own in DRIVERS.items()]
 
 
 def found_by(module: str, *arguments: Any) -> list[Finding]:

@@ -25,7 +25,15 @@ LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a h
 
 
 class Source(Protocol):
-    """A live run or a replay, as far as the terminal is concerned."""
+    """A live run or a replay, as far as the terminal is concerned.
+
+    Attributes
+    ----------
+    stays : bool
+        Whether it goes on when who shows it leaves.
+    """
+
+    stays: bool
 
     def start(self) -> None: ...
     def wait(self, timeout: float | None = None) -> Outcome | None: ...
@@ -112,13 +120,15 @@ def run(
         raise UserError(
             f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
         )
-    from app.live import make_run
+    from app.live import check_run
+    from app.processes.launch import launched_or_made
 
     def make(is_first: bool) -> _Made:
         path = first if is_first else next_free(session or new_session_name(datetime.now()))
         may_replace = overwrite and is_first
         check_new_session(path, may_replace)
-        source, before = make_run(config, path, pace=speed, overwrite=may_replace), mark_of(path)
+        check_run(config, path, speed, may_replace)
+        source, before = launched_or_made(config, path, speed, may_replace), mark_of(path)
 
         def report() -> dict[str, Any]:
             is_recorded = mark_of(path) != before
@@ -129,6 +139,36 @@ def run(
         return _Made(source, report)
 
     return _conduct(make, problem, autostart=autostart, as_json=as_json)
+
+
+def attach(bench: str | None, headless: bool, as_json: bool) -> int:
+    """Show a run that is under way in another process, and report its end; the exit code.
+
+    Leaving does not end it.
+    """
+    from app.processes.launch import attached
+
+    problem = window_problem(headless)
+    source = attached(bench)
+
+    def report() -> dict[str, Any]:
+        outcome = source.outcome()
+        assert outcome is not None
+        return report_run(outcome, source.session, as_json)
+
+    return _conduct(
+        lambda _: _Made(source, report), problem, autostart=True, as_json=as_json, is_one=True
+    )
+
+
+def stop(bench: str | None) -> int:
+    """Stop the motion of a run that is under way in another process; the exit code."""
+    from app.processes.launch import attached
+
+    source = attached(bench)
+    source.stop_motion()
+    say(f"the motion of {source.title} is stopped; its run ends and saves {source.session.name}")
+    return DONE
 
 
 def replay(
@@ -167,13 +207,18 @@ def replay(
 
 
 def _conduct(
-    make: Callable[[bool], _Made], problem: str | None, *, autostart: bool, as_json: bool
+    make: Callable[[bool], _Made],
+    problem: str | None,
+    *,
+    autostart: bool,
+    as_json: bool,
+    is_one: bool = False,
 ) -> int:
     """Let what `make` makes run its course, in the window unless there is a `problem`, and report
     it; the exit code.
 
     `make` is called with whether it is the first: further ones in the same window never replace a
-    file.
+    file. With `is_one` there are no further ones.
     """
     made: list[_Made] = []
 
@@ -184,9 +229,15 @@ def _conduct(
     reports = _Reports(made)
     if problem is None:
         from app.gui.start import run_window
+        from app.processes.signals import acting_on_signals
 
-        with reports.as_they_end():
-            run_window(make_and_keep, autostart=autostart)
+        def stop(reason: str) -> None:
+            for one in made:
+                _stop(one.source, reason)
+
+        first = make_and_keep() if is_one else None
+        with reports.as_they_end(), acting_on_signals(stop) as signalled:
+            run_window(make_and_keep, first, autostart=autostart, close_when=signalled.is_set)
             for one in made:
                 _let_end(one.source)
     else:
@@ -201,38 +252,53 @@ def _conduct(
 
 
 def _let_end(source: Source) -> None:
-    """Stop what the closed window left running, and wait for its end."""
+    """Stop what the closed window left running, and wait for its end; a run that others have
+    started goes on.
+    """
     state = source.health().state
-    if state not in ("idle", "done", "failed"):
+    if source.stays or state == "idle":
+        return
+    if state not in ("done", "failed"):
         source.request_stop("the window was closed")
-    if state != "idle":
-        source.wait()
+    source.wait()
+
+
+def _stop(source: Source, reason: str) -> None:
+    """Stop the motion, then end what runs, unless others have started it."""
+    if not source.stays and source.health().state in ("armed", "running", "stopping"):
+        source.request_stop(reason)
 
 
 def _follow(source: Source, as_json: bool) -> Outcome:
     """Start, show progress, and wait.
 
-    Ctrl-C ends the experiment in good order; a second one stops the motion again and leaves.
+    Ctrl-C, and whatever else tells the program to end, ends the experiment in good order; a second
+    one stops the motion again and leaves. A run that others have started is only left.
     """
-    is_stopping = False
+    from app.processes.signals import acting_on_signals
+
+    reasons: list[str] = []
+
+    def stop(reason: str) -> None:
+        reasons.append(reason)
+        if not source.stays:
+            source.request_stop(reason)
+
     try:
-        with Bar("starting", quiet=as_json) as bar:
+        with Bar("starting", quiet=as_json) as bar, acting_on_signals(stop):
             source.start()
             while True:
-                try:
-                    outcome = source.wait(POLL_S)
-                    health = source.health()
-                    bar.show(_progress_text(health), health.progress)
-                    if outcome is not None:
-                        return outcome
-                except KeyboardInterrupt:
-                    if is_stopping:
-                        raise
-                    is_stopping = True
-                    source.request_stop("Ctrl-C was pressed")
+                outcome = source.wait(POLL_S)
+                health = source.health()
+                bar.show(_progress_text(health), health.progress)
+                if outcome is not None:
+                    return outcome
+                if len(reasons) > (0 if source.stays else 1):
+                    raise KeyboardInterrupt
     except BaseException:
-        source.stop_motion()
-        source.wait(LEAVE_S)
+        if not source.stays:
+            source.stop_motion()
+            source.wait(LEAVE_S)
         raise
 
 

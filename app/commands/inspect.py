@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.commands.terminal import DONE, FAILED, output, print_json, print_rows, say
-from app.config import from_record, values_of
+from app.config import from_record, own_options, values_of
 from app.settings import Config
 
 if TYPE_CHECKING:
@@ -104,9 +104,13 @@ def _read_back(session: Path) -> tuple[Receipt | None, str]:
 def changed_settings(config: Config) -> dict[str, Any]:
     """``table.key`` -> value, as in the settings file, of every setting that is not the default."""
     default = values_of(Config())
-    return {
+    changed = {
         f"{table}.{key}": value
         for table, values in values_of(config).items()
         for key, value in values.items()
-        if value != default[table][key]
+        if value != default[table].get(key)
     }
+    for table in own_options(config):
+        own = changed.pop(f"{table}.options")
+        changed |= {f"{table}.options.{key}": value for key, value in own.items()}
+    return changed

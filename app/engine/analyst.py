@@ -4,23 +4,43 @@ live run.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.channels import LatestChannel
 from app.engine.history import History
-from app.engine.pipeline import Pipeline, summarise
 from app.engine.priority import give_way
 from app.engine.recorder import Recorder
 from app.engine.series import Series
-from app.records import Event, Snapshot, Summary
+from app.records import RESTART, Conditions, ContactResult, Event, Snapshot, Summary
 from app.settings import Config
 from drivers.protocols import Frame
 
+LOG = logging.getLogger(__name__)
 POLL_S = 0.1
+TRIES = 2  # of a frame
+# frames that could not be analysed, until the analysis is given up
+MOST_FAILURES = 20
+MOST_BEFORE_REFERENCE = 3
+
+
+class FrameAnalysis(Protocol):
+    """What analyses frame by frame, here (`app.engine.pipeline`) or in a process of its own."""
+
+    contact: ContactResult | None
+    reference_frame: int | None
+
+    def step(
+        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
+    ) -> Snapshot: ...
+    def restart(self) -> None: ...
+    def summary(self, snapshots: list[Snapshot]) -> Summary: ...
+    def close(self) -> None: ...
 
 
 class Analysis:
@@ -32,15 +52,17 @@ class Analysis:
     ----------
     history : History
         What the bench has measured so far.
-    pipeline : Pipeline
+    pipeline : FrameAnalysis
     series : Series
         One snapshot per analysed frame.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, pipeline: FrameAnalysis) -> None:
         self.config = config
-        self.history = History(float(config.forces.sample_rate), config.exposure_samples)
-        self.pipeline = Pipeline(config)
+        self.history = History(
+            float(config.forces.sample_rate), config.exposure_samples, config.run.direction
+        )
+        self.pipeline = pipeline
         self.series = Series()
 
     def step(
@@ -67,9 +89,7 @@ class Analysis:
     def summary(self) -> Summary | None:
         """What the experiment comes down to, once it is closed; None if no frame was analysed."""
         snapshots = self.series.since(0)
-        if not snapshots:
-            return None
-        return summarise(self.config, snapshots, self.pipeline.contact, self.pipeline.notes)
+        return self.pipeline.summary(snapshots) if snapshots else None
 
 
 class Analyst:
@@ -88,9 +108,14 @@ class Analyst:
         self._analysis = analysis
         self._recorder = recorder
         self._frames = frames
+        self._failures = 0
 
     def work(self) -> None:
-        """Analyse until the frames end; everything else that needs the processor goes first."""
+        """Analyse until the frames end; everything else that needs the processor goes first.
+
+        A frame whose analysis fails is tried once more after a restart, then left out: what is
+        measured goes on all the same. Before there is a reference, three such frames end the run.
+        """
         give_way()
         try:
             while not self._frames.is_drained:
@@ -108,6 +133,29 @@ class Analyst:
         if not history.wait_for(frame.sample + history.exposure_samples):
             self._frames.skipped += 1  # the forces ended before its exposure did
             return
-        self._analysis.step(frame.index, frame.sample, frame.image, self._recorder.append)
+        for _ in range(TRIES):
+            try:
+                self._analysis.step(frame.index, frame.sample, frame.image, self._recorder.append)
+                break
+            except Exception as error:
+                LOG.warning("frame %d could not be analysed", frame.index, exc_info=error)
+                what = f"frame {frame.index} could not be analysed ({error})"
+                self._recorder.append(Event(frame.sample, RESTART, what))
+                self._analysis.pipeline.restart()
+        else:
+            self._frames.skipped += 1
+            self._failures += 1
+            self._check_failures(frame, what)
+            return
         if self._analysis.pipeline.reference_frame is not None:
             self.reference_taken.set()
+
+    def _check_failures(self, frame: Frame, what: str) -> None:
+        if not self.reference_taken.is_set() and self._failures >= MOST_BEFORE_REFERENCE:
+            raise RuntimeError(what)
+        if self._failures == MOST_FAILURES:
+            given_up = f"the analysis is given up after {MOST_FAILURES} failures: {what}; slipscope"
+            given_up += " replay -o analyses every recorded frame"
+            LOG.error("%s", given_up)
+            self._recorder.append(Event(frame.sample, "error", given_up))
+            self._frames.abandon()

@@ -20,6 +20,8 @@ STALL_PATIENCE_S = 5.0
 # without progress while it says that it moves, or the time for STANDSTILL_M if that is longer
 STANDSTILL_S = 2.0
 STANDSTILL_M = 2e-6  # well above what an encoder jitters
+BEYOND_M = 5e-6  # the other way, or further than asked
+BEHIND_PATIENCE_S = 5.0  # for forces that are read too late, before the drive
 SATURATED = 0.9995  # share of the range above which a reading says nothing
 
 
@@ -32,8 +34,9 @@ class Measured:
     """What is known at the end of a block: its forces (n, 2) in newtons, the stage, and whether the
     reference image was taken.
 
-    `range_used` is the largest reading of the normal and the shear sensor, as a share of the range
-    of its input.
+    `travel_m` is that of the stage along +x. `range_used` is the largest reading of the normal and
+    the shear sensor, as a share of the range of its input. `age_s` is how old the newest force was
+    at most that was known before them.
     """
 
     end_sample: int
@@ -42,13 +45,14 @@ class Measured:
     is_moving: bool
     has_reference: bool
     range_used: tuple[float, float] = (0.0, 0.0)
+    age_s: float = 0.0
 
 
 class Experiment:
     """The phases of a loading experiment: free block, contact, reference at rest, drive, end.
 
     `advance` is called once per block and answers the phase from that block's end on. Entering
-    `Phase.DRIVE` is the caller's order to move the actuator by `travel_m`, and no further;
+    `Phase.DRIVE` is the caller's order to move the actuator by ``run.travel``, and no further;
     `Phase.END` its order to stop.
     """
 
@@ -57,20 +61,10 @@ class Experiment:
         self.rate = config.forces.sample_rate
         self.phase = Phase.BACKGROUND if config.run.background_time > 0 else Phase.CONTACT
         self.advice = ""
-        self._since = 0
+        self._since = self._behind_since = 0
         self._settled_since: int | None = None
         # sample and travel at which the stage was last seen to have moved on
         self._advanced = (0, -math.inf)
-
-    @property
-    def travel_m(self) -> float:
-        """Travel of the drive."""
-        return self.config.run.travel
-
-    @property
-    def velocity_m_s(self) -> float:
-        """Velocity asked of the actuator."""
-        return self.config.run.velocity
 
     def advance(self, now: Measured) -> Phase:
         """The phase after a block.
@@ -88,10 +82,15 @@ class Experiment:
             self.advice = ""
         return self.phase
 
+    def begin_drive(self, now: Measured) -> None:
+        """Go on with the drive, whatever comes before it in an experiment; see `advance`."""
+        self.phase, self._since = Phase.DRIVE, now.end_sample
+        self._check_limits(now)
+
     def progress(self, now: Measured) -> float:
         """Share of the experiment that is done, 0 to 1: 10 % up to the drive, then by travel."""
         if self.phase in (Phase.DRIVE, Phase.END):
-            return min(1.0, 0.1 + 0.9 * now.travel_m / self.travel_m)
+            return min(1.0, 0.1 + 0.9 * max(0.0, now.travel_m / self.config.run.travel))
         return 0.1 * list(Phase).index(self.phase) / 3
 
     def _seconds(self, now: Measured) -> float:
@@ -121,10 +120,22 @@ class Experiment:
                 f"limit: the shear force reached {shear:.3f} N, limits.shear_force is"
                 f" {quantity(limits, 'shear_force')}"
             )
-        if now.travel_m > limits.travel:
+        if self.phase is Phase.DRIVE:
+            self._check_drive(now)
+
+    def _check_drive(self, now: Measured) -> None:
+        run, limits = self.config.run, self.config.limits
+        went = f"the stage went {now.travel_m * 1e6:.1f} um"
+        if abs(now.travel_m) > limits.travel:
+            raise ExperimentFailed(f"limit: {went}, limits.travel is {quantity(limits, 'travel')}")
+        if not -BEYOND_M <= now.travel_m * run.direction <= abs(run.travel) + BEYOND_M:
             raise ExperimentFailed(
-                f"limit: the stage went {now.travel_m * 1e6:.1f} um, limits.travel is"
-                f" {quantity(limits, 'travel')}"
+                f"actuator: {went}, run.travel is {quantity(run, 'travel')}; let nothing else move"
+                " it, and check it and its line"
+            )
+        if now.age_s > limits.age:
+            raise ExperimentFailed(
+                f"limit: {_behind(now)}, limits.age is {quantity(limits, 'age')}"
             )
 
     def _background(self, now: Measured) -> Phase:
@@ -174,7 +185,18 @@ class Experiment:
     def _reference(self, now: Measured) -> Phase:
         waited = self._seconds(now)
         if waited >= self.config.run.reference_time and now.has_reference:
-            return Phase.DRIVE
+            if now.age_s <= self.config.limits.age:
+                return Phase.DRIVE
+            self.advice = f"the drive waits: {_behind(now)}"
+            self._behind_since = self._behind_since or now.end_sample
+            if now.end_sample - self._behind_since > BEHIND_PATIENCE_S * self.rate:
+                raise ExperimentFailed(
+                    f"forces: the drive was not begun, {_behind(now)}, limits.age is"
+                    f" {quantity(self.config.limits, 'age')}; check the way to the board and what"
+                    " else this computer does"
+                )
+            return Phase.REFERENCE
+        self._behind_since = 0
         if waited > self.config.run.reference_time + REFERENCE_PATIENCE_S:
             raise ExperimentFailed(
                 f"reference: no image could be taken as reference in {waited:.1f} s; check the"
@@ -183,27 +205,29 @@ class Experiment:
         return Phase.REFERENCE
 
     def _drive(self, now: Measured) -> Phase:
+        run = self.config.run
+        way, asked = now.travel_m * run.direction, abs(run.travel)
         if not now.is_moving:
-            if now.travel_m < 0.98 * self.travel_m:
+            if way < 0.98 * asked:
                 raise ExperimentFailed(
                     f"actuator: it stopped after {now.travel_m * 1e6:.1f} of"
-                    f" {quantity(self.config.run, 'travel')};"
+                    f" {quantity(run, 'travel')};"
                     " check it for a stall or an end of run"
                 )
             return Phase.END
-        if now.travel_m > self._advanced[1] + STANDSTILL_M / 4:
-            self._advanced = (now.end_sample, now.travel_m)
-        patience = max(STANDSTILL_S, STANDSTILL_M / self.velocity_m_s)
+        if way > self._advanced[1] + STANDSTILL_M / 4:
+            self._advanced = (now.end_sample, way)
+        patience = max(STANDSTILL_S, STANDSTILL_M / run.velocity)
         if now.end_sample - self._advanced[0] > patience * self.rate:
             raise ExperimentFailed(
                 f"actuator: it stands at {now.travel_m * 1e6:.1f} um of travel while it should move"
                 " at"
-                f" {quantity(self.config.run, 'velocity')}; check it for a stall"
+                f" {quantity(run, 'velocity')}; check it for a stall"
             )
-        expected = self.travel_m / self.velocity_m_s
+        expected = asked / run.velocity
         if self._seconds(now) > 1.2 * expected + STALL_PATIENCE_S:
             raise ExperimentFailed(
-                f"actuator: {now.travel_m * 1e6:.1f} of {quantity(self.config.run, 'travel')} after"
+                f"actuator: {now.travel_m * 1e6:.1f} of {quantity(run, 'travel')} after"
                 f" {self._seconds(now):.0f} s,"
                 f" {expected:.0f} s were expected; check it for a stall"
             )
@@ -212,3 +236,7 @@ class Experiment:
     def _end(self, now: Measured) -> Phase:
         del now
         return Phase.END
+
+
+def _behind(now: Measured) -> str:
+    return f"the newest force that was read was {now.age_s:.2g} s old"

@@ -23,10 +23,20 @@ class History:
 
     The last minute is kept at full rate in a ring, with the positions that go with it; for plots of
     the whole run there is one mean per block, or per second block, per fourth ... in a long run.
+
+    Parameters
+    ----------
+    sample_rate_hz : float
+    exposure_samples : int
+    direction : float
+        -1.0 for a drive against +x: the conditions of a frame are those along the drive.
     """
 
-    def __init__(self, sample_rate_hz: float, exposure_samples: int) -> None:
+    def __init__(
+        self, sample_rate_hz: float, exposure_samples: int, direction: float = 1.0
+    ) -> None:
         self.sample_rate_hz = sample_rate_hz
+        self._direction = direction
         self.exposure_samples = exposure_samples
         self._ring = np.full((int(KEPT_SECONDS * sample_rate_hz), 2), np.nan)
         self._end = 0
@@ -134,7 +144,8 @@ class History:
             if drive is not None and sample >= drive
             else float("nan")
         )
-        return Conditions(phase, time_s, float(mean[0]), float(mean[1]), self._travel(middle))
+        normal, shear = float(mean[0]), self._direction * float(mean[1])
+        return Conditions(phase, time_s, normal, shear, self._direction * self._travel(middle))
 
     def _travel(self, sample: float) -> float:
         """Stage displacement since the first reading, linear between the readings."""

@@ -5,21 +5,29 @@ the decisions of the run.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from app.engine.experiment import Measured
 from app.engine.history import History
-from app.engine.pipeline import sensor_chain
-from app.engine.recorder import Recorder
-from app.records import Gap, Position, Samples
+from app.engine.setup import sensor_chain
+from app.engine.stage import Stage
+from app.engine.watchdog import Watchdog
+from app.records import Gap, Position, Record, Samples
 from app.settings import Config
-from drivers.errors import DeviceFault, DeviceTimeout
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
 from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock
 
 READ_TIMEOUT_S = 2.0
 PATIENT_READS = 30
+
+
+class Takes(Protocol):
+    """Where the records go: the recorder of a run."""
+
+    def append(self, record: Record) -> None: ...
 
 
 class BenchDevices(Protocol):
@@ -36,42 +44,55 @@ class BenchDevices(Protocol):
     def close(self) -> None: ...
 
 
+@dataclass
+class _Look:
+    """What one look at the bench has found so far; it may not return."""
+
+    block: SampleBlock | LostSamples | None = None
+    now: int = 0
+    position_m: float = math.nan
+    moves: bool = False
+
+
 class Intake:
     """Takes each block once, with the position of the stage at its end.
 
     Parameters
     ----------
-    patient : bool
-        True where the sources wait for our own disk and analysis (simulation at full speed): they
-        have a minute, hardware has seconds.
+    pace : float or None
+        Seconds of the board per second; None where the sources wait for our own disk and analysis
+        (simulation at full speed): they have a minute, hardware has seconds, and nothing grows old.
 
     Attributes
     ----------
     samples_lost : int
-    start_m : float
-        Position of the stage at the start of the run.
     """
 
     def __init__(
-        self, config: Config, bench: BenchDevices, history: History, *, patient: bool
+        self,
+        config: Config,
+        bench: BenchDevices,
+        stage: Stage,
+        history: History,
+        watchdog: Watchdog,
+        *,
+        pace: float | None,
     ) -> None:
         self.samples_lost = 0
-        self.start_m = 0.0
         self._config = config
         self._bench = bench
+        self._stage = stage
         self._history = history
+        self._watchdog = watchdog
         self._chain = sensor_chain(config)
-        self._reads = PATIENT_READS if patient else 1
-
-    def begin(self) -> None:
-        """The run starts where the stage is now."""
-        self.start_m = self._bench.actuator.position_m()
+        self._reads = PATIENT_READS if pace is None else 1
+        self._samples_per_s = config.forces.sample_rate * (pace or math.inf)
 
     def now(self) -> int:
         """The board's newest sample, read or not."""
         return self._history.end + self._bench.forces.backlog()
 
-    def take(self, recorder: Recorder, has_reference: bool = False) -> Measured | None:
+    def take(self, recorder: Takes, has_reference: bool = False) -> Measured | None:
         """The next block, on its way to the disk, and what it says; None for a gap that the
         settings put up with.
 
@@ -80,7 +101,17 @@ class Intake:
         DeviceFault
             The board lost samples, and the run is to end where it does.
         """
-        block = self._read()
+        look, problem = _Look(), None
+        try:
+            self._watchdog.ask(self._bench.forces.name, lambda: self._look(look))
+        except Exception as error:  # an actuator that fails, or a board that goes away after the
+            problem = error  # block was read, costs no sample
+        if isinstance(problem, DeviceError) and self._stage.name in self._watchdog.given_up:
+            self._stage.has_failed = True
+        block = look.block
+        if block is None:
+            assert problem is not None
+            raise problem
         volts = block.volts if isinstance(block, SampleBlock) else np.full((block.count, 2), np.nan)
         forces = self._chain.forces(volts)
         if isinstance(block, SampleBlock):
@@ -88,15 +119,11 @@ class Intake:
         else:
             self.samples_lost += block.count
             recorder.append(Gap(block.first, block.count, block.reason))
-        now, position, moving = block.end, math.nan, False
-        try:
-            stage = self._bench.actuator.position_m(), self._bench.actuator.is_moving()
-            # the stage was read now, which is later than the block where more of them wait
-            now = max(now, self.now())
-            position, moving = stage
-        finally:  # an actuator that fails, or a board that goes away now, costs no sample
-            recorder.append(Position(now, position))
-            self._history.append(block.first, forces, position, now)
+        recorder.append(Position(look.now, look.position_m))
+        self._history.append(block.first, forces, look.position_m, look.now)
+        age_s = self._watchdog.heard((look.now - block.end) / self._samples_per_s)
+        if problem is not None:
+            raise problem
         if isinstance(block, LostSamples):
             if self._config.forces.on_overflow == "end":
                 raise DeviceFault(
@@ -107,11 +134,23 @@ class Intake:
         return Measured(
             block.end,
             forces,
-            position - self.start_m,
-            moving,
+            look.position_m - self._stage.start_m,
+            look.moves,
             has_reference,
             (float(normal), float(shear)),
+            age_s,
         )
+
+    def _look(self, look: _Look) -> None:
+        watchdog, forces = self._watchdog, self._bench.forces.name
+        block = self._read()
+        look.now, look.block = block.end, block
+        watchdog.asked = self._stage.name
+        position, moves = self._stage.look()
+        watchdog.asked = forces
+        # the stage was read now, which is later than the block where more of them wait
+        look.now = max(block.end, self.now())
+        look.position_m, look.moves = position, moves
 
     def _read(self) -> SampleBlock | LostSamples:
         for attempts_left in reversed(range(self._reads)):

@@ -10,21 +10,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.calibration.forces import SensorChain
 from analysis.contact.apparent import apparent_contact
 from analysis.contact.rings import Rings, central_value, ring_means
-from analysis.dic import Grid, Tracker, open_tracker
+from analysis.dic import Tracker, open_tracker
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.onset import sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
-from app.config import to_toml
+from app.engine.setup import grid_of, sensor_chain
 from app.engine.tractions import Tractions, local_law
 from app.records import (
     Conditions,
     ContactResult,
     DisplacementField,
-    Header,
     Motion,
     Phase,
     RingProfile,
@@ -36,18 +34,6 @@ from app.records import (
 from app.settings import Config
 
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
-
-
-def sensor_chain(config: Config) -> SensorChain:
-    """Volts to newtons with the constants of the settings."""
-    f = config.forces
-    return SensorChain(
-        sensitivity_m_per_v=f.sensitivity,
-        stiffness_n_per_m=f.stiffness,
-        zero_v=f.zero,
-        coupling=f.coupling,
-        stiffness_std_n_per_m=f.stiffness_uncertainty,
-    )
 
 
 def hertz_radius_m(config: Config, normal_force_n: float) -> float:
@@ -66,30 +52,6 @@ def full_slip_stress(config: Config, amplitude: float) -> float:
     return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
 
 
-def grid_of(config: Config) -> Grid:
-    """The boxes in which the displacement is measured."""
-    return Grid.cover(config.camera.shape, config.dic.box, config.dic.step)
-
-
-def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) -> Header:
-    """What a session of these settings begins with."""
-    grid = grid_of(config)
-    return Header(
-        frame_shape=config.camera.shape,
-        frame_dtype="uint8" if config.camera.dtype == np.uint8 else "uint16",
-        versions=versions,
-        config_toml=to_toml(config),
-        sample_rate_hz=float(config.forces.sample_rate),
-        first_trigger=first_trigger,
-        divisor=config.camera.divisor,
-        exposure_samples=config.exposure_samples,
-        pixel_m=config.camera.pixel,
-        grid_x_px=grid.x_px,
-        grid_y_px=grid.y_px,
-        compression="gzip" if config.recording.compression == "gzip" else "none",
-    )
-
-
 class Pipeline:
     """Background, reference, displacement field, ring means, stick radius: the state of the
     analysis of one session.
@@ -97,6 +59,9 @@ class Pipeline:
     Frames must come in order. The result of a frame depends on the background and reference frames;
     those analysed in between only start its search, which can change a displacement by a small part
     of its uncertainty. The same frames give the same bits.
+
+    Everything but the displacement field, which is that of the image, is along the drive: one
+    against +x is the drive along +x, turned by half a turn.
     """
 
     def __init__(self, config: Config) -> None:
@@ -107,6 +72,7 @@ class Pipeline:
         self.notes: list[str] = []
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
+        self._reference: tuple[int, int, NDArray[np.generic], Conditions] | None = None
         self._reference_shear_n = 0.0
         self._tractions: Tractions | None = None
         self._x_m, self._y_m = (
@@ -132,6 +98,19 @@ class Pipeline:
             )
             self.notes.append(f"dic: the reference was replaced {drift}")
 
+    def restart(self) -> None:
+        """Go on as a new pipeline would that is given the background and the reference again."""
+        if self._tracker is not None:
+            self._tracker.close()
+        self._tracker = self._tractions = self.contact = self.reference_frame = None
+        self.notes.clear()
+        if self._reference is not None:
+            self.step(*self._reference)
+
+    def summary(self, snapshots: list[Snapshot]) -> Summary:
+        """What the experiment comes down to, from all its snapshots; once it is closed."""
+        return summarise(self.config, snapshots, self.contact, self.notes)
+
     def step(
         self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
     ) -> Snapshot:
@@ -140,6 +119,7 @@ class Pipeline:
             self._background = image
         elif now.phase is Phase.REFERENCE and self._tracker is None:
             self._take_reference(index, image, now)
+            self._reference = index, sample, image, now
         measured = Snapshot(index, sample, now)
         return measured if self._tracker is None else self._measure(measured, image)
 
@@ -198,6 +178,7 @@ class Pipeline:
         assert self._tracker is not None
         assert self.contact is not None
         now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
+        along = self.config.run.direction
         field = self._tracker.track(image)
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
@@ -205,12 +186,14 @@ class Pipeline:
         ux_m = field.ux_px * pixel_m
         centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
         # distances from the lens where the material is now, not where it was at t = 0
-        x = self._x_m + ux_m - centre_x - lens_m
+        x = self._x_m + ux_m - centre_x - along * lens_m
         y = self._y_m + field.uy_px * pixel_m - centre_y
         r = np.hypot(x, y)
-        sliding_ux = ux_m - lens_m
+        sliding_ux = along * ux_m - lens_m
         width = self.config.dic.step * self._pixel_m
-        rings = ring_means(r, sliding_ux, width, self._whole_rings_m(), theta=np.arctan2(y, x))
+        rings = ring_means(
+            r, sliding_ux, width, self._whole_rings_m(), theta=np.arctan2(along * y, along * x)
+        )
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         apparent_m = self.contact.apparent_radius_m
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
@@ -219,7 +202,7 @@ class Pipeline:
             stick = self._stick(rings, hertz_m)
             if self._tractions is not None:
                 traction, stress = self._tractions.of(rings)
-                stress_field = self._tractions.field(sliding_ux, field.ux_std_px * pixel_m)
+                stress_field = self._tractions.field(sliding_ux, field.ux_std_px * pixel_m, along)
         return replace(
             snapshot,
             motion=Motion(lens_m, float(central_value(r, sliding_ux, inner_m))),

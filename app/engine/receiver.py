@@ -4,6 +4,7 @@ analysis newest first.
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import Any
 
@@ -14,11 +15,14 @@ from app.engine.ending import Ending, sentence
 from app.engine.history import History
 from app.engine.recorder import Recorder
 from app.records import Event, LostTrigger, ReceivedFrame
+from app.settings import Limits
 from drivers.errors import DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
 
 POLL_S = 0.1
 PATIENCE_S = 3.0  # without an answer to a trigger that is past, then the camera is given up
+LEAST_PATIENCE_S = 0.3  # while the stage moves
+JUDGED_FROM = 20  # triggers, the share that was lost
 
 
 class Receiver:
@@ -40,6 +44,7 @@ class Receiver:
         recorder: Recorder,
         to_analysis: LatestChannel[Frame],
         ending: Ending,
+        limits: Limits,
     ) -> None:
         self.received = 0
         self.lost = 0
@@ -50,6 +55,9 @@ class Receiver:
         self._recorder = recorder
         self._to_analysis = to_analysis
         self._ending = ending
+        self._limits = limits
+        self._answering = threading.Lock()
+        self._is_over = False  # every trigger is accounted for, or the camera was given up
         self._awaited = (0, time.monotonic())  # the trigger whose answer is awaited, and since when
         self._doubt = ""  # about the trigger of the newest frame
         self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
@@ -59,7 +67,7 @@ class Receiver:
         """Triggers whose fate is known."""
         return self.received + self.lost
 
-    def is_behind(self) -> bool:
+    def is_behind(self, *, drives: bool) -> bool:
         """Whether a trigger that is long past has had no answer yet.
 
         Raises
@@ -68,15 +76,17 @@ class Receiver:
             It has had none for too long: the camera is silent.
         """
         now = time.monotonic()
-        overdue = (
-            self._history.end - self._train.sample(self.answered)
-            > 2 * self._train.divisor + self._history.exposure_samples
-        )
+        late = 2 * self._train.divisor + self._history.exposure_samples
+        overdue = self._history.end - self._train.sample(self.answered) > late
+        patience_s = PATIENCE_S
+        if drives:
+            left_s = self._limits.age - late / self._history.sample_rate_hz
+            patience_s = min(PATIENCE_S, max(LEAST_PATIENCE_S, left_s))
         if not overdue or self._hands_over or self.answered != self._awaited[0]:
             self._awaited = (self.answered, now)
-        elif now - self._awaited[1] > PATIENCE_S:
+        elif now - self._awaited[1] > patience_s:
             raise DeviceTimeout(
-                f"{self._camera.name}: trigger {self.answered} had no answer for {PATIENCE_S:g} s;"
+                f"{self._camera.name}: trigger {self.answered} had no answer for {patience_s:g} s;"
                 " check the trigger line and the camera"
             )
         return overdue
@@ -87,16 +97,38 @@ class Receiver:
             self._receive()
         except Exception as error:
             self._ending.call(sentence("camera", error), failed=True)
-        self._to_analysis.end()
         self._history.wait_for_end()
-        for missing in range(self.answered, self._train.count_before(self._history.end)):
-            self._deliver(
-                LostFrame(
-                    missing,
-                    self._train.sample(missing),
-                    f"no image came before the run ended: {self._ending.reason}",
+        self._account()
+
+    def join(self, *threads: threading.Thread) -> None:
+        """Wait for the threads of the camera and of the analysis, after the history has ended; a
+        camera that does not return is given up.
+        """
+        for thread in threads[:1]:
+            thread.join(2 * PATIENCE_S)
+            if thread.is_alive() and not self._hands_over:
+                self._ending.call(
+                    f"{self._camera.name}: it did not return from a call and was given up; check"
+                    " the camera, its connection and its driver",
+                    failed=True,
                 )
-            )
+                self._account()
+        for thread in threads[1:]:
+            thread.join()
+
+    def _account(self) -> None:
+        """Every trigger without an answer is a named loss, and no answer counts any more."""
+        with self._answering:
+            for missing in range(self.answered, self._train.count_before(self._history.end)):
+                self._deliver(
+                    LostFrame(
+                        missing,
+                        self._train.sample(missing),
+                        f"no image came before the run ended: {self._ending.reason}",
+                    )
+                )
+            self._is_over = True
+        self._to_analysis.end()
 
     def _receive(self) -> None:
         answered_at = time.monotonic()
@@ -104,11 +136,26 @@ class Receiver:
             self._history.end
         ):
             try:
-                self._deliver(self._camera.read(POLL_S))
+                answer = self._camera.read(POLL_S)
+                with self._answering:
+                    if self._is_over:
+                        return
+                    self._deliver(answer)
                 answered_at = time.monotonic()
+                self._check_losses()
             except DeviceTimeout:
                 if self._history.has_ended and time.monotonic() - answered_at > PATIENCE_S:
                     return
+
+    def _check_losses(self) -> None:
+        share, is_judged = self.lost / self.answered, self.answered >= JUDGED_FROM
+        if is_judged and share > self._limits.lost_frames and not self._ending.is_called.is_set():
+            self._ending.call(
+                f"{self._camera.name}: {self.lost} of {self.answered} triggers have no image,"
+                f" limits.lost_frames is {self._limits.lost_frames:g}; check the camera, its cable"
+                " and its trigger",
+                failed=True,
+            )
 
     def _deliver(self, answer: Frame | LostFrame) -> None:
         if isinstance(answer, LostFrame):

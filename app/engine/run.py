@@ -21,6 +21,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +29,16 @@ from numpy.typing import NDArray
 
 from analysis.options import quantity
 from app import logs
-from app.engine.analyst import Analyst
+from app.engine.analyst import Analyst, FrameAnalysis
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.experiment import Experiment, ExperimentFailed, Measured
 from app.engine.intake import BenchDevices, Intake
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
+from app.engine.stage import Stage
 from app.engine.usage import Usage
+from app.engine.watchdog import Watchdog
 from app.engine.watched import Watched
 from app.records import Counts, Event, Health, Outcome, Phase, Summary
 from app.settings import Config
@@ -44,6 +47,7 @@ from drivers.protocols import Frame, TriggerTrain
 
 LOG = logging.getLogger(__name__)
 
+START_S = 10.0  # that a device has to start
 PAUSE_S = 0.001  # until the next look at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
 # of frames kept for the analysis during the drive: one that takes a little longer than a frame
@@ -74,9 +78,11 @@ class Run(Watched):
         Opened by the run, closed by the run.
     create_sink : callable
         Makes the session, once the bench is open and its camera is as the settings say.
-    free_running : bool
-        True where the sources wait for us (simulation at full speed): then nothing is skipped and
-        no queue can run full.
+    pipeline : FrameAnalysis
+        What analyses the frames.
+    pace : float or None
+        Seconds of the board per second; None where the sources wait for us (simulation at full
+        speed): then nothing is skipped and no queue can run full.
     title : str
         Name of the bench, for people.
     output : Path
@@ -90,17 +96,18 @@ class Run(Watched):
         config: Config,
         bench: BenchDevices,
         create_sink: Callable[[], SessionSink],
+        pipeline: FrameAnalysis,
         *,
-        free_running: bool,
+        pace: float | None,
         title: str,
         output: Path,
         prepare: Callable[[Callable[[str], None]], None],
     ) -> None:
-        super().__init__(config, title)
+        super().__init__(config, title, pipeline)
         self.output = output
         self._bench = bench
         self._create_sink = create_sink
-        self._free_running = free_running
+        self._free_running = pace is None
         self._prepare = prepare
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
@@ -110,14 +117,18 @@ class Run(Watched):
         )
         self._experiment = Experiment(config)
         self._history = self._analysis.history
-        self._intake = Intake(config, bench, self._history, patient=free_running)
+        self._ending = Ending(self._stop_actuator)
+        self._watchdog = Watchdog(self._ending, config.limits.age, is_direct=pace is None)
+        self._ask = self._watchdog.ask
+        self._stage = Stage(config, bench)
+        self._intake = Intake(config, bench, self._stage, self._history, self._watchdog, pace=pace)
         self._unhurried_depth = math.ceil(UNHURRIED_S * self.sample_rate_hz / config.camera.divisor)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
-            self._unhurried_depth, sender_waits=free_running
+            self._unhurried_depth, sender_waits=self._free_running
         )
-        self._ending = Ending(self._stop_actuator)
         self._workers: _Workers | None = None
         self._progress = 0.0
+        self._drives = False  # by the clock on the wall
 
     # ------------------------------------------------------------------ what others may call, from
     # any thread
@@ -145,6 +156,11 @@ class Run(Watched):
     def latest_image(self) -> NDArray[Any] | None:
         """The newest frame's image, not to be written to."""
         return self._workers.receiver.latest_image if self._workers else None
+
+    def motion(self) -> tuple[int, float, bool]:
+        """Newest sample, travel of the stage (m), and whether it drives: for a supervisor."""
+        drives = self._state in ("running", "stopping") and self._experiment.phase is Phase.DRIVE
+        return self._history.end, self._stage.travel_m, drives
 
     def health(self) -> Health:
         """State, counts, queue and disk at this moment."""
@@ -183,15 +199,17 @@ class Run(Watched):
             # a look at all that was loaded takes 0.1 s with every thread at a stand, also the one
             # that stops the motion
             gc.freeze()
-            self._bench.open()
+            self._ask("bench", self._bench.open, math.inf)
             self._check_camera()
+            self._ask(self._stage.name, self._stage.arm)
             sink = self._create_sink()
             self._record_run(sink)
         except Exception as error:
             LOG.debug("the run can not begin", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
         gc.unfreeze()
-        self._ending.attempt("bench", self._bench.close)
+        self._ending.attempt("bench", lambda: self._ask("bench", self._bench.close))
+        self._watchdog.close()
         self._analysis.close()
         resources = usage.resources(
             self._workers.recorder.peak_memory_bytes if self._workers else 0
@@ -275,6 +293,7 @@ class Run(Watched):
             recorder,
             self._to_analysis,
             self._ending,
+            self.config.limits,
         )
         analyst = Analyst(self._analysis, recorder, self._to_analysis)
         self._workers = workers = _Workers(recorder, receiver, analyst)
@@ -282,9 +301,8 @@ class Run(Watched):
         others: list[threading.Thread] = []
         try:
             self._begin_phase(workers, self._experiment.phase, 0)
-            self._bench.camera.start(self._train)
-            self._bench.forces.start(self._train)
-            self._intake.begin()
+            for device in (self._bench.camera, self._bench.forces):
+                self._ask(device.name, partial(device.start, self._train), START_S)
             self._state = "running"
             others = [
                 self._ending.spawn("camera", receiver.work),
@@ -304,7 +322,7 @@ class Run(Watched):
         while not self._ending.is_called.is_set():
             measured = self._intake.take(workers.recorder, workers.analyst.reference_taken.is_set())
             while (
-                workers.receiver.is_behind()
+                workers.receiver.is_behind(drives=self._drives)
                 and self._free_running
                 and not self._ending.is_called.is_set()
             ):
@@ -330,7 +348,7 @@ class Run(Watched):
                     self._begin_phase(
                         workers,
                         phase,
-                        self._intake.now() if phase is Phase.END else measured.end_sample,
+                        self._now() if phase is Phase.END else measured.end_sample,
                     )
                 if phase is Phase.END:
                     self._ending.call(
@@ -348,12 +366,16 @@ class Run(Watched):
             self._to_analysis.narrow(
                 max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth
             )
-        self._bench.actuator.set_velocity(self._experiment.velocity_m_s)
-        self._begin_phase(workers, Phase.DRIVE, self._intake.now())
+        self._ask(self._stage.name, self._stage.aim)
+        self._begin_phase(workers, Phase.DRIVE, self._now())
+        self._watchdog.drives = self._drives = not self._free_running
         if not self._ending.is_called.is_set():
-            self._bench.actuator.move_to(self._intake.start_m + self._experiment.travel_m)
+            self._ask(self._stage.name, self._stage.drive)
         if self._ending.is_called.is_set():  # a stop that came between the two lines above wins
-            self._bench.actuator.stop()
+            self._ask(self._stage.name, self._stage.stop)
+
+    def _now(self) -> int:
+        return self._ask(self._bench.forces.name, self._intake.now)
 
     def _reference_is_due(self, measured: Measured) -> bool:
         began = self._history.phase_start(Phase.REFERENCE)
@@ -370,7 +392,7 @@ class Run(Watched):
         while not analyst.reference_taken.wait(0.01):
             if (
                 self._ending.is_called.is_set()
-                or self._bench.forces.backlog()
+                or self._ask(self._bench.forces.name, self._bench.forces.backlog)
                 or time.monotonic() > give_up
             ):
                 return False
@@ -384,21 +406,26 @@ class Run(Watched):
 
     def _stop_actuator(self) -> None:
         if self._state in ("running", "stopping"):
-            self._bench.actuator.stop()
+            if self._stage.name in self._watchdog.given_up:  # it may not return from this either
+                threading.Thread(
+                    target=self._stage.stop, name="slipscope-stop", daemon=True
+                ).start()
+            else:
+                self._stage.stop()
 
     def _wind_down(self, workers: _Workers, others: list[threading.Thread]) -> None:
         """Actuator, last samples and exposure, forces, camera, analysis, last events: in this
-        order.
+        order. A device that was given up is left alone.
         """
         attempt = self._ending.attempt
         self._state = "stopping"
-        attempt("actuator", self._bench.actuator.stop)
-        attempt("forces", lambda: self._read_on(workers))
-        attempt("forces", self._bench.forces.stop)
+        self._wind_down_device(self._stage.name, self._stage.stop)
+        if self._bench.forces.name not in self._watchdog.given_up:
+            attempt("forces", lambda: self._read_on(workers))
+        self._wind_down_device(self._bench.forces.name, self._bench.forces.stop)
         self._history.finish()
-        for thread in others:
-            thread.join()
-        attempt("camera", self._bench.camera.stop)
+        workers.receiver.join(*others)
+        self._wind_down_device(self._bench.camera.name, self._bench.camera.stop)
         if self._experiment.phase is not Phase.END:
             attempt("recorder", lambda: self._begin_phase(workers, Phase.END, self._history.end))
         contact = self.contact()
@@ -409,11 +436,15 @@ class Run(Watched):
         )
         attempt("recorder", lambda: workers.recorder.append(last))
 
+    def _wind_down_device(self, name: str, step: Callable[[], None]) -> None:
+        if name not in self._watchdog.given_up:
+            self._ending.attempt(name, lambda: self._ask(name, step))
+
     def _read_on(self, workers: _Workers) -> None:
         """Read what was sampled until now, and on until no exposure is open, so that the last
         trigger can have its frame.
         """
-        stood, problem = self._intake.now(), None
+        stood, problem = self._now(), None
         while self._history.end < stood:
             before = self._history.end
             try:

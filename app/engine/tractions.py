@@ -99,16 +99,17 @@ class Tractions:
             )
         return said
 
-    def field(self, ux_m: F64, sd_m: F64) -> F32 | None:
+    def field(self, ux_m: F64, sd_m: F64, along: float = 1.0) -> F32 | None:
         """The traction of every grid point from u_x on the material grid, lens compliance removed;
-        None where the settings do not ask for it, or the field does not allow it.
+        None where the settings do not ask for it, or the field does not allow it. Both are along
+        the drive, which goes against +x where `along` is -1.0.
 
         Five conjugate gradients from the last field's solution: detail that one field's noise hides
         lags by a few frames.
         """
         if self._problem is None:
             return None
-        places = as_seen(ux_m, self._pitch)
+        places = as_seen(along * ux_m, self._pitch)
         try:
             found = conjugate_gradient(
                 self._problem,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import Any
 
 import psutil
 
 
 class Usage:
-    """Counts what this process takes from now on."""
+    """Counts what this process, and those that it has started, take from now on."""
 
     def __init__(self) -> None:
         self._process = psutil.Process()
@@ -19,7 +20,7 @@ class Usage:
 
     def look(self) -> None:
         """Take note of the memory in use."""
-        self._peak_bytes = max(self._peak_bytes, self._process.memory_info().rss)
+        self._peak_bytes = max(self._peak_bytes, memory_bytes(self._process))
 
     def resources(self, peak_bytes: int = 0) -> dict[str, Any]:
         """Largest memory (`peak_bytes` is what others have noted), processor time of all threads,
@@ -34,5 +35,26 @@ class Usage:
         }
 
     def _cpu(self) -> float:
-        used = self._process.cpu_times()
-        return float(used.user + used.system)
+        used = 0.0
+        for process in family(self._process):
+            with suppress(psutil.Error):
+                times = process.cpu_times()
+                used += times.user + times.system + times.children_user + times.children_system
+        return used
+
+
+def family(process: psutil.Process) -> list[psutil.Process]:
+    """The process and those that it has started."""
+    try:
+        return [process, *process.children()]
+    except psutil.Error:
+        return [process]
+
+
+def memory_bytes(process: psutil.Process) -> int:
+    """Memory that the process and those that it has started have in use."""
+    total = 0
+    for one in family(process):
+        with suppress(psutil.Error):
+            total += one.memory_info().rss
+    return total

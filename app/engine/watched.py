@@ -7,7 +7,8 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.analyst import Analysis
+from app.engine.analyst import Analysis, FrameAnalysis
+from app.engine.setup import grid_of
 from app.records import ContactResult, Outcome, Snapshot
 from app.settings import Config
 
@@ -23,14 +24,18 @@ class Watched:
     pixel_m, sample_rate_hz : float
     grid_x_px, grid_y_px : ndarray, shape (nx,) and (ny,)
         Centres of the correlation boxes.
+    stays : bool
+        Whether it goes on when the window that shows it is closed.
     """
 
-    def __init__(self, config: Config, title: str) -> None:
+    stays = False
+
+    def __init__(self, config: Config, title: str, pipeline: FrameAnalysis) -> None:
         self.config, self.title = config, title
         self.pixel_m = config.camera.pixel
         self.sample_rate_hz = float(config.forces.sample_rate)
-        self._analysis = Analysis(config)
-        grid = self._analysis.pipeline.grid
+        self._analysis = Analysis(config, pipeline)
+        grid = grid_of(config)
         self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
         self._state = "idle"
         self._starting = threading.Lock()

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from analysis.options import quantity
 from app.config import load
 from app.engine.analyst import Analysis
-from app.engine.pipeline import header_of, sensor_chain
+from app.engine.pipeline import Pipeline
+from app.engine.setup import header_of, sensor_chain
 from app.errors import UserError
 from app.exchange.frames import (
     ImportedTrigger,
@@ -98,7 +99,7 @@ def import_files(
 
     first_trigger = max(0, frames[0].sample - frames[0].index * config.camera.divisor)
     outcome = record_analysis(
-        Analysis(config),
+        Analysis(config, Pipeline(config)),
         measured,
         triggers(),
         header_of(config, versions(), first_trigger),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.pipeline import sensor_chain
+from app.engine.setup import sensor_chain
 from app.errors import UserError
 from app.exchange.frames import ImportedTrigger, Sources
 from app.records import Phase

@@ -67,7 +67,7 @@ class CurvesView(QWidget):
         for line in (self.static_line, self.onset_line, self.apparent_line):
             line.hide()
         self.sticking.enableAutoRange(y=True)
-        self.loading.setXRange(0, setup.config.run.travel * 1e6, padding=0.03)
+        self.loading.setXRange(0, abs(setup.config.run.travel) * 1e6, padding=0.03)
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:

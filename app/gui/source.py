@@ -29,7 +29,11 @@ class RunSource(Protocol):
         The settings of this run.
     grid_x_px, grid_y_px : ndarray, shapes (nx,) and (ny,)
         Box centres along x and y, one every `config.dic.step`.
+    stays : bool
+        Whether it goes on when the window is closed.
     """
+
+    stays: bool
 
     title: str
     config: Config

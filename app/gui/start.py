@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pyqtgraph as pg
@@ -16,13 +13,16 @@ from app.gui.source import RunSource
 from app.gui.window import MainWindow
 from app.records import Outcome
 
+LOOK_MS = 50
 SETTLE_MS = 300  # between the last data and the picture of the window
 
 
 def run_window(
     make_source: Callable[[], RunSource],
+    only: RunSource | None = None,
     *,
     autostart: bool,
+    close_when: Callable[[], bool] = lambda: False,
     on_ready: Callable[[MainWindow], None] | None = None,
     screenshot: Path | None = None,
 ) -> Outcome | None:
@@ -32,8 +32,12 @@ def run_window(
     ----------
     make_source : callable
         Makes a run; called when the window opens, and by Start for every further one.
+    only : RunSource, optional
+        The one that the window shows instead.
     autostart : bool
         Begin the first run at once.
+    close_when : callable
+        Whether the program has been told to end: then the motion is stopped and the window closes.
     on_ready : callable, optional
         Called with the window when it is on the screen.
     screenshot : Path, optional
@@ -43,7 +47,7 @@ def run_window(
     assert isinstance(application, QApplication)
     application.setStyle("Fusion")
     pg.setConfigOptions(useOpenGL=False, antialias=False)
-    window = MainWindow(make_source=make_source)
+    window = MainWindow(only, None if only else make_source)
     window.show()
     if autostart:
         QTimer.singleShot(0, window, window.begin)
@@ -53,8 +57,8 @@ def run_window(
         _picture_at_end(window, screenshot)
     loop = QEventLoop()
     window.closed.connect(loop.quit)
-    with _interrupt_closes(window):
-        loop.exec()
+    _close_when(window, close_when)
+    loop.exec()
     outcome = window.outcome() or (window.source.outcome() if window.source else None)
     # pyqtgraph may crash an interpreter that ends while one of its windows still exists
     window.deleteLater()
@@ -77,14 +81,14 @@ def _picture_at_end(window: MainWindow, path: Path) -> None:
     timer.start(SETTLE_MS)
 
 
-@contextmanager
-def _interrupt_closes(window: MainWindow) -> Iterator[None]:
-    """Let Ctrl-C stop the motion and close the window, at the next tick of its timer."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, lambda *_: window.close_after_run())
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _close_when(window: MainWindow, is_over: Callable[[], bool]) -> None:
+    """Close the window, after its run, once that is so."""
+    timer = QTimer(window)
+
+    def look() -> None:
+        if is_over():
+            timer.stop()
+            window.close_after_run()
+
+    timer.timeout.connect(look)
+    timer.start(LOOK_MS)

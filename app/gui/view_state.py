@@ -63,6 +63,7 @@ class ViewState:
     readouts: tuple[Cell, ...]
     result: tuple[Cell, ...]
     outcome: Outcome | None
+    skipped: int
 
     @property
     def ended(self) -> bool:
@@ -133,4 +134,5 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         readouts=cells.readouts(normal_n, shear_n, travel_m, stick_m),
         result=cells.result_cells(outcome.summary) if outcome else cells.setting_cells(config),
         outcome=outcome,
+        skipped=health.counts.frames_skipped,
     )

@@ -28,8 +28,9 @@ from app.records import Outcome
 LOG = logging.getLogger(__name__)
 TICK_MS = 15  # one part of the window is drawn per tick, so that a key waits for one part at most
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
-# after a redraw the window rests this many times as long as it took: the analysis needs the core
-RESTS = 2.0
+# after a redraw the window rests this many times as long as it took, the longer the more frames the
+# analysis has to leave out: it needs the core
+RESTS, MOST_RESTS = 2.0, 10.0
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 
@@ -67,6 +68,7 @@ class MainWindow(QMainWindow):
         self._logged = ""  # the last trouble with drawing that was logged
         # when the last redraw began, by the clock and in processor time of this thread
         self._drawn = (0.0, 0.0)
+        self._rests = RESTS
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
         self._failures: deque[str] = deque()  # sentences from other threads
         self._build()
@@ -124,7 +126,7 @@ class MainWindow(QMainWindow):
 
         A second call closes at once.
         """
-        if self._close_by is not None or not self._is_running():
+        if self._close_by is not None or not self._is_running() or self._stays():
             self._close_now()
             return
         self._close_by = time.monotonic() + GIVE_UP_S
@@ -151,7 +153,7 @@ class MainWindow(QMainWindow):
         used, since = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
         if self._parts:
             self._draw(self._parts.popleft())
-        elif since >= max(REFRESH_S, (1 + RESTS) * used):
+        elif since >= max(REFRESH_S, (1 + self._rests) * used):
             self._drawn = (time.monotonic(), time.thread_time())
             self._draw(self._look)
         if self._close_by is not None and (
@@ -202,6 +204,8 @@ class MainWindow(QMainWindow):
         if view is None or answer.problem:
             return
         self._view = view
+        is_behind = before is not None and view.skipped > before.skipped
+        self._rests = min(MOST_RESTS, max(RESTS, self._rests * (1.5 if is_behind else 0.95)))
         self.top.show_state(view.state, view.tone, view.phase)
         self.top.sentence.setText(view.sentence)
         self._show_buttons()
@@ -238,6 +242,9 @@ class MainWindow(QMainWindow):
 
     def _is_running(self) -> bool:
         return self._started and not (self._view is not None and self._view.ended)
+
+    def _stays(self) -> bool:
+        return self._source is not None and self._source.stays
 
     def _prepare(self) -> None:
         """Attach a new source; say why where none can be made."""
@@ -276,8 +283,10 @@ class MainWindow(QMainWindow):
     # ------------------------------------------------------------------ closing
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Close at once when nothing runs; else ask in the window, within reach of STOP MOTION."""
-        if self._is_running() and not self._must_close:
+        """Close at once when nothing runs, or what runs stays; else ask in the window, within reach
+        of STOP MOTION.
+        """
+        if self._is_running() and not self._stays() and not self._must_close:
             event.ignore()
             if self._close_by is None:
                 self.notice.ask(

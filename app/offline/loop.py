@@ -17,10 +17,11 @@ from analysis.calibration.forces import SensorChain
 from analysis.dic import compile_kernels
 from app.engine.analyst import Analysis
 from app.engine.history import History
-from app.engine.pipeline import sensor_chain
 from app.engine.recorder import SessionSink
+from app.engine.setup import sensor_chain
 from app.engine.usage import Usage
 from app.records import (
+    RESTART,
     Counts,
     Event,
     Header,
@@ -96,7 +97,10 @@ def analyse(
             sink.append(position)
         for record, image in triggers:
             while events and events[0].sample <= record.sample:
-                sink.append(events.pop(0))
+                event = events.pop(0)
+                if event.kind == RESTART:
+                    analysis.pipeline.restart()
+                sink.append(event)
             sink.append(record)
             if image is None:
                 lost += 1

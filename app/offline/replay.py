@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.config import from_record, revised
+from app.engine.pipeline import Pipeline
 from app.engine.watched import Watched
 from app.errors import UserError
 from app.offline.loop import Measurements, Trigger, analyse
@@ -99,7 +100,8 @@ class Replay(Watched):
     def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
             recorded = from_record(session.header.config_toml, f"{path}: settings")
-            super().__init__(revised(recorded, overrides), f"replay of {path.name}")
+            config = revised(recorded, overrides)
+            super().__init__(config, f"replay of {path.name}", Pipeline(config))
             self._recorded_counts = session.outcome.counts
             self._frames = self._frames_of(session)
         self.path = path

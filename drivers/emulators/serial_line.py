@@ -12,6 +12,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Protocol
 
@@ -45,6 +46,13 @@ class SerialLine:
         Time between a command and the answer.
     port : int
         Network port; 0: any that is free.
+    callers : int
+        How many may be connected to the network port at a time; all of them see every answer, and
+        further ones are turned away.
+    deaf_s : float
+        How long the device ignores what it receives after the end of a command, unless it answers
+        before. 0: it hears all; above: also what came together with that command is ignored (SMC100
+        manual, section 6.3).
 
     Attributes
     ----------
@@ -52,6 +60,8 @@ class SerialLine:
         That a driver opens, once the line has started.
     arrivals : list of (float, bytes)
         Commands with the time (``time.monotonic``) at which their last byte arrived.
+    ignored : bytes
+        What came while the device was deaf.
     is_mute : bool
         Whether answers are lost.
     noise : function
@@ -66,14 +76,19 @@ class SerialLine:
         byte_s: float = 0.0,
         think_s: float = 0.0,
         port: int = 0,
+        callers: int = 4,
+        deaf_s: float = 0.0,
     ) -> None:
         self.url = ""
+        self.ignored = b""
         self.arrivals: list[tuple[float, bytes]] = []
         self.is_mute = False
         self.noise: Callable[[bytes], bytes] = lambda answer: answer
         self._device = device
         self._over = over or ("pty" if os.name == "posix" else "tcp")
-        self.byte_s, self.think_s, self._port = byte_s, think_s, port
+        self.byte_s, self.think_s = byte_s, think_s
+        self._port, self._callers = port, callers
+        self.deaf_s, self._deaf_until = deaf_s, 0.0
         self._wire: _Pty | _Tcp | None = None
         self._thread: threading.Thread | None = None
         self._due: list[tuple[float, int, Callable[[], None]]] = []
@@ -83,7 +98,7 @@ class SerialLine:
 
     def start(self) -> str:
         """Begin to listen; gives the url."""
-        self._wire = _Pty() if self._over == "pty" else _Tcp(self._port)
+        self._wire = _Pty() if self._over == "pty" else _Tcp(self._port, self._callers)
         self.url = self._wire.url
         self._alarm, self._bell = socket.socketpair()
         self._thread = threading.Thread(
@@ -108,7 +123,7 @@ class SerialLine:
                 ready, _, _ = select.select([self._alarm, *wire.ears()], [], [], wait)
                 if self._alarm in ready:
                     return
-                *commands, pending = (pending + wire.receive(ready)).split(b"\n")
+                *commands, pending = self._heard(pending, wire.receive(ready))
                 for command in commands:
                     self._after(
                         0, len(command) + 1, 0.0, partial(self._arrive, wire, command.strip())
@@ -122,6 +137,21 @@ class SerialLine:
             wire.close()
             self._alarm.close()
 
+    def _heard(self, pending: bytes, received: bytes) -> list[bytes]:
+        """Commands that are complete, then the beginning of the next."""
+        if not self.deaf_s:
+            return (pending + received).split(b"\n")
+        if received and time.monotonic() < self._deaf_until:
+            self.ignored += received
+            return [pending]
+        command, end, rest = (pending + received).partition(b"\n")
+        if not end:
+            return [command]
+        carried_s = len(command + end) * self.byte_s
+        self._deaf_until = time.monotonic() + carried_s + self.deaf_s
+        self.ignored += rest
+        return [command, b""]
+
     def _after(self, way: int, n_bytes: int, delay_s: float, action: Callable[[], None]) -> None:
         self._free_at[way] = (
             max(self._free_at[way], time.monotonic() + delay_s) + n_bytes * self.byte_s
@@ -132,6 +162,7 @@ class SerialLine:
         self.arrivals.append((time.monotonic(), command))
         answer = self._device.answer(command)
         if answer and not self.is_mute:
+            self._deaf_until = 0.0  # it is done with the query
             sent = self.noise(answer) + b"\r\n"
             self._after(1, len(sent), self.think_s, lambda: wire.send(sent))
 
@@ -162,43 +193,47 @@ class _Pty:
 
 
 class _Tcp:
-    """A port of this computer for one driver at a time; others are turned away."""
+    """A port of this computer, as of a server of serial devices: what any caller sends goes to the
+    device, and its answers go to all of them.
+    """
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, callers: int) -> None:
         self._listener = socket.create_server(("127.0.0.1", port))
-        self._driver: socket.socket | None = None
+        self._most = callers
+        self._callers: list[socket.socket] = []
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
 
     def ears(self) -> list[int | socket.socket]:
-        return [self._listener, self._driver] if self._driver else [self._listener]
+        return [self._listener, *self._callers]
 
     def receive(self, ready: list[int | socket.socket]) -> bytes:
+        received = b"".join(
+            self._from(caller) for caller in tuple(self._callers) if caller in ready
+        )
         if self._listener in ready:
             caller, _ = self._listener.accept()
-            if self._driver is None:
-                self._driver = caller
+            if len(self._callers) < self._most:
                 caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._callers.append(caller)
             else:
                 caller.close()
-        if self._driver is None or self._driver not in ready:
-            return b""
+        return received
+
+    def _from(self, caller: socket.socket) -> bytes:
         try:
-            received = self._driver.recv(4096)
+            received = caller.recv(4096)
         except OSError:
             received = b""
         if not received:
-            self._driver.close()
-            self._driver = None
+            caller.close()
+            self._callers.remove(caller)
         return received
 
     def send(self, answer: bytes) -> None:
-        if self._driver is not None:
-            try:
-                self._driver.sendall(answer)
-            except OSError:  # it has hung up
-                return
+        for caller in self._callers:
+            with suppress(OSError):  # it has hung up
+                caller.sendall(answer)
 
     def close(self) -> None:
-        self._listener.close()
-        if self._driver is not None:
-            self._driver.close()
+        for each in (self._listener, *self._callers):
+            each.close()

@@ -66,6 +66,9 @@ def test_a_file_that_is_no_hdf5(slipscope: Command, tmp_path: Path) -> None:
         ("actuator.source=newprt", "no driver is called 'newprt'"),
         ("run.travel=nan", "a finite number is needed; found nan"),
         ("run.travl=3", "the nearest known one is 'run.travel'"),
+        ("run.travel=-50", "goes against +x, which the simulated world does not model"),
+        ("run.travel=0", "run.travel = 0 um is no drive"),
+        ("forces.block=1000", "last longer than limits.age = 0.8 s"),
         ("run.normal_force=11", "more than 0 and at most 10 N; found 11"),
     ],
 )

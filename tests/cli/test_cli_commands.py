@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable
 from importlib import metadata
@@ -195,7 +197,19 @@ def _version_of(known: Callable[[str], str]) -> Callable[[str], str]:
 
 @pytest.mark.parametrize(
     "command",
-    [[], ["run"], ["replay"], ["info"], ["dic"], ["config"], ["check"], ["cameras"], ["doctor"]],
+    [
+        [],
+        ["run"],
+        ["replay"],
+        ["info"],
+        ["dic"],
+        ["attach"],
+        ["stop"],
+        ["config"],
+        ["check"],
+        ["cameras"],
+        ["doctor"],
+    ],
 )
 def test_every_command_explains_itself(slipscope: Command, command: list[str]) -> None:
     result = slipscope(*command, "--help")
@@ -204,11 +218,16 @@ def test_every_command_explains_itself(slipscope: Command, command: list[str]) -
 
 
 class Interrupted:
-    """A source that is interrupted `patience` times while the terminal waits for it."""
+    """A source that is interrupted `patience` times while the terminal waits for it, and ends an
+    instant later.
+    """
+
+    stays = False
 
     def __init__(self, patience: int) -> None:
         self.calls: list[str] = []
         self._patience = patience
+        self._waits = 0
 
     def start(self) -> None:
         self.calls.append("start")
@@ -217,8 +236,13 @@ class Interrupted:
         del timeout
         if self._patience:
             self._patience -= 1
-            raise KeyboardInterrupt
-        return self.outcome()
+            before = len(self.calls)
+            signal.raise_signal(signal.SIGINT)
+            while len(self.calls) == before:
+                time.sleep(0.001)
+            return None
+        self._waits += 1
+        return self.outcome() if self._waits > 3 else None
 
     def request_stop(self, reason: str) -> None:
         self.calls.append(reason)
@@ -243,7 +267,7 @@ def test_a_second_interrupt_stops_the_motion_again_and_leaves() -> None:
     source = Interrupted(2)
     with pytest.raises(KeyboardInterrupt):
         experiment._follow(source, True)
-    assert source.calls == ["start", "Ctrl-C was pressed", "stop motion"]
+    assert source.calls == ["start", *["Ctrl-C was pressed"] * 2, "stop motion"]
 
 
 def save_texture(folder: Path, suffix: str, kind: type[np.integer], grey: int) -> None:

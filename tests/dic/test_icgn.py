@@ -7,10 +7,10 @@ from scipy.ndimage import convolve1d, map_coordinates
 from scipy.optimize import least_squares
 
 from analysis.dic import icgn, interpolants, reading
-from analysis.dic.grid import Grid
 from analysis.dic.icgn import PARAMETERS, IcgnSolver, Solution
 from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.status import Status
+from analysis.grid import Grid
 
 SHAPE = (100, 120)
 # derivative, exact to the 8th power

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.dic.grid import Grid
 from analysis.dic.strain import strain
+from analysis.grid import Grid
 
 GRID = Grid.cover((240, 320), 20, 10)
 X, Y = np.meshgrid(GRID.x_px, GRID.y_px)

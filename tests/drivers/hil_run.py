@@ -32,6 +32,12 @@ class HilRun:
         self.outcome = self.run.wait(TIMEOUT)
         assert self.outcome is not None, "the run did not end"
         self.world, self.counts = self.bench.world, self.outcome.counts
+        # whatever happened, the stage has not gone further than it was asked to
+        assert 0 <= self.world.stage_m() <= self.settings.run.travel + 1e-9
+        assert all(
+            0 <= move.target_m <= self.settings.run.travel + 40e-9  # a step of the encoder
+            for move in self.world._moves
+        )
         with SessionReader(path) as s:
             self.volts, self.newtons = s.forces().volts, s.forces().forces
             self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}

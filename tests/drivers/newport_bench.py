@@ -11,7 +11,7 @@ from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, DeviceFault
 from drivers.settings import ActuatorSettings
 
 PATIENT_S = 60.0
@@ -60,8 +60,10 @@ class NewportBench:
         self.driver = driver(self.settings, SampleClock(1000.0))
 
     def opened(self):
-        """The same, its driver open."""
+        """The same, its driver open and ready for a move if it can be."""
         self.driver.open()
+        with contextlib.suppress(DeviceFault):
+            self.driver.make_ready()
         return self
 
     def pass_time(self, seconds):

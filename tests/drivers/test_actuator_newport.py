@@ -17,6 +17,8 @@ from drivers.errors import DeviceFault, OutOfLimits
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
 
+QUERIES = (b"VE", b"ID?", b"TS", b"TP", b"TE", b"SL?", b"SR?", b"VA?")
+
 
 @pytest.fixture
 def newport():
@@ -266,8 +268,36 @@ def test_what_the_controller_can_not_be_told_the_driver_keeps(newport_open):
 def test_limits_that_leave_nothing_are_refused(newport):
     stage = newport(travel=(-2e-3, -1e-3))
     stage.device.answers["SL?"] = "1SL0"
+    stage.driver.open()
     with pytest.raises(OutOfLimits, match="nothing in common"):
-        stage.driver.open()
+        stage.driver.make_ready()
+
+
+def test_opening_reads_and_sets_nothing(newport):
+    stage = newport(travel=(0.0, 20e-3), max_velocity=50e-6)
+    stage.driver.open()
+    stage.driver.describe()
+    stage.driver.is_moving()
+    stage.driver.position_m()
+    assert all(command[1:] in QUERIES for _, command in stage.line.arrivals), stage.line.arrivals
+    stage.driver.close()
+
+
+@pytest.mark.parametrize(
+    ("state", "remedy"),
+    [
+        (0x0A, r"NOT REFERENCED from reset; home it with the block free"),
+        (0x3D, r"DISABLE from MOVING; its motor is off"),
+        (0x14, r"CONFIGURATION; leave it"),
+    ],
+)
+def test_a_stage_that_would_refuse_a_move_says_so_before(newport, state, remedy):
+    stage = newport()
+    stage.controller.state = state
+    stage.driver.open()
+    with pytest.raises(DeviceFault, match=f"SMC100: a move is to be made and it is {remedy}"):
+        stage.driver.make_ready()
+    assert not stage.sent("SR")
 
 
 def test_a_velocity_left_by_another_program_is_limited(newport_open):

@@ -273,6 +273,34 @@ def test_the_camera_is_set_as_asked(make):
     assert (device.LineMode.Value, device.LineSource.Value) == ("Output", "ExposureActive")
 
 
+def older_names(camera, monkeypatch, names):
+    """Let a camera have features under other names, as GigE cameras of older firmware do."""
+    node = camera._node
+    monkeypatch.setattr(
+        camera, "_node", lambda name, **how: node(n) if (n := names.get(name, name)) else None
+    )
+
+
+def test_a_delay_of_the_trigger_is_reset_under_either_name(make, monkeypatch):
+    camera = make()
+    camera.open()
+    for older in ({}, {"TriggerDelay": "", "TriggerDelayAbs": "TriggerDelay"}):
+        camera.device.TriggerDelay.Value = 500.0
+        with monkeypatch.context() as patch:
+            older_names(camera, patch, older)
+            camera._configure()
+        assert camera.device.TriggerDelay.Value == 0.0
+
+
+def test_a_gain_in_steps_is_refused_with_its_range(make, monkeypatch):
+    camera = make(gain=0.0)
+    older_names(camera, monkeypatch, {"Gain": ""})  # GainRaw only, as an acA1600-20gm
+    with pytest.raises(
+        OutOfLimits, match=r"gain of 0 dB .* GainRaw, 192 to 1023 in steps of 1; set"
+    ):
+        camera.open()
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [

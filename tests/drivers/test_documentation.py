@@ -8,8 +8,8 @@ import pytest
 from analysis.options import options
 from app import config
 from app.settings import Config
-from drivers.bench import DRIVERS
 from drivers.sim.faults import FAULTS
+from drivers.sources import DRIVERS
 
 TEXT = (Path(__file__).parents[2] / "docs" / "bench.md").read_text(encoding="utf-8")
 

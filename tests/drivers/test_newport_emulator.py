@@ -291,7 +291,7 @@ def test_a_line_that_is_cut_is_closed(lines, by):
 
 
 def test_a_second_driver_is_turned_away_and_may_come_when_the_first_has_gone(lines):
-    line = lines(Echo(), "tcp")
+    line = lines(Echo(), "tcp", callers=1)
     client = Client(line)
     assert client.ask(b"first\r\n")
     where = line.url.removeprefix("socket://").split(":")
@@ -301,6 +301,28 @@ def test_a_second_driver_is_turned_away_and_may_come_when_the_first_has_gone(lin
     deadline = time.monotonic() + 20
     while not lets_in(where):
         assert time.monotonic() < deadline
+
+
+def test_all_callers_of_a_network_port_see_every_answer(lines):
+    line = lines(Echo(), "tcp")
+    client = Client(line)
+    assert client.ask(b"first\r\n")
+    host, port = line.url.removeprefix("socket://").split(":")
+    with socket.create_connection((host, int(port)), timeout=20.0) as second:
+        second.sendall(b"second\r\n")
+        assert second.recv(100) == b"second\r\n"
+        assert client.read() == b"second\r\n"
+    client.socket.close()
+
+
+def test_a_deaf_device_ignores_what_follows_a_command_in_the_same_transfer(lines):
+    line = lines(Echo(), "tcp", deaf_s=0.05)
+    client = Client(line)
+    assert client.ask(b"one\r\ntwo\r\n") == b"one\r\n"
+    assert line.ignored == b"two\r\n"
+    time.sleep(0.1)
+    assert client.ask(b"three\r\n") == b"three\r\n"
+    client.socket.close()
 
 
 def lets_in(where):

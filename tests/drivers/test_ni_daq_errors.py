@@ -5,6 +5,7 @@ sentence that says what to do.
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import grpc
@@ -128,6 +129,29 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told_soon(ni, end, told_s
     assert "does not answer" in str(reader.error)
 
 
+@pytest.mark.parametrize("where", ["opening", "running"])
+def test_a_server_that_accepts_calls_and_does_not_answer_is_a_fault_in_time(ni, where):
+    server, silent = ni.serve(pace=1.0), threading.Event()
+    forces = ni.connect(server.address, answer_time=0.5)
+    check, server.board.check = server.board.check, lambda: silent.wait(20.0)
+    if where == "running":
+        server.board.check = check
+        forces.open()
+        forces.start(TRAIN)
+        forces.read(5.0)
+        server.board.check = lambda: silent.wait(20.0)
+    began = time.monotonic()
+    try:
+        with pytest.raises(
+            DeviceError, match=f"the server {server.address} does not answer .Deadline Exceeded"
+        ):
+            forces.open() if where == "opening" else [forces.read(0.1) for _ in range(2)]
+        forces.close()
+        assert time.monotonic() - began < 5.0
+    finally:
+        silent.set()
+
+
 # ------------------------------------------------------------------ what can not be opened
 
 
@@ -200,7 +224,7 @@ def test_a_board_that_another_program_uses_is_told_and_free_again_once_that_has_
     ("code", "sentence"),
     [
         (-200361, "the board's own memory overflowed"),
-        (-88705, "the board is gone"),
+        *((code, "the board is gone") for code in (-88705, -200324, -200045, -88709)),
         (-50150, "the hardware caught fire; look up NI's error -50150"),
     ],
 )
@@ -285,12 +309,12 @@ def test_a_server_that_is_not_vouched_for(ni, certificates, certificate, sentenc
         ).open()
 
 
-@pytest.mark.parametrize("package", ["nidaqmx", "grpc"])
-def test_a_missing_package_names_what_to_install(ni, monkeypatch, package):
+@pytest.mark.parametrize(("package", "what"), [("nidaqmx", r"\."), ("grpc", r"'\.\[grpc\]'")])
+def test_a_missing_package_names_what_to_install(ni, monkeypatch, package, what):
     monkeypatch.setitem(sys.modules, package, None)
     forces = ni.connect("127.0.0.1:1")
     with pytest.raises(
-        DeviceNotFound, match=rf"package {package} can not be imported.*pip install '\.\[ni\]'"
+        DeviceNotFound, match=rf"package {package} can not be imported.*pip install {what}"
     ):
         forces.open()
     with pytest.raises(DeviceError):
@@ -298,7 +322,7 @@ def test_a_missing_package_names_what_to_install(ni, monkeypatch, package):
     with pytest.raises(DeviceError):
         forces.read(0.01)
     if package == "nidaqmx":
-        with pytest.raises(DeviceNotFound, match=r"pip install '\.\[ni\]'"):
+        with pytest.raises(DeviceNotFound, match=r"pip install \."):
             ni_daq.find()
 
 

@@ -18,13 +18,15 @@ class Bench:
         self.sample = 0
         self.travel_m = 0.0
 
-    def go(self, seconds, normal=0.0, shear=0.0, *, moving=False, reference=True, speed=0.0):
+    def go(
+        self, seconds, normal=0.0, shear=0.0, *, moving=False, reference=True, speed=0.0, age_s=0.0
+    ):
         for _ in range(round(seconds * 1000 / BLOCK)):
             self.sample += BLOCK
             self.travel_m += speed * BLOCK / 1000
             forces = np.tile([normal, shear], (BLOCK, 1))
             phase = self.experiment.advance(
-                Measured(self.sample, forces, self.travel_m, moving, reference)
+                Measured(self.sample, forces, self.travel_m, moving, reference, age_s=age_s)
             )
         return phase
 
@@ -120,3 +122,48 @@ def test_a_stage_that_stops_early_or_never_arrives_is_a_stall():
     bench.to_drive()
     with pytest.raises(ExperimentFailed, match="stall"):
         bench.go(60, 0.5, moving=True)
+
+
+def test_a_drive_the_other_way_ends_at_its_travel():
+    bench = Bench("run.travel=-100")
+    bench.to_drive()
+    assert bench.go(10, 0.5, -0.1, moving=True, speed=-5e-6) is Phase.DRIVE
+    assert 0.4 < bench.experiment.progress(Measured(0, np.zeros((1, 2)), -50e-6, True, True)) < 0.6
+    bench.travel_m = -100e-6
+    assert bench.go(0.05, 0.5, -0.4) is Phase.END
+
+
+@pytest.mark.parametrize("travel", [100, -100])
+@pytest.mark.parametrize("share", [-0.1, 1.1])
+def test_a_stage_that_goes_the_wrong_way_or_too_far_ends_the_run(travel, share):
+    bench = Bench(f"run.travel={travel}")
+    bench.to_drive()
+    bench.travel_m = share * travel * 1e-6
+    with pytest.raises(ExperimentFailed, match=f"run.travel is {travel} um; let nothing else move"):
+        bench.go(0.05, 0.5, moving=True)
+
+
+def test_the_limit_of_the_travel_holds_both_ways_and_only_in_the_drive():
+    bench = Bench()
+    bench.travel_m = -900e-6
+    bench.to_drive()
+    for travel_m in (-501e-6, 501e-6):
+        bench.travel_m = travel_m
+        with pytest.raises(ExperimentFailed, match=r"501.0 um, limits.travel is 500 um"):
+            bench.go(0.05, 0.5, moving=True)
+
+
+def test_the_drive_waits_for_forces_that_are_new_and_is_refused_without_them():
+    bench = Bench()
+    bench.go(1.0)
+    bench.go(1.0, 0.5)
+    assert bench.go(2.0, 0.5, age_s=2.0) is Phase.REFERENCE
+    assert "the drive waits: the newest force that was read was 2 s old" in bench.experiment.advice
+    assert bench.go(0.05, 0.5) is Phase.DRIVE
+    with pytest.raises(ExperimentFailed, match=r"was 0.9 s old, limits.age is 0.8 s"):
+        bench.go(0.05, 0.5, moving=True, age_s=0.9)
+    behind = Bench()
+    behind.go(1.0)
+    behind.go(1.0, 0.5)
+    with pytest.raises(ExperimentFailed, match=r"forces: the drive was not begun, .* 7 s old"):
+        behind.go(10.0, 0.5, age_s=7.0)

@@ -26,6 +26,7 @@ class Ended:
         self.outcome = self.run.wait(TIMEOUT)
         assert self.outcome is not None, "the run did not end"
         self.world = self.run._bench.world
+        assert 0 <= self.world.stage_m() <= settings.run.travel + 1e-9
         self.counts = self.outcome.counts
         with SessionReader(path) as s:
             self.volts, self.newtons = s.forces().volts, s.forces().forces

@@ -83,3 +83,13 @@ def test_a_long_run_takes_no_more_memory_than_a_short_one_and_says_the_same():
     assert (samples[0], len(samples)) == (5, pytest.approx(2500, abs=1500))
     assert set(np.diff(samples)) == {np.diff(samples)[0]}
     np.testing.assert_allclose(shear, -2 * normal)
+
+
+def test_the_conditions_of_a_drive_the_other_way_are_those_along_it():
+    history = History(1000.0, 10, -1.0)
+    history.begin(Phase.DRIVE, 0)
+    history.append(0, np.tile([0.5, -0.2], (100, 1)), 12.5e-3, 100)
+    history.append(100, np.tile([0.5, -0.2], (100, 1)), 12.4e-3, 200)
+    now = history.conditions(190)
+    assert (now.normal_force_n, now.shear_force_n) == pytest.approx((0.5, 0.2))
+    assert now.travel_m == pytest.approx(95e-6)

@@ -136,3 +136,20 @@ def test_no_field_before_the_reference(recorded, whole):
     # the reference against itself
     assert np.abs(whole[reference].field.ux_px).max() < 1e-4
     assert (whole[reference].field.status == 0).all()
+
+
+def test_a_drive_the_other_way_is_the_same_drive_turned_by_half_a_turn(recorded):
+    _, frames = recorded
+    traction = "stress.method=axisymmetric", "stress.field=true", "sample.lens_compliance=0.5"
+    some = [f for f in frames if f[3].phase is not Phase.DRIVE or f[0] % 8 == 0]
+    turned = [(n, sample, image[::-1, ::-1].copy(), now) for n, sample, image, now in some]
+    there, _ = analysed(config.load(None, [*OVERRIDES, *traction]), some)
+    back, _ = analysed(config.load(None, [*OVERRIDES, *traction, "run.travel=-40"]), turned)
+    last = some[-1][0]
+    a, b = there[last], back[last]
+    assert b.motion.centre_ux_m == pytest.approx(a.motion.centre_ux_m, rel=2e-3)
+    assert b.motion.lens_m == a.motion.lens_m > 0
+    assert np.nanmean(b.field.ux_px) == pytest.approx(-np.nanmean(a.field.ux_px), rel=0.01)
+    assert b.traction.stress_force_n == pytest.approx(a.traction.stress_force_n, rel=0.02)
+    assert np.nanmean(b.stress_field_pa) == pytest.approx(np.nanmean(a.stress_field_pa), rel=0.05)
+    np.testing.assert_allclose(b.rings.ux_m[:10], a.rings.ux_m[:10], rtol=0.01)

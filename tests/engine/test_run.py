@@ -287,7 +287,7 @@ def test_an_exception_anywhere_stops_the_actuator_first(where, words, tmp_path):
 
 
 def test_stop_motion_stops_in_the_calling_thread(tmp_path):
-    stopped = []
+    stopped, others = [], set(threading.enumerate())
 
     def sabotage(run):
         journal = Journal(run)
@@ -302,7 +302,8 @@ def test_stop_motion_stops_in_the_calling_thread(tmp_path):
     assert stopped == [True]
     assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
     assert outcome.counts.frames_lost == 0
-    assert not any(t.name.startswith("slipscope") for t in threading.enumerate())
+    left = set(threading.enumerate()) - others
+    assert not [t.name for t in left if t.name.startswith("slipscope")]
 
 
 def test_a_limit_ends_the_run_by_name(tmp_path):
@@ -328,6 +329,70 @@ def test_the_actuator_is_asked_for_the_run_s_travel_and_no_more(tmp_path):
 
     run_to(tmp_path / "x.h5", "run.travel=5", sabotage=sabotage)
     assert asked == [pytest.approx(5e-6, abs=1e-9)]
+
+
+class Jogged:
+    """Moves the scale of the stage in one phase, as a jog by hand does, or one reading of it."""
+
+    def __init__(self, run, phase, by_m, *, once=False):
+        self.run, self.phase, self.by_m, self.once = run, phase, by_m, once
+        self.is_over, self.offset, self.asked = False, 0.0, []
+        self.position, self.move = run._bench.actuator.position_m, run._bench.actuator.move_to
+        run._bench.actuator.position_m, run._bench.actuator.move_to = self.read, self.go
+
+    def read(self):
+        misread = 0.0
+        if self.run._experiment.phase is self.phase and not self.is_over:
+            self.is_over = True
+            misread = self.by_m * self.once
+            self.offset = self.by_m * (not self.once)
+        return self.position() + self.offset + misread
+
+    def go(self, target):
+        self.asked.append(target - self.position() - self.offset)
+        self.move(target - self.offset)
+
+
+@pytest.mark.parametrize("by_m", [-400e-6, 900e-6])
+def test_a_jog_before_the_drive_does_not_change_its_travel(tmp_path, by_m):
+    jogs = []
+    _, outcome = run_to(
+        tmp_path / "x.h5",
+        "run.travel=5",
+        sabotage=lambda run: jogs.append(Jogged(run, Phase.CONTACT, by_m)),
+    )
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 5 um is complete")
+    assert jogs[0].asked == [pytest.approx(5e-6, abs=1e-9)]
+
+
+def test_a_misread_position_begins_no_drive(tmp_path):
+    jogs = []
+
+    def sabotage(run):
+        jogs.append(Jogged(run, Phase.DRIVE, 2547e-6, once=True))
+
+    _, outcome = run_to(tmp_path / "x.h5", "run.travel=5", sabotage=sabotage)
+    assert outcome.state == "failed"
+    assert "the drive was to begin where the stage stands" in outcome.reason
+    assert jogs[0].asked == []
+
+
+def test_a_stage_that_is_driven_by_something_else_in_the_drive_ends_the_run(tmp_path):
+    for by_m in (-20e-6, 100e-6):
+        _, outcome = run_to(
+            tmp_path / f"{by_m}.h5",
+            sabotage=lambda run, by_m=by_m: in_drive(
+                run, lambda: setattr(Jogged(run, None, 0.0), "offset", by_m)
+            ),
+        )
+        assert outcome.state == "failed"
+        assert "run.travel is 60 um; let nothing else move it" in outcome.reason
+
+
+def test_too_many_lost_frames_end_the_run_by_name(tmp_path):
+    _, outcome = run_to(tmp_path / "x.h5", "sim.faults=['lost-frame 22 6']")
+    assert outcome.state == "failed"
+    assert "6 of 28 triggers have no image, limits.lost_frames is 0.2" in outcome.reason
 
 
 def test_a_lost_frame_keeps_its_index_and_shifts_nothing(session, tmp_path):

@@ -40,6 +40,8 @@ PERIOD = 125
 class ScriptedRun:
     """A run that has gone as far as `at` says."""
 
+    stays = False
+
     def __init__(
         self,
         width: int = 1600,

@@ -1,7 +1,6 @@
 """The window in use: it draws what the run measures, and stops the motion in every state of it."""
 
 import gc
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -336,16 +335,24 @@ def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(
     assert not [t for t in threading.enumerate() if t.name.startswith("slipscope-window")]
 
 
-def test_ctrl_c_stops_the_motion_and_closes(qapp: QApplication) -> None:
-    run = make_run()
-    before = signal.getsignal(signal.SIGINT)
+def test_a_program_that_is_told_to_end_stops_the_motion_and_closes(qapp: QApplication) -> None:
+    run, told = make_run(), threading.Event()
     outcome = run_window(
-        lambda: run, autostart=True, on_ready=lambda _: signal.raise_signal(signal.SIGINT)
+        lambda: run, autostart=True, on_ready=lambda _: told.set(), close_when=told.is_set
     )
     assert run.calls == ["stop_motion"]
     assert outcome is not None
     assert outcome.reason == "STOP MOTION was pressed"
-    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_window_on_a_run_of_others_leaves_it_running(qapp: QApplication) -> None:
+    run, told = make_run(), threading.Event()
+    run.stays = True
+    assert run_window(lambda: run, autostart=True, on_ready=lambda w: w.close()) is None
+    run_window(
+        lambda: run, run, autostart=True, on_ready=lambda _: told.set(), close_when=told.is_set
+    )
+    assert run.calls == []
 
 
 def test_sixteen_bit_images_are_shown_between_their_own_black_and_white() -> None:

@@ -9,13 +9,13 @@ import pytest
 from contracts import TRAIN, ActuatorContract, CameraContract, ForceSourceContract
 from worlds import TINY, scenario
 
-from drivers import bench as bench_module
-from drivers.bench import Bench, Driver, UnknownDevice, make_bench
+from drivers.bench import Bench, make_bench
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import TriggerTrain
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sim.devices import SimActuator, SimCamera, SimForces
 from drivers.sim.world import World
+from drivers.sources import DRIVERS, UnknownDevice
 
 FREE = scenario(**TINY, press_time=3600.0)
 QUICK = scenario(**TINY, press_time=0.1, press_samples=100)
@@ -314,11 +314,8 @@ def test_every_device_is_closed_even_if_others_fail():
 
 
 def test_an_unknown_device_names_the_known_ones_and_the_nearest(monkeypatch):
-    monkeypatch.setitem(
-        bench_module.DRIVERS,
-        "camera",
-        {"sim": bench_module.DRIVERS["camera"]["sim"], "pylon": Driver("nowhere", "real")},
-    )
+    few = {name: DRIVERS["camera"][name] for name in ("sim", "pylon")}
+    monkeypatch.setitem(DRIVERS, "camera", few)
     with pytest.raises(
         UnknownDevice,
         match=r"camera: no driver is called 'pilon'; known: pylon, sim \(the nearest is 'pylon'\)",

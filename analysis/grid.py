@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from analysis.arrays import F64, I64, Array, Bool
@@ -80,6 +79,8 @@ class Grid:
 
     def box_sums(self, plane: Array) -> F64:
         """Sums of an image, shape (rows, columns), over the pixels of each box, shape (ny, nx)."""
+        import cv2  # a bench lays out its grid without it
+
         total = cv2.integral(plane, sdepth=cv2.CV_64F)
         top, left, box = self.top[:, None], self.left, self.box_px
         below = total[top + box, left + box] - total[top, left + box]

@@ -1,0 +1,49 @@
+"""What the settings make of a run before anything is measured: the calibration of the sensors, the
+grid of boxes, and the header of the session. Light to import.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.calibration.forces import SensorChain
+from analysis.grid import Grid
+from app.config import to_toml
+from app.records import Header
+from app.settings import Config
+
+
+def sensor_chain(config: Config) -> SensorChain:
+    """Volts to newtons with the constants of the settings."""
+    f = config.forces
+    return SensorChain(
+        sensitivity_m_per_v=f.sensitivity,
+        stiffness_n_per_m=f.stiffness,
+        zero_v=f.zero,
+        coupling=f.coupling,
+        stiffness_std_n_per_m=f.stiffness_uncertainty,
+    )
+
+
+def grid_of(config: Config) -> Grid:
+    """The boxes in which the displacement is measured."""
+    return Grid.cover(config.camera.shape, config.dic.box, config.dic.step)
+
+
+def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) -> Header:
+    """What a session of these settings begins with."""
+    grid = grid_of(config)
+    return Header(
+        frame_shape=config.camera.shape,
+        frame_dtype="uint8" if config.camera.dtype == np.uint8 else "uint16",
+        versions=versions,
+        config_toml=to_toml(config),
+        sample_rate_hz=float(config.forces.sample_rate),
+        first_trigger=first_trigger,
+        divisor=config.camera.divisor,
+        exposure_samples=config.exposure_samples,
+        pixel_m=config.camera.pixel,
+        grid_x_px=grid.x_px,
+        grid_y_px=grid.y_px,
+        compression="gzip" if config.recording.compression == "gzip" else "none",
+    )

@@ -1,0 +1,123 @@
+"""What a run asks of its actuator: to be ready before anything touches, and one move by what the
+settings ask, from where the stage truly is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from analysis.options import quantity
+from app.settings import Config
+from drivers.errors import DeviceError, DeviceFault, OutOfLimits
+from drivers.protocols import Actuator
+
+AGREE_M = 3e-6  # two readings of a stage at rest differ by less
+
+
+class HasActuator(Protocol):
+    """A bench as the stage sees it."""
+
+    @property
+    def actuator(self) -> Actuator: ...
+
+
+class Stage:
+    """The actuator of a bench, as a run uses it.
+
+    Attributes
+    ----------
+    start_m : float
+        Position at the start of the run; from the drive on, that at its start.
+    travel_m : float
+        How far from there it was when it was last asked, along +x.
+    has_failed : bool
+        Whether it has failed or fallen silent: it is asked nothing more but to stop, so that it
+        costs no time for the samples.
+    """
+
+    def __init__(self, config: Config, bench: HasActuator) -> None:
+        self.start_m = self.travel_m = 0.0
+        self.has_failed = False
+        self._config, self._bench = config, bench
+
+    @property
+    def name(self) -> str:
+        """Name of the actuator."""
+        return self._bench.actuator.name
+
+    def arm(self) -> None:
+        """See that the drive can be done from where the stage stands. Nothing moves.
+
+        Raises
+        ------
+        DeviceFault
+            The stage moves, or would refuse to (not referenced, motor off).
+        OutOfLimits
+            There is no room for the travel.
+        """
+        actuator = self._bench.actuator
+        if actuator.is_moving():
+            raise DeviceFault(
+                f"{actuator.name}: the stage moves already; stop it, or wait until it stands, then"
+                " start again"
+            )
+        # an actuator may have nothing to make ready
+        getattr(actuator, "make_ready", lambda: None)()
+        self.start_m = actuator.position_m()
+        low, high = actuator.travel_limits_m
+        target = self.start_m + self._config.run.travel
+        if not low <= target <= high:
+            raise OutOfLimits(
+                f"{actuator.name}: run.travel = {quantity(self._config.run, 'travel')} from"
+                f" {self.start_m * 1e3:.6g} mm, where the stage stands, ends at"
+                f" {target * 1e3:.6g} mm, and its travel is {low * 1e3:g} to {high * 1e3:g} mm; put"
+                " it where it has room"
+            )
+
+    def aim(self) -> None:
+        """Set the velocity, and read afresh where the drive starts.
+
+        Raises
+        ------
+        DeviceFault
+            The stage moves, or two readings of its position do not agree.
+        """
+        actuator = self._bench.actuator
+        actuator.set_velocity(self._config.run.velocity)
+        first, moves, second = actuator.position_m(), actuator.is_moving(), actuator.position_m()
+        if moves or not abs(second - first) <= AGREE_M:
+            raise DeviceFault(
+                f"{actuator.name}: the drive was to begin where the stage stands, it was read at"
+                f" {first * 1e3:.6g} and {second * 1e3:.6g} mm{' and moves' * moves}; let nothing"
+                " else move it, check its line, and start again"
+            )
+        self.start_m, self.travel_m = second, 0.0
+
+    def drive(self) -> None:
+        """Set the stage in motion: by the travel of the settings from where `aim` has read it."""
+        self._bench.actuator.move_to(self.start_m + self._config.run.travel)
+
+    def look(self) -> tuple[float, bool]:
+        """Position, and whether it moves; NaN and False once it has failed."""
+        if self.has_failed:
+            return math.nan, False
+        actuator = self._bench.actuator
+        try:
+            moves = actuator.is_moving()
+            position = actuator.position_m()  # the last one, if it does not move any more
+            if abs(position - self.start_m) > self._config.limits.travel:
+                position = actuator.position_m()  # one reading may be garbled
+        except DeviceError:
+            self.has_failed = True
+            raise
+        self.travel_m = position - self.start_m
+        return position, moves
+
+    def stop(self) -> None:
+        """End any motion; may be called from any thread."""
+        try:
+            self._bench.actuator.stop()
+        except DeviceError:
+            self.has_failed = True
+            raise

@@ -1,0 +1,70 @@
+"""The analysis as a process: it steps a pipeline, frame by frame, for the bench that started it."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+from multiprocessing.connection import Listener
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.processes.calls import Methods, serve
+from app.processes.folder import shared_image
+from app.processes.starting import payload, say_hello
+from app.records import Conditions, ContactResult, Phase, Snapshot
+from app.settings import Config
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a frame has given, and the state of the pipeline after it."""
+
+    snapshot: Snapshot | None
+    contact: ContactResult | None
+    reference_frame: int | None
+
+
+def methods_of(config: Config, image_path: Path) -> Methods:
+    """What the bench may call."""
+    from app.engine.pipeline import Pipeline
+
+    pipeline = Pipeline(config)
+    shared = shared_image(image_path, config.camera.shape, np.dtype(config.camera.dtype))
+    shared.setflags(write=False)
+    is_updated = config.dic.update != "never"
+
+    def step(index: int, sample: int, now: Conditions) -> Answer:
+        image: Any = shared
+        if is_updated or now.phase in (Phase.BACKGROUND, Phase.REFERENCE):
+            image = np.array(shared)  # the pipeline keeps it, and the next one comes here
+            image.setflags(write=False)
+        snapshot = pipeline.step(index, sample, image, now)
+        return Answer(snapshot, pipeline.contact, pipeline.reference_frame)
+
+    def restart() -> Answer:
+        pipeline.restart()
+        return Answer(None, pipeline.contact, pipeline.reference_frame)
+
+    def summary(snapshots: list[Snapshot]) -> Any:
+        pipeline.close()
+        return pipeline.summary(snapshots)
+
+    return {"step": step, "restart": restart, "summary": summary}
+
+
+def main() -> None:
+    """Compile, then serve the bench until it lets go."""
+    config, image_path = payload()
+    from app.engine.compiling import compile_analysis
+    from app.engine.priority import give_way
+
+    give_way()
+    compile_analysis(config)
+    methods = methods_of(config, image_path)
+    key = secrets.token_bytes(32)
+    with Listener(authkey=key) as listener:
+        say_hello((listener.address, key))
+        with listener.accept() as line:
+            serve(line, methods)

@@ -1,0 +1,180 @@
+"""The analysis of a live run in a process of its own, with the methods of a pipeline.
+
+The process may die at any time. It is started again at the next frame, and given the background and
+the reference; what it had found in between only started its searches.
+"""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.analyst import FrameAnalysis
+from app.processes.analysis import Answer
+from app.processes.calls import Caller, Gone, Silent
+from app.processes.folder import shared_image
+from app.processes.starting import hello_of, started
+from app.records import Conditions, ContactResult, Phase, Snapshot, Summary
+from app.settings import Config
+
+LOG = logging.getLogger(__name__)
+STEP_S = 20.0  # of a frame that is never analysed
+CLOSE_S = 5.0
+
+Frame = tuple[int, int, NDArray[np.generic], Conditions]
+
+
+class PipelineProcess(FrameAnalysis):
+    """Steps a pipeline in another process.
+
+    Parameters
+    ----------
+    config : Config
+    folder : Path
+        Of the bench, for the image that both see.
+    on_start : callable
+        Told the number of each process that is started.
+    """
+
+    def __init__(self, config: Config, folder: Path, on_start: Callable[[int], None]) -> None:
+        self.contact: ContactResult | None = None
+        self.reference_frame: int | None = None
+        self._config, self._on_start = config, on_start
+        self._image_path, self._log = folder / "image-analysis", folder / "analysis.log"
+        dtype = np.dtype(config.camera.dtype)
+        self._image = shared_image(self._image_path, config.camera.shape, dtype)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._caller: Caller | None = None
+        self._background: Frame | None = None
+        self._reference: Frame | None = None
+        self._closing = threading.Event()
+
+    def begin(self) -> None:
+        """Start the process; returns at once."""
+        self._process = started(
+            "app.processes.analysis", (self._config, self._image_path), self._log
+        )
+        self._on_start(self._process.pid)
+
+    def wait(self) -> None:
+        """Return when the process has compiled what it needs.
+
+        Raises
+        ------
+        ProcessFailed
+        """
+        if self._process is None:
+            self.begin()
+        assert self._process is not None
+        try:
+            self._caller = Caller(*hello_of(self._process, self._log))
+        except BaseException:
+            self._let_go()
+            raise
+
+    def step(
+        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
+    ) -> Snapshot:
+        """As of a pipeline.
+
+        Raises
+        ------
+        RuntimeError, ConnectionError, TimeoutError
+            The frame can not be analysed, the process is gone, or says nothing.
+        """
+        frame = (index, sample, image, now)
+        had_reference = self.reference_frame is not None
+        if self._caller is None:
+            self._begin_again()
+        snapshot = self._step(frame)
+        if now.phase is Phase.BACKGROUND:
+            self._background = frame
+        if not had_reference and self.reference_frame is not None:
+            self._reference = frame
+        return snapshot
+
+    def restart(self) -> None:
+        """As of a pipeline; a process that is gone is replaced at the next frame."""
+        if self._caller is not None:
+            try:
+                self._take(self._call("restart"))
+            except Exception as error:
+                LOG.warning("the analysis does not restart", exc_info=error)
+                self._let_go()
+
+    def summary(self, snapshots: list[Snapshot]) -> Summary:
+        """As of a pipeline."""
+        if self._caller is None:
+            self._begin_again()
+        try:
+            summary = self._call("summary", snapshots)
+        except (Gone, Silent):
+            self._begin_again()
+            summary = self._call("summary", snapshots)
+        assert isinstance(summary, Summary)
+        return summary
+
+    def close(self) -> None:
+        """As of a pipeline: nothing is analysed any more, the summary can still be had."""
+
+    def end(self) -> None:
+        """Let the process end. May be called from any thread, at any time."""
+        self._closing.set()
+        self._let_go()
+
+    def _begin_again(self) -> None:
+        if self._closing.is_set():
+            raise Gone("analysis: it has been ended")
+        LOG.warning("the analysis is started again")
+        self._let_go()
+        self.wait()
+        for frame in (self._background, self._reference):
+            if frame is not None:
+                self._step(frame)
+
+    def _step(self, frame: Frame) -> Snapshot:
+        index, sample, image, now = frame
+        np.copyto(self._image, image)
+        answer = self._call("step", index, sample, now)
+        self._take(answer)
+        snapshot = answer.snapshot
+        assert isinstance(snapshot, Snapshot)
+        return snapshot
+
+    def _take(self, answer: Answer) -> None:
+        if answer.reference_frame != self.reference_frame:  # else it is the same contact
+            self.contact = answer.contact
+        self.reference_frame = answer.reference_frame
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        assert self._caller is not None
+        try:
+            return self._caller(name, *arguments, answer_s=STEP_S)
+        except (Gone, Silent):
+            self._let_go()
+            raise
+
+    def _let_go(self) -> None:
+        caller, process = self._caller, self._process
+        self._caller = self._process = None
+        if process is None:
+            return
+        if caller is None or not self._closing.is_set():
+            process.kill()
+        if caller is not None:
+            caller.close()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            process.wait(CLOSE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

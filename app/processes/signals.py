@@ -1,0 +1,56 @@
+"""Signals that end the program: acted on at once, even while the main thread is held up."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+ENDING = {
+    "SIGINT": "Ctrl-C was pressed",
+    "SIGTERM": "the program was told to end",
+    "SIGHUP": "the terminal was closed",
+    "SIGBREAK": "the console was closed",
+}
+
+
+@contextmanager
+def acting_on_signals(
+    act: Callable[[str], None], names: tuple[str, ...] = tuple(ENDING)
+) -> Iterator[threading.Event]:
+    """Call `act` with the reason, in a thread of its own, for each of these signals that comes.
+
+    Their Python handlers do nothing: they wait for the main thread, which a window can hold up for
+    seconds. Outside the main thread nothing is done. The event that this gives is set once one has
+    come.
+    """
+    has_come = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield has_come
+        return
+    reasons = {getattr(signal, name): ENDING[name] for name in names if hasattr(signal, name)}
+    mine, theirs = socket.socketpair()
+    theirs.setblocking(False)
+    before = {number: signal.signal(number, lambda *_: None) for number in reasons}
+    woken = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+
+    def work() -> None:
+        while data := mine.recv(16):
+            for number in data:
+                if number in reasons:
+                    has_come.set()
+                    act(reasons[signal.Signals(number)])
+
+    thread = threading.Thread(target=work, name="slipscope-signals", daemon=True)
+    thread.start()
+    try:
+        yield has_come
+    finally:
+        signal.set_wakeup_fd(woken)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        theirs.close()
+        thread.join()
+        mine.close()

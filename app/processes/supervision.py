@@ -1,0 +1,135 @@
+"""The bench's side of its supervisor: a bench that is watched from when it is open until it is
+closed.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import threading
+from collections.abc import Callable
+
+from app.engine.intake import BenchDevices
+from app.processes.starting import ProcessFailed, hello_of, started
+from app.processes.supervisor import Watch
+from app.settings import Limits
+from drivers.protocols import Actuator, Camera, ForceSource
+
+LOG = logging.getLogger(__name__)
+BEAT_S = 0.1
+MARGIN_S = 0.4  # the run itself has stopped the stage before, if it can
+MARGIN_M = 5e-6
+
+Motion = tuple[int, float, bool]  # newest sample, travel (m), whether the stage drives
+
+
+class SupervisedBench(BenchDevices):
+    """A bench whose stage is stopped from outside should this process fail.
+
+    A stage that has no way from outside (a simulated one) has no supervisor.
+
+    Parameters
+    ----------
+    bench : BenchDevices
+    limits : Limits
+    motion : callable
+        How the run stands.
+    on_start : callable
+        Told the number of each process that is started.
+    """
+
+    def __init__(
+        self,
+        bench: BenchDevices,
+        limits: Limits,
+        motion: Callable[[], Motion],
+        on_start: Callable[[int], None],
+    ) -> None:
+        self._bench, self._limits = bench, limits
+        self._motion, self._on_start = motion, on_start
+        self._process: subprocess.Popen[bytes] | None = None
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def forces(self) -> ForceSource:
+        """Its force source."""
+        return self._bench.forces
+
+    @property
+    def camera(self) -> Camera:
+        """Its camera."""
+        return self._bench.camera
+
+    @property
+    def actuator(self) -> Actuator:
+        """Its actuator."""
+        return self._bench.actuator
+
+    def open(self) -> None:
+        """Open the devices, and have them watched.
+
+        Raises
+        ------
+        DeviceError
+            A device is not there, or the supervisor does not start: nothing moves without it.
+        """
+        self._bench.open()
+        # one that is wrapped for a simulated world has the method as well
+        make_stopper = getattr(self._bench.actuator, "stopper", None)
+        if make_stopper is None:
+            return
+        watch = Watch(
+            make_stopper(),
+            os.getpid(),
+            self._limits.age + MARGIN_S,
+            self._limits.travel + MARGIN_M,
+        )
+        try:
+            self._supervise(watch)
+        except ProcessFailed:
+            self._bench.close()
+            raise
+        self._thread = threading.Thread(
+            target=self._beat, args=(watch,), name="slipscope-beat", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Close the devices; the supervisor goes when nothing can move any more."""
+        try:
+            self._bench.close()
+        finally:
+            self._over.set()
+            if self._thread is not None:
+                self._thread.join()
+
+    def _supervise(self, watch: Watch) -> None:
+        process = started("app.processes.supervisor", watch)
+        hello_of(process)
+        self._process = process
+        self._on_start(process.pid)
+
+    def _beat(self, watch: Watch) -> None:
+        while not self._over.wait(BEAT_S):
+            sample, travel_m, drives = self._motion()
+            if not self._say(f"{sample} {travel_m:.9f} {int(drives)}\n"):
+                LOG.warning("the supervisor is gone and is started again")
+                try:
+                    self._supervise(watch)
+                except ProcessFailed as error:
+                    LOG.error("%s", error)
+        self._say("end\n")
+        if self._process is not None:
+            self._process.wait(5.0)
+
+    def _say(self, beat: str) -> bool:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(beat.encode())
+            self._process.stdin.flush()
+        except OSError:
+            return False
+        return True

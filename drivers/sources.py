@@ -1,0 +1,161 @@
+"""Which driver a `source` in the settings names: one that comes with the program, one that an
+installed package offers under a name of its own, or any class as ``package.module:Class``.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module, metadata
+from typing import Any
+
+from analysis.options import Section
+from drivers.errors import DeviceNotFound
+
+NEEDS = {
+    "real": ("settings", "clock"),
+    "emulated": ("settings", "clock", "world"),
+    "simulated": ("world",),
+    "stored": ("settings", "clock", "recording"),
+}
+"""Nature of a driver -> what it is made from: the settings of its device, the sample clock that all
+devices of the bench share, and the simulated world or the recording that it shows.
+"""
+
+
+class UnknownDevice(DeviceNotFound):
+    """There is no driver of that name, or it can not be imported."""
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A driver of a kind of device by where it is, as ``module:Class``.
+
+    Parameters
+    ----------
+    own_nature : str
+        One of `NEEDS`; empty: what its class says as `nature`, "real" if it says nothing.
+    """
+
+    kind: str
+    where: str
+    own_nature: str = ""
+
+    @cached_property
+    def made(self) -> Callable[..., Any]:
+        """The class, imported now.
+
+        Raises
+        ------
+        UnknownDevice
+            It can not be imported, whatever goes wrong in it.
+        """
+        module, _, name = self.where.partition(":")
+        try:
+            found = getattr(import_module(module), name)
+        except Exception as error:  # a module of somebody else may fail in any way
+            raise UnknownDevice(
+                f"{self.kind}: the driver '{self.where}' can not be imported"
+                f" ({type(error).__name__}: {error}); install its package, or put its folder on"
+                " PYTHONPATH"
+            ) from error
+        if not callable(found):
+            raise UnknownDevice(
+                f"{self.kind}: '{self.where}' is no class but a {type(found).__name__}; name the"
+                " class of the driver"
+            )
+        return found  # type: ignore[no-any-return]
+
+    @property
+    def nature(self) -> str:
+        """One of `NEEDS`; `UnknownDevice` if its class says another."""
+        nature = self.own_nature or str(getattr(self.made, "nature", "real"))
+        if nature not in NEEDS:
+            raise UnknownDevice(
+                f"{self.kind}: the driver '{self.where}' says of itself that it is '{nature}';"
+                f" its `nature` must be one of {', '.join(NEEDS)}"
+            )
+        return nature
+
+    @property
+    def options(self) -> type[Section]:
+        """The section of its own settings, which its class names as `Options`.
+
+        Raises
+        ------
+        UnknownDevice
+            It can not be imported, or its `Options` is no `Section`.
+        """
+        options = Section if self.own_nature else getattr(self.made, "Options", Section)
+        if not (isinstance(options, type) and issubclass(options, Section)):
+            raise UnknownDevice(
+                f"{self.kind}: `Options` of the driver '{self.where}' must be a frozen dataclass"
+                " of `analysis.options.Section`"
+            )
+        return options
+
+
+_OWN = {
+    "forces": {
+        "sim": ("drivers.sim.devices:SimForces", "simulated"),
+        "nidaqmx": ("drivers.ni_daq:NiForces", "real"),
+        "nidaqmx-emulated": ("drivers.emulators.ni:EmulatedNiForces", "emulated"),
+        "replay": ("drivers.stored:StoredForces", "stored"),
+    },
+    "camera": {
+        "sim": ("drivers.sim.devices:SimCamera", "simulated"),
+        "pylon": ("drivers.camera_pylon:PylonCamera", "real"),
+        "pylon-emulated": ("drivers.emulators.camera:EmulatedPylonCamera", "emulated"),
+        "gentl": ("drivers.camera_gentl:GenTLCamera", "real"),
+        "folder": ("drivers.camera_folder:FolderCamera", "real"),
+        "replay": ("drivers.stored:StoredCamera", "stored"),
+    },
+    "actuator": {
+        "sim": ("drivers.sim.devices:SimActuator", "simulated"),
+        "smc100": ("drivers.actuator_newport:Smc100", "real"),
+        "conex-cc": ("drivers.actuator_newport:ConexCc", "real"),
+        "smc100-emulated": ("drivers.emulators.newport:EmulatedSmc100", "emulated"),
+        "conex-cc-emulated": ("drivers.emulators.newport:EmulatedConexCc", "emulated"),
+        "replay": ("drivers.stored:StoredActuator", "stored"),
+    },
+}
+DRIVERS = {
+    kind: {name: Driver(kind, *found) for name, found in own.items()} for kind, own in _OWN.items()
+}
+"""Kind of device -> `source` in its settings -> driver that comes with the program. Its module is
+imported when the driver is used, and loads no vendor library before `open`."""
+
+
+def offered(kind: str) -> dict[str, Driver]:
+    """Name -> driver of every one of a kind that installed packages offer, as entry points of the
+    group ``slipscope.KIND``; the names of the program's own are not given away.
+    """
+    points = metadata.entry_points(group=f"slipscope.{kind}")
+    return {
+        point.name: Driver(kind, point.value) for point in points if point.name not in DRIVERS[kind]
+    }
+
+
+def driver(kind: str, source: str) -> Driver:
+    """The driver of a kind of device that the settings name.
+
+    Raises
+    ------
+    UnknownDevice
+        There is no such driver.
+    """
+    if source in DRIVERS[kind]:
+        return DRIVERS[kind][source]
+    module, colon, name = source.partition(":")
+    if colon and all(part.isidentifier() for part in (*module.split("."), name)):
+        return Driver(kind, source)
+    known = DRIVERS[kind] | offered(kind)
+    if source not in known:
+        nearest = difflib.get_close_matches(source, known, n=1, cutoff=0.0)[0]
+        raise UnknownDevice(
+            f"{kind}: no driver is called '{source}'; known: {', '.join(sorted(known))} (the"
+            f" nearest is '{nearest}'), and any class as 'package.module:Class'"
+        )
+    return known[source]

@@ -1,0 +1,120 @@
+"""What is asked of the actuator: nothing before it is ready, and one move by what was asked from
+where the stage truly is.
+"""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from app import config
+from app.engine.stage import Stage
+from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
+
+
+class Actuator:
+    """A stage that stands at 12.5 mm; `readings` are given first."""
+
+    name = "stage X"
+    travel_limits_m = (0.0, 25e-3)
+
+    def __init__(self):
+        self.place, self.readings, self.moves, self.calls = 12.5e-3, [], False, []
+        self.refusal = None
+
+    def make_ready(self):
+        if self.refusal:
+            raise DeviceFault(self.refusal)
+
+    def position_m(self):
+        self.calls.append("position")
+        reading = self.readings.pop(0) if self.readings else self.place
+        if isinstance(reading, Exception):
+            raise reading
+        return reading
+
+    def is_moving(self):
+        return self.moves
+
+    def set_velocity(self, velocity_m_s):
+        self.velocity = velocity_m_s
+
+    def move_to(self, position_m):
+        self.target = position_m
+
+    def stop(self):
+        self.calls.append("stop")
+        if self.readings and isinstance(self.readings[0], Exception):
+            raise self.readings[0]
+
+
+@pytest.fixture
+def actuator():
+    return Actuator()
+
+
+def stage(actuator, *overrides):
+    return Stage(
+        config.load(None, ["run.travel=100", *overrides]), SimpleNamespace(actuator=actuator)
+    )
+
+
+@pytest.mark.parametrize("travel", [100, -100])
+def test_the_drive_begins_where_the_stage_is_and_not_where_it_was(actuator, travel):
+    one = stage(actuator, f"run.travel={travel}")
+    one.arm()
+    actuator.place = 13e-3  # a jog, to renew the contact
+    one.aim()
+    one.drive()
+    assert actuator.target == pytest.approx(13e-3 + travel * 1e-6, abs=1e-12)
+    assert one.look() == (13e-3, False)
+    assert one.travel_m == 0.0
+
+
+@pytest.mark.parametrize("wrong", [(12.5e-3, 15.047e-3), (15.047e-3, 12.5e-3), (math.nan, 12.5e-3)])
+def test_two_readings_that_do_not_agree_begin_no_drive(actuator, wrong):
+    actuator.readings = list(wrong)
+    with pytest.raises(DeviceFault, match="stage X: the drive was to begin where the stage stands"):
+        stage(actuator).aim()
+
+
+def test_a_stage_that_moves_is_not_driven(actuator):
+    actuator.moves = True
+    with pytest.raises(DeviceFault, match="mm and moves; let nothing else move it"):
+        stage(actuator).aim()
+    with pytest.raises(DeviceFault, match="the stage moves already; stop it"):
+        stage(actuator).arm()
+
+
+@pytest.mark.parametrize(("place", "travel"), [(24.95e-3, 100), (0.05e-3, -100)])
+def test_a_travel_without_room_is_told_when_it_is_armed(actuator, place, travel):
+    actuator.place = place
+    with pytest.raises(
+        OutOfLimits, match=r"run\.travel = .*100 um from .* put it where it has room"
+    ):
+        stage(actuator, f"run.travel={travel}").arm()
+
+
+def test_what_the_actuator_would_refuse_is_told_when_it_is_armed(actuator):
+    actuator.refusal = "stage X: NOT REFERENCED; home it"
+    with pytest.raises(DeviceFault, match="NOT REFERENCED; home it"):
+        stage(actuator).arm()
+
+
+def test_one_garbled_reading_in_the_drive_is_read_again(actuator):
+    one = stage(actuator)
+    one.aim()
+    actuator.readings = [15.047e-3]
+    assert one.look() == (12.5e-3, False)
+
+
+def test_a_stage_that_has_fallen_silent_is_asked_nothing_but_to_stop(actuator):
+    one = stage(actuator)
+    actuator.readings = [DeviceTimeout("no answer"), DeviceTimeout("no answer")]
+    with pytest.raises(DeviceTimeout):
+        one.look()
+    actuator.calls.clear()
+    assert math.isnan(one.look()[0])
+    with pytest.raises(DeviceTimeout):
+        one.stop()
+    assert actuator.calls == ["stop"]

@@ -1,0 +1,244 @@
+"""Devices of other labs, each a driver of less than a hundred lines outside the package: it keeps
+the contracts, by the command that its author would use, and takes part in a whole run.
+"""
+
+import json
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import short_run
+from labs import fake_ljm
+from labs.zaber_emulator import ZaberEmulator
+
+from app import config, live
+from app.commands.check_driver import check_driver
+from app.errors import UserError
+from app.session.reader import SessionReader
+from app.toml import parse_toml
+from drivers.bench import make_bench
+from drivers.emulators.serial_line import SerialLine
+from drivers.errors import DeviceFault, DeviceTimeout
+from drivers.protocols import LostSamples, TriggerTrain
+from drivers.sources import UnknownDevice
+
+LABS = Path(__file__).parent
+TIMEOUT = 300
+QUICK = (*short_run.SHORT, "run.travel=4", "run.background_time=0.2", "run.reference_time=0.4")
+
+
+@pytest.mark.parametrize("name", ["webcam", "zaber", "labjack"])
+def test_a_driver_is_short(name):
+    assert len((LABS / f"{name}.py").read_text(encoding="utf-8").splitlines()) < 100
+
+
+def checked(capsys, source, *overrides, **how):
+    """Exit code of `slipscope check-driver`, and what it says of each contract."""
+    code = check_driver(source, overrides, as_json=True, **({"move": True} | how))
+    said = json.loads(capsys.readouterr().out)
+    return code, {one["name"]: one["found"] for one in said["contracts"] if not one["is_fine"]}
+
+
+# ---------------------------------------------------------------------- a webcam
+
+
+@pytest.fixture
+def film(tmp_path):
+    """A film of 200 images, as OpenCV reads a camera."""
+    rng, pattern = np.random.default_rng(1), str(tmp_path / "image_%03d.png")
+    image = cv2.GaussianBlur(rng.integers(0, 256, (300, 400), np.uint8), (0, 0), 1.5)
+    image = cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX)
+    for n in range(200):
+        cv2.imwrite(pattern % n, image)
+    settings = ("width=400", "height=300", f"device={pattern}", "options.stale=0")
+    return ["camera.source=labs.webcam:Webcam", *(f"camera.{setting}" for setting in settings)]
+
+
+def test_the_webcam_keeps_every_contract(capsys, film):
+    assert checked(capsys, "labs.webcam:Webcam", *film) == (0, {})
+
+
+def test_the_webcam_says_between_which_triggers_an_image_was_taken(film):
+    settings = config.load(None, [*film, "camera.options.latency=120"])
+    bench = make_bench(settings.forces, settings.camera, settings.actuator)
+    train = TriggerTrain(0, 100)
+    with bench:
+        assert "uncertain by 120 ms" in bench.camera.describe()
+        bench.camera.start(train)
+        bench.forces.start(train)
+        while bench.forces.read(5.0).end < 1000:
+            pass
+        frames = [bench.camera.read(5.0) for _ in range(9)]
+    assert [frame.index for frame in frames] == list(range(9))
+    spans = [(f.first, f.last) for f in frames if f.__class__.__name__ == "Frame"]
+    assert spans, "no image was taken in time"
+    assert all(first < last for first, last in spans)
+
+
+# ---------------------------------------------------------------------- a stage
+
+
+@pytest.fixture
+def seconds():
+    return [0.0]
+
+
+@pytest.fixture
+def zaber(seconds):
+    line = SerialLine(ZaberEmulator(lambda: seconds[0]))
+    line.start()
+    yield line
+    line.cut()
+
+
+def zaber_settings(line):
+    return ["actuator.source=labs.zaber:ZaberStage", f"actuator.port={line.url}"]
+
+
+def test_the_stage_keeps_every_contract(capsys, zaber, seconds):
+    def pass_time(wanted):
+        time.sleep(0.02)  # until the last command has arrived
+        seconds[0] += wanted
+
+    settings = zaber_settings(zaber)
+    found = checked(capsys, "labs.zaber:ZaberStage", *settings, pass_time=pass_time)
+    assert found == (0, {})
+
+
+def test_nothing_moves_unless_it_is_allowed(capsys, zaber):
+    code, left = checked(capsys, "labs.zaber:ZaberStage", *zaber_settings(zaber), move=False)
+    assert code == 0
+    assert "a move ends by itself at its target" in left
+    assert not [arrived for _, arrived in zaber.arrivals if b"move" in arrived]
+
+
+def test_a_stage_that_is_cut_off_is_a_device_error(zaber):
+    settings = config.load(None, zaber_settings(zaber))
+    stage = make_bench(settings.forces, settings.camera, settings.actuator).actuator
+    stage.open()
+    zaber.is_mute = True
+    with pytest.raises(DeviceTimeout, match="no answer to 'stop'"):
+        stage.stop()
+    zaber.cut()
+    with pytest.raises((DeviceFault, DeviceTimeout)):
+        stage.stop()
+
+
+# ---------------------------------------------------------------------- a board
+
+LABJACK = (
+    "forces.source=labs.labjack:LabJackForces",
+    'forces.device="440010"',
+    'forces.channels=["AIN0","AIN1"]',
+)
+
+
+def pressed(t):
+    """Volts that are 0.03 N of normal force after the first second, with noise."""
+    force = 0.03 * min(1.0, max(0.0, t - 1.0) / 0.5)
+    return force / (689.0 * 300e-6) + 1e-4 * np.sin(1e5 * t), 0.008 * force / (9579.0 * 22e-6)
+
+
+def test_the_board_keeps_every_contract(capsys, monkeypatch):
+    fake_ljm.install(monkeypatch, fake_ljm.Device(pressed, paced=False))
+    assert checked(capsys, "labs.labjack:LabJackForces", *LABJACK) == (0, {})
+
+
+def test_skipped_scans_are_a_gap_at_their_place(monkeypatch):
+    device = fake_ljm.Device(pressed, paced=False)
+    device.skipped = range(70, 120)
+    fake_ljm.install(monkeypatch, device)
+    settings = config.load(None, LABJACK)
+    board = make_bench(settings.forces, settings.camera, settings.actuator).forces.device
+    board.open()
+    board.start(TriggerTrain(0, 125))
+    read = [board.read(5.0) for _ in range(5)]
+    assert [(r.first, r.end, isinstance(r, LostSamples)) for r in read] == [
+        (0, 50, False),
+        (50, 70, False),
+        (70, 100, True),
+        (100, 120, True),
+        (120, 150, False),
+    ]
+    pattern = device.registers["STREAM_OUT0_BUFFER_U16"]
+    assert [n for n, value in enumerate(pattern) if value & 1] == [0]
+    assert len(pattern) == 125
+
+
+# ---------------------------------------------------------------------- whole runs
+
+
+def whole_run(path, *overrides):
+    run = live.make_run(config.load(None, [*QUICK, *overrides]), path, pace=1.0)
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert outcome is not None
+    return outcome
+
+
+def test_a_run_with_webcam_and_stage_of_a_lab(tmp_path, film, monkeypatch):
+    line = SerialLine(ZaberEmulator(time.monotonic))
+    line.start()
+    try:
+        outcome = whole_run(tmp_path / "run.h5", *film, *zaber_settings(line))
+    finally:
+        line.cut()
+    assert outcome.state == "done", outcome.reason
+    counts = outcome.counts
+    assert counts.frames_received + counts.frames_lost == counts.triggers
+    assert counts.frames_received > 10
+    moved = [arrived for _, arrived in line.arrivals if b"move abs" in arrived]
+    assert len(moved) == 1
+    with SessionReader(tmp_path / "run.h5") as session:
+        actuator = parse_toml(session.header.config_toml)["actuator"]
+        positions = session.positions()[1]
+    assert actuator["source"] == "labs.zaber:ZaberStage"
+    assert actuator["options"] == {"microstep": 0.047625}
+    assert np.nanmax(positions) - np.nanmin(positions) == pytest.approx(4e-6, abs=0.1e-6)
+
+
+def test_a_run_with_the_board_of_a_lab(tmp_path, monkeypatch):
+    fake_ljm.install(monkeypatch, fake_ljm.Device(pressed, paced=True))
+    outcome = whole_run(tmp_path / "run.h5", *LABJACK)
+    assert outcome.state == "done", outcome.reason
+    assert outcome.counts.samples_lost == 0
+    assert outcome.counts.frames_lost == 0
+
+
+# ---------------------------------------------------------------------- what the command finds
+
+
+BROKEN = """
+from labs.zaber import ZaberStage
+
+class Late(ZaberStage):
+    def set_velocity(self, velocity_m_s):
+        self._ask(f"set maxspeed {round(velocity_m_s / self._step_m)}")
+"""
+
+
+def test_a_broken_contract_is_named(capsys, zaber, seconds, tmp_path, monkeypatch):
+    (tmp_path / "late_stage.py").write_text(BROKEN, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def pass_time(wanted):
+        time.sleep(0.02)
+        seconds[0] += wanted
+
+    settings = [f"actuator.port={zaber.url}"]
+    code, found = checked(capsys, "late_stage:Late", *settings, pass_time=pass_time)
+    assert code == 1
+    assert "um off where it should be" in found["it moves at about the velocity asked"]
+    assert "was refused (BADCOMMAND)" in found["what is out of limits changes nothing"]
+
+
+def test_what_is_no_driver_can_not_be_checked():
+    how = {"move": False, "as_json": False}
+    with pytest.raises(UserError, match=r"give it as package\.module:Class"):
+        check_driver("smc100", (), **how)
+    with pytest.raises(UserError, match="has none of the methods move_to, backlog, read"):
+        check_driver("pathlib:PurePath", (), **how)
+    with pytest.raises(UnknownDevice, match="can not be imported"):
+        check_driver("nowhere:Stage", (), **how)

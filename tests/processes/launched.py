@@ -1,0 +1,113 @@
+"""Runs in processes of their own, and an emulated controller outside them that sees what reaches
+the stage.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from short_run import SMALL
+
+from app import config
+from app.processes.client import LaunchedRun, RemoteRun
+from app.processes.folder import running
+from app.session.reader import SessionReader
+from drivers.emulators.newport import Controller
+from drivers.emulators.serial_line import SerialLine
+from drivers.emulators.stages import FreeStage
+
+PATIENT_S = 120.0
+ROOT = Path(__file__).parents[2]
+
+
+def wait_until(condition, what="it"):
+    """Return as soon as a condition holds."""
+    deadline = time.monotonic() + PATIENT_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"{what} never came"
+        time.sleep(0.01)
+    return found
+
+
+@contextmanager
+def launched(path, *overrides, pace=1.0):
+    """A run on a bench of its own; nothing of it is left behind."""
+    run = LaunchedRun(config.load(None, [*SMALL, *overrides]), path, pace=pace, overwrite=False)
+    try:
+        yield run
+    finally:
+        outcome = run.outcome()
+        if outcome is None or outcome.state != "done":
+            kill(run.bench.pid)
+        wait_until(lambda: not run.bench.is_alive, "its end")
+
+
+def kill(pid, number=signal.SIGKILL):
+    """Send a process a signal, if it is still there."""
+    with suppress(OSError):
+        os.kill(pid, number)
+
+
+def bench_of(path):
+    """The bench that records that session, as its folder says now."""
+    return next((b for b in running() if Path(b.session) == path.resolve()), None)
+
+
+def drives(run, travel_um=5.0):
+    """Whether the stage has gone so far."""
+    health = run.health()
+    assert health.state not in ("done", "failed"), health.reason
+    return health.phase == "drive" and health.progress > 0.1 + 0.9 * travel_um / 60
+
+
+class Program:
+    """`slipscope run` as a user starts it in a terminal."""
+
+    def __init__(self, path, *overrides, headless=True):
+        settings = [word for o in (*SMALL, *overrides) for word in ("--set", o)]
+        command = ["-m", "app", "run", *["--headless"] * headless, "-o", str(path), *settings]
+        self.process = subprocess.Popen(
+            [sys.executable, *command],
+            cwd=ROOT,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.path = path
+
+    def run(self):
+        """Its run, once it can be called."""
+        return RemoteRun(wait_until(lambda: bench_of(self.path), "the bench"))
+
+    def end(self, number=None):
+        """What it has said, and its exit code, after a signal."""
+        if number is not None:
+            kill(self.process.pid, number)
+        said = self.process.communicate(timeout=PATIENT_S)[1]
+        return said, self.process.returncode
+
+
+class OutsideStage:
+    """A stage on an emulated controller that lives in the process of the test."""
+
+    def __init__(self, over="tcp"):
+        self.stage = FreeStage()
+        self.line = SerialLine(Controller(self.stage, "smc100", is_referenced=True), over)
+        self.settings = ("actuator.source=smc100", f"actuator.port={self.line.start()}")
+
+    def stops(self):
+        """Times at which the command to stop arrived."""
+        return [when for when, command in list(self.line.arrivals) if command == b"1ST"]
+
+
+def whole(path):
+    """The session, which was closed in good order: its outcome and its events."""
+    with SessionReader(path) as session:
+        frames = len(list(session.frames()))
+        assert frames == session.outcome.counts.frames_recorded
+        return session.outcome, session.events()

@@ -1,0 +1,201 @@
+"""A run outlives its window and its analysis; what nobody reads is recorded all the same."""
+
+import signal
+import sys
+import time
+
+import pytest
+from processes.launched import (
+    PATIENT_S,
+    Program,
+    bench_of,
+    drives,
+    kill,
+    launched,
+    wait_until,
+    whole,
+)
+from short_run import SMALL
+
+from app import config
+from app.errors import UserError
+from app.offline.replay import Replay
+from app.processes import launch
+from app.processes.client import LaunchedRun
+from app.processes.folder import root, running
+from app.processes.starting import ProcessFailed, hello_of, started
+from app.records import RESTART
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+
+def replayed(path):
+    """How the session replays."""
+    replay = Replay(path, pace=None)
+    replay.start()
+    assert replay.wait(PATIENT_S).state == "done"
+    comparison = replay.comparison()
+    return comparison.identical, comparison.frames, comparison.first_difference
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """A run that was left alone, and everything that its window read of it on the way."""
+    path, looks = tmp_path_factory.mktemp("launched") / "a.h5", []
+    with launched(path) as run:
+        assert run.health().state == "idle"
+        run.start()
+        while run.outcome() is None:
+            looks.append((run.health(), run.latest_image(), len(run.snapshots_since(0))))
+            time.sleep(0.05)
+    return path, run, looks
+
+
+def test_a_run_in_processes_gives_what_one_in_this_process_gives(ended):
+    path, run, _ = ended
+    outcome, _ = whole(path)
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert outcome.counts.frames_lost == outcome.counts.samples_lost == 0
+    identical, frames, difference = replayed(path)
+    assert identical == frames == outcome.counts.frames_analysed, difference
+    assert run.outcome().summary.mu_s == pytest.approx(outcome.summary.mu_s)
+
+
+def test_the_window_reads_everything_and_keeps_it_after_the_end(ended):
+    _, run, looks = ended
+    healths, images, seen = zip(*looks, strict=True)
+    assert {"background", "contact", "reference", "drive"} <= {h.phase for h in healths}
+    assert len({id(i) for i in images if i is not None}) > 20
+    assert 0 < seen[len(seen) // 2] <= run.outcome().counts.frames_analysed
+    assert len(run.snapshots_since(0)) == run.outcome().counts.frames_analysed
+    assert run.snapshots_since(0)[-1].field is not None
+    assert run.contact() is not None
+    assert len(run.force_history(100)[0]) > 50
+    assert run.latest_image().shape == (360, 480)
+    assert run.health().state == "done"
+
+
+def test_nothing_is_left_of_a_bench_that_has_ended(ended):
+    path, run, _ = ended
+    assert bench_of(path) is None
+    assert not (root() / run.bench.name).exists()
+
+
+@posix
+def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
+    path = tmp_path / "a.h5"
+    with launched(path) as run:
+        run.start()
+        for travel in (10, 25):
+            wait_until(lambda t=travel: drives(run, t), "the drive")
+            kill(bench_of(path).analysis_pid)
+        outcome = run.wait(PATIENT_S)
+    assert outcome.state == "done", outcome.reason
+    counts = outcome.counts
+    assert counts.triggers == counts.frames_recorded
+    assert counts.frames_analysed + counts.frames_skipped == counts.frames_recorded
+    _, events = whole(path)
+    assert len([event for event in events if event.kind == RESTART]) == 2
+    identical, frames, difference = replayed(path)
+    assert identical == frames == counts.frames_analysed > 50, difference
+
+
+@posix
+def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
+    program = Program(tmp_path / "a.h5")
+    first = program.run()
+    wait_until(lambda: drives(first), "the drive")
+    _, code = program.end(signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    second = launch.attached(str(program.path))
+    assert second.health().state == "running"
+    assert len(second.snapshots_since(0)) > 10
+    outcome = second.wait(PATIENT_S)
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
+    identical, frames, difference = replayed(program.path)
+    assert identical == frames == outcome.counts.frames_recorded, difference
+
+
+@posix
+@pytest.mark.parametrize(
+    ("number", "reason"),
+    [
+        (signal.SIGINT, "Ctrl-C was pressed"),
+        (signal.SIGTERM, "the program was told to end"),
+        (signal.SIGHUP, "the terminal was closed"),
+    ],
+)
+def test_a_program_that_is_told_to_end_ends_its_run_in_good_order(tmp_path, number, reason):
+    program = Program(tmp_path / "a.h5")
+    run = program.run()
+    wait_until(lambda: drives(run), "the drive")
+    said, code = program.end(number)
+    assert code == 0, said
+    outcome, _ = whole(program.path)
+    assert (outcome.state, outcome.reason) == ("done", reason)
+
+
+@posix
+def test_a_bench_that_is_told_to_end_does(tmp_path):
+    with launched(tmp_path / "a.h5") as run:
+        run.start()
+        wait_until(lambda: drives(run), "the drive")
+        kill(run.bench.pid, signal.SIGTERM)
+        outcome = run.wait(PATIENT_S)
+    assert (outcome.state, outcome.reason) == ("done", "the program was told to end")
+    whole(tmp_path / "a.h5")
+
+
+def test_a_stop_comes_from_any_process(tmp_path):
+    with launched(tmp_path / "a.h5") as run:
+        run.start()
+        wait_until(lambda: drives(run), "the drive")
+        launch.attached(run.bench.name).stop_motion()
+        outcome = run.wait(PATIENT_S)
+    assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
+
+
+@posix
+def test_a_bench_that_dies_is_a_failure_by_name_and_its_session_can_be_repaired(tmp_path):
+    from app.session.repair import repair
+
+    path = tmp_path / "a.h5"
+    with launched(path) as run:
+        run.start()
+        wait_until(lambda: drives(run, 20), "the drive")
+        received = run.health().counts.frames_received
+        kill(run.bench.pid)
+        outcome = run.wait(PATIENT_S)
+    assert outcome.state == "failed"
+    assert "has ended" in outcome.reason
+    assert "slipscope repair a.h5" in outcome.reason
+    repair(path, tmp_path / "b.h5")
+    recorded, _ = whole(tmp_path / "b.h5")
+    assert recorded.counts.frames_recorded > received - 10
+
+
+def test_what_can_not_be_made_is_refused_before_anything_moves(tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"x")
+    settings = config.load(None, SMALL)
+    with pytest.raises(UserError, match="a session of that name exists"):
+        LaunchedRun(settings, tmp_path / "a.h5", pace=1.0, overwrite=False)
+    with pytest.raises(UserError, match=r"no bench of yours runs|running benches"):
+        launch.attached("no such bench")
+    assert not [b for b in running() if b.session.startswith(str(tmp_path))]
+
+
+def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
+    log = tmp_path / "log"
+    process = started("app.processes.bench", "not an order", log)
+    with pytest.raises(ProcessFailed, match=r"bench: its process ended .*: AttributeError"):
+        hello_of(process, log)
+    process.stdin.close()
+    process.stdout.close()
+
+
+def test_a_bench_that_nobody_starts_ends(tmp_path):
+    with launched(tmp_path / "a.h5") as run:
+        for caller in (run._ask, run._order):
+            caller.close()
+        wait_until(lambda: not run.bench.is_alive, "its end")
+    assert not (tmp_path / "a.h5").exists()
