@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from analysis.options import quantity
+from app.certificate import known
 from app.engine.analyst import FrameAnalysis
 from app.engine.intake import BenchDevices
 from app.engine.run import Run

@@ -95,7 +95,7 @@ def _counts(bench: Bench, train: TriggerTrain) -> tuple[NDArray[np.int64], float
             block = bench.forces.read(READ_TIMEOUT_S)
             if not isinstance(block, SampleBlock) or block.exposures is None:
                 raise DeviceError(
-                    f"{bench.forces.name}: samples were lost while the synchronisation was measured;"
+                    f"{bench.forces.name}: samples were lost during the measurement;"
                     " end other programs and measure again"
                 )
             parts.append(block.exposures)
