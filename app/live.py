@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from analysis.options import quantity
+from app.certificate import known
 from app.engine.analyst import FrameAnalysis
 from app.engine.intake import BenchDevices
 from app.engine.run import Run
@@ -154,7 +155,9 @@ def make_run(
         pipeline, prepare_analysis = Pipeline(config), partial(compile_analysis, config)
 
     def create_sink() -> SessionWriter:
-        return SessionWriter.create(output, header_of(config, versions()), overwrite=overwrite)
+        return SessionWriter.create(
+            output, header_of(config, versions() | known(config)), overwrite=overwrite
+        )
 
     return Run(
         config,

@@ -143,13 +143,15 @@ class Gap:
 @dataclass(frozen=True, slots=True)
 class ReceivedFrame:
     """The image of a trigger, exposed from `sample` on; `checksum` is its CRC-32 where it is known
-    already.
+    already. `span` is the first and the last trigger that can have taken it, None where it is
+    certain; so it is in the records below.
     """
 
     index: Index
     sample: Index
     image: NDArray[Any]
     checksum: int | None = None
+    span: tuple[Index, Index] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +162,7 @@ class SourceFrame:
     sample: Index
     row: Index
     checksum: Checksum
+    span: tuple[Index, Index] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +172,7 @@ class LostTrigger:
     index: Index
     sample: Index
     reason: str
+    span: tuple[Index, Index] | None = None
 
 
 @record("/entry/instrument/actuator", rows="positions")
@@ -187,7 +191,7 @@ class Event:
 
     sample: Index = column("sample", "samples", "when it happened")
     kind: str = column(
-        "kind", "", "phase, reference, gap, import, analysis, restart, stop or error"
+        "kind", "", "phase, reference, gap, camera, import, analysis, restart, stop or error"
     )
     text: str = column("text", "", "what happened")
 

@@ -13,7 +13,7 @@ from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
 from drivers.verdict import NOWHERE, Verdict
-from drivers.witnesses import Causality, Counts, Stamps
+from drivers.witnesses import NONE, Causality, Counts, Stamps
 
 _IDS = 65535  # after 65535 a 16-bit frame id continues with 1; 0 is not used
 _BACK = 32768  # a step of this length or more is a step back
@@ -292,12 +292,12 @@ class FrameNumbers:
             found = self._counts.following(start, item.steps, limit)
             if found is None and not self._is_wire_dead():
                 return False
-            if found:
+            if found and found != NONE:
                 counted, doubtful = found[0] - start - item.steps, found[1]
                 likely = counted
                 begun = before.best + self._judged
                 again = self._counts.following(begun, item.steps, limit)
-                if again:
+                if again and again != NONE:
                     likely = again[0] - begun - item.steps
         self._watch_wire(counted is not None or item.steps is None)
         extras = 0
@@ -418,8 +418,7 @@ class FrameNumbers:
             return LostFrame(index, sample, item.delivered.reason, first, last)
         doubts = [*sorted(self.account.notes), verdict.why * (first < last)]
         doubt = "; ".join(filter(None, doubts))
-        began = self._counts.began(index) if first == last else self._train.sample(index)
-        return Frame(index, began, item.delivered.image, first, last, doubt)
+        return Frame(index, self._counts.began(index), item.delivered.image, first, last, doubt)
 
     def _range(self, item: _Item, verdict: Verdict, index: int) -> tuple[int, int]:
         """The triggers that an image can belong to; two at least where nothing is certain."""

@@ -172,12 +172,16 @@ class NiForces:
         self._inputs.append(task)
 
     def _open_counter(self) -> None:
+        from nidaqmx.constants import Edge
+
         s = self._settings
         with (
             self._ni(f"{s.exposure_counter} to count at {s.exposure_terminal}"),
             self._task() as task,
         ):
-            channel = task.ci_channels.add_ci_count_edges_chan(f"{s.device}/{s.exposure_counter}")
+            channel = task.ci_channels.add_ci_count_edges_chan(
+                f"{s.device}/{s.exposure_counter}", edge=Edge[s.exposure_edge.upper()]
+            )
             channel.ci_count_edges_term = f"/{s.device}/{s.exposure_terminal}"
             self._sample(task, f"/{s.device}/ai/SampleClock")
         self._inputs.append(task)

@@ -131,6 +131,12 @@ class ForceSettings(DeviceSettings):
     exposure_terminal: str = option(
         "PFI3", "Terminal that the camera's exposure output is wired to"
     )
+    exposure_edge: str = option(
+        "rising",
+        "Edge of the exposure output with which an exposure begins: falling behind a pull-up, where"
+        " the camera's output conducts while it exposes",
+        choices=("rising", "falling"),
+    )
     sample_rate: int = option(
         1000, "Sampling rate: the clock of everything", "Hz", ge=100, le=100000
     )

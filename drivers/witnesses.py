@@ -17,6 +17,8 @@ PATIENCE_S = 2.0
 or within half a trigger period if that is longer: the camera's buffers hold no more.
 """
 
+NONE = (-1, 0)
+
 
 class Counts:
     """Which triggers the board has counted an exposure for; on time is at most one sample off."""
@@ -84,20 +86,21 @@ class Counts:
         ended = self._clock.phase == "stopped"
         return self.has(n) or ended or self._clock.now >= self._train.sample(n + 1) - 1
 
-    def following(self, after: int, steps: int, limit: int) -> tuple[int, int] | bool | None:
+    def following(self, after: int, steps: int, limit: int) -> tuple[int, int] | None:
         """The trigger of the exposure that is `steps` counts after trigger `after`, and how many of
-        the counts up to it did not come on time; None while it can not be known yet, False if up
+        the counts up to it did not come on time; None while it can not be known yet, `NONE` if up
         to trigger `limit` there is none or it is not clear.
         """
         n, doubtful = after, 0
         while steps:
             n += 1
             if n > limit or n in self._unclear:
-                return False
+                return NONE
             if not self.is_known(n):
                 return None
             steps -= self.has(n)
-            doubtful += self.has(n) and not self.on_time(n)
+            # only causality can tell a late exposure from a glitch
+            doubtful += self._clock.pace is not None and self.has(n) and not self.on_time(n)
         return n, doubtful
 
 

@@ -265,6 +265,14 @@ def check(
             show_default=False,
         ),
     ] = 0.0,
+    sync: Annotated[
+        bool,
+        typer.Option(
+            "--sync",
+            help="Measure when the exposure of a trigger is counted, and certify it for the"
+            " sessions that follow.",
+        ),
+    ] = False,
     overrides: Overrides = None,
     as_json: JsonFlag = False,
 ) -> int:
@@ -277,7 +285,9 @@ def check(
     """
     from app.commands import bench as benches
 
-    return benches.check(bench, overrides or (), home=home, move_um=move_um, as_json=as_json)
+    return benches.check(
+        bench, overrides or (), home=home, move_um=move_um, sync=sync, as_json=as_json
+    )
 
 
 @command(app, "check-driver")

@@ -4,7 +4,8 @@ whether they work.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from app.commands.doctor import Finding, as_data, examine, found_by
@@ -13,15 +14,27 @@ from app.config import load
 
 
 def check(
-    bench: Path | None, overrides: Sequence[str], *, home: bool, move_um: float, as_json: bool
+    bench: Path | None,
+    overrides: Sequence[str],
+    *,
+    home: bool,
+    move_um: float,
+    sync: bool,
+    as_json: bool,
 ) -> int:
     """Check a bench and print what works; the exit code."""
-    from app.commands.bench_check import check as findings_of
+    from app.commands.bench_check import check as check_all
+    from app.commands.sync_check import sync_check
     from app.live import make_bench
 
     config = load(bench, tuple(overrides))
     findings: list[Finding] = []
-    for finding in findings_of(config, make_bench(config, 1.0), home=home, move_um=move_um):
+    steps: Iterator[Finding] = check_all(
+        config, make_bench(config, 1.0), home=home, move_um=move_um
+    )
+    if sync:  # a simulated bench runs only once
+        steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
+    for finding in steps:
         findings.append(finding)
         if not as_json:
             output().print(

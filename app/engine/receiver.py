@@ -15,7 +15,7 @@ from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.history import History
 from app.engine.recorder import Recorder
-from app.records import LostTrigger, ReceivedFrame
+from app.records import Event, LostTrigger, ReceivedFrame
 from app.settings import Limits
 from drivers.errors import DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
@@ -61,6 +61,7 @@ class Receiver:
         self._asked_at = math.inf  # since then a call of the camera lasts
         self._is_over = False  # every trigger is accounted for, or the camera was given up
         self._awaited = (0, time.monotonic())  # the trigger whose answer is awaited, and since when
+        self._doubt = ""  # about the trigger of the newest frame
         self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
 
     @property
@@ -167,11 +168,23 @@ class Receiver:
     def _deliver(self, answer: Frame | LostFrame) -> None:
         if isinstance(answer, LostFrame):
             self.lost += 1
-            self._recorder.append(LostTrigger(answer.index, answer.sample, answer.reason))
+            self._recorder.append(
+                LostTrigger(answer.index, answer.sample, answer.reason, _span(answer))
+            )
             return
         self.received += 1
         self.latest_image = answer.image
         self._hands_over = True
-        self._recorder.append(ReceivedFrame(answer.index, answer.sample, answer.image))
+        if answer.doubt != self._doubt:
+            self._doubt = answer.doubt
+            text = f"from frame {answer.index} on: {answer.doubt or 'no more doubt'}"
+            self._recorder.append(Event(answer.sample, "camera", text))
+        self._recorder.append(
+            ReceivedFrame(answer.index, answer.sample, answer.image, span=_span(answer))
+        )
         self._to_analysis.put(answer)
         self._hands_over = False
+
+
+def _span(answer: Frame | LostFrame) -> tuple[int, int] | None:
+    return None if answer.is_certain else (answer.first, answer.last)

@@ -30,7 +30,7 @@ KINDS = {  # ending -> what can be written so; the first is the default
     ".mat": ("arrays",),
     ".pvd": ("paraview",),
 }
-FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason"
+FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last"
 FORCES = "sample,time_s,P_N,Q_N,normal_V,shear_V,stage_um"
 BLOCK = 8192  # samples of a forces table made at a time
 # what an export writes into a folder
@@ -169,12 +169,13 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
         with _text(folder / "metadata.csv") as table:
             table.write(
                 "# sample: that of the forces on which the exposure began; time_s: from sample 0;"
-                " phase_sample: on which its phase did;\n"
+                " phase_sample: on which its phase did; first, last: triggers that may have taken"
+                " it;\n"
                 "# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is"
                 f" {header.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
             )
             cells = csv.writer(table, lineterminator="\n")
-            for n, (index, sample, is_there, _, reason) in enumerate(triggers.tolist()):
+            for n, (index, sample, is_there, _, reason, *span) in enumerate(triggers.tolist()):
                 name = f"{index:06d}.tiff" if is_there else ""
                 chosen.tell(name or f"frame {index}", n / len(triggers))
                 if is_there:
@@ -182,7 +183,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
                     # uncompressed; OpenCV itself opens only some paths on Windows
                     _, encoded = cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
                     (folder / name).write_bytes(encoded.tobytes())
-                cells.writerow([index, *exposures.cells(sample), name, reason])
+                cells.writerow([index, *exposures.cells(sample), name, reason, *span])
         _forces_table(chosen, folder / "forces.csv")
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (

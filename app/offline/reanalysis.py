@@ -22,7 +22,7 @@ from app.offline.playback import Browser
 from app.offline.replay import Replay
 from app.records import Event, LostTrigger, Outcome, Source, SourceFrame
 from app.session.files import check_new_session
-from app.session.reader import SessionReader
+from app.session.reader import SessionReader, span_of
 from app.session.versions import versions
 
 
@@ -112,13 +112,14 @@ class Reanalysis(Replay):
         return replace(measured, events=[*events, Event(len(measured.volts), "analysis", how)])
 
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
-        for index, sample, received, _, reason in session.triggers().tolist():
+        for index, sample, received, _, reason, *span in session.triggers().tolist():
+            doubt = span_of(index, *span)
             if not received:
-                yield LostTrigger(index, sample, reason), None
+                yield LostTrigger(index, sample, reason, doubt), None
                 continue
             image = session.frame(index)[2]
             if not self._is_due(sample):
                 return
             checksum = crc32(np.ascontiguousarray(image).data)
-            yield SourceFrame(index, sample, session.image_row(index), checksum), image
+            yield SourceFrame(index, sample, session.image_row(index), checksum, doubt), image
             self._show(sample, image)

@@ -54,6 +54,7 @@ class StoredFrame:
     place: Index
     nbytes: Index
     checksum: Checksum
+    span: tuple[Index, Index] | None = None
 
 
 @dataclass(frozen=True, slots=True)

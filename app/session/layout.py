@@ -4,6 +4,7 @@ What a record holds says itself where it is stored (`app.records`); here are the
 datasets that only the file needs. A session is one HDF5 file in NeXus style. ``/@default`` leads to
 the load curve: shear force against stage displacement. Row ``n`` of the forces is sample ``n`` of
 the DAQ clock; missing samples are NaN and listed in `gaps`. Every trigger has a row in `triggers`.
+Sessions of November 2026 and earlier lack the datasets in `OPTIONAL`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ FORMAT_VERSION = 4
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
+OPTIONAL = frozenset({"/entry/triggers/first", "/entry/triggers/last"})  # of format 4
 NO_ROW = -1  # of an image or a field that does not exist
 FORCES_CHUNK = 4096  # samples
 CHUNK_ROWS = {1: 1024, 2: 64, 3: 1}  # of the other datasets, by their number of dimensions
@@ -122,6 +124,10 @@ class TriggerRow:
         dtype="uint32",
         since=4,
     )
+    first: int = column(
+        "first", "1", "first trigger that can have taken its image, or that has none", since=4
+    )
+    last: int = column("last", "1", "last one; as `first` where it is certain", since=4)
 
 
 @record("/entry/results", rows="results")

@@ -87,7 +87,7 @@ class SessionReader:
         try:
             self.format = self._checked_format()
             for column in layout.COLUMNS:
-                if column.group not in LATER and column.since <= self.format:
+                if column.group not in LATER and self.has(column):
                     self.dataset(column.path)
         except BaseException:
             self.file.close()
@@ -214,10 +214,13 @@ class SessionReader:
 
     def triggers(self) -> NDArray[np.void]:
         """Every trigger and its fate: fields index, sample, received, analysed, reason (why it was
-        lost).
+        lost), first and last (the triggers that it can be; both are index where it is certain).
         """
         kinds = {"index": "i8", "sample": "i8", "received": "?", "analysed": "?", "reason": object}
-        table = self._triggers | {"received": self._triggers["image"] != NO_ROW}
+        kinds |= {"first": "i8", "last": "i8"}
+        certain = dict.fromkeys(("first", "last"), self._triggers["index"])
+        received = {"received": self._triggers["image"] != NO_ROW}
+        table = certain | self._triggers | received
         rows = np.empty(len(table["index"]), dtype=list(kinds.items()))
         for name in kinds:
             rows[name] = table[name]
@@ -344,23 +347,29 @@ class SessionReader:
                 yield Altered(Gap(first, end - first, UNREADABLE_SAMPLES))
         if self._frame_rows:
             _ = self._images  # an analysis without its session can not be read at all
-        for index, sample, received, _, reason in self.triggers().tolist():
-            yield self._fate(index, sample) if received else LostTrigger(index, sample, reason)
+        for index, sample, received, _, reason, *span in self.triggers().tolist():
+            doubt = span_of(index, *span)
+            if received:
+                yield self._fate(index, sample, doubt)
+            else:
+                yield LostTrigger(index, sample, reason, doubt)
         yield from (
             Position(*row) for row in zip(*(c.tolist() for c in self.positions()), strict=True)
         )
         yield from self.events()
 
-    def _fate(self, index: int, sample: int) -> ReceivedFrame | SourceFrame | Altered:
+    def _fate(
+        self, index: int, sample: int, span: tuple[int, int] | None
+    ) -> ReceivedFrame | SourceFrame | Altered:
         """The frame of a trigger that was received, unless it is not what was recorded."""
         with suppress(UserError):
             image = np.ascontiguousarray(self.frame(index)[2])
             checksum = crc32(image.data)
             if self.format < 4 or checksum == self._triggers["checksum"][self._frame_rows[index]]:
                 if self.header.source is not None:
-                    return SourceFrame(index, sample, self.image_row(index), checksum)
-                return ReceivedFrame(index, sample, image, checksum)
-        return Altered(LostTrigger(index, sample, UNREADABLE_IMAGE))
+                    return SourceFrame(index, sample, self.image_row(index), checksum, span)
+                return ReceivedFrame(index, sample, image, checksum, span)
+        return Altered(LostTrigger(index, sample, UNREADABLE_IMAGE, span))
 
     def _counted(self) -> Counts:
         """The account of a session that was cut short, from what is in the file."""
@@ -428,6 +437,11 @@ class SessionReader:
         column = layout.BY_PATH[path]
         return self.file.dataset(path, column.shape, column.dtype)
 
+    def has(self, column: Column) -> bool:
+        """Whether a session of this format has a dataset, and this one if it is optional."""
+        is_there = column.path not in layout.OPTIONAL or self.file.has(column.path)
+        return column.since <= self.format and is_there
+
     def _checked_format(self) -> int:
         version = self.file.number(FORMAT_ATTRIBUTE)
         if version is None or version < 1:
@@ -471,13 +485,18 @@ class SessionReader:
         columns = {
             column.name: self._read(column.path)
             for column in layout.columns_in(group)
-            if len(column.shape) == 1 and column.since <= self.format
+            if len(column.shape) == 1 and self.has(column)
         }
         rows = min(len(values) for values in columns.values())
         return {name: values[:rows] for name, values in columns.items()}
 
     def _damaged(self, path: str, found: str) -> UserError:
         return self.file.damaged(path, found)
+
+
+def span_of(index: int, first: int, last: int) -> tuple[int, int] | None:
+    """The triggers that a frame can belong to; None where it is certain."""
+    return None if first == index == last else (first, last)
 
 
 def _samples(

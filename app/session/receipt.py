@@ -174,7 +174,7 @@ def _read_columns(reader: SessionReader) -> bool:
             for column in columns_in(group.path)
             if column.shape
             and column.shape[0] in GROWING
-            and column.since <= reader.format
+            and reader.has(column)
             and column.dtype not in (TEXT, IMAGE)
         ]
         # a program that was killed may have lengthened only some

@@ -202,9 +202,9 @@ def _frame(
         with suppress(zlib.error):
             image = zlib.decompressobj().decompress(image, longest)
     if crc32(image) != stored.checksum or not image:
-        return Altered(LostTrigger(stored.index, stored.sample, UNREADABLE_IMAGE))
+        return Altered(LostTrigger(stored.index, stored.sample, UNREADABLE_IMAGE, stored.span))
     pixels = np.frombuffer(image, header.frame_dtype).reshape(header.frame_shape)
-    return ReceivedFrame(stored.index, stored.sample, pixels, stored.checksum)
+    return ReceivedFrame(stored.index, stored.sample, pixels, stored.checksum, stored.span)
 
 
 def _file_of(session: Path, progress: Callable[[float], None]) -> Iterator[Any]:

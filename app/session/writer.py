@@ -168,9 +168,10 @@ class SessionWriter:
                 self._check_place(record.first + record.count)
                 self._journal.append(record)
                 self._add_gap(record)
-            case LostTrigger(index, sample, reason):
+            case LostTrigger(index, sample, reason, span):
                 self._journal.append(record)
-                self._add("triggers", TriggerRow(index, sample, NO_ROW, reason, 0, 0))
+                span = span or (index, index)
+                self._add("triggers", TriggerRow(index, sample, NO_ROW, reason, 0, 0, *span))
             case Position():
                 self._journal.append(record)
                 self._add("instrument/actuator", record)
@@ -228,7 +229,7 @@ class SessionWriter:
         try:
             place = self._place_of(row, chunk, end)
             self._journal.append(
-                StoredFrame(frame.index, frame.sample, place, chunk.nbytes, checksum)
+                StoredFrame(frame.index, frame.sample, place, chunk.nbytes, checksum, frame.span)
             )
         except BaseException:
             self._images.resize(row, axis=0)
@@ -253,7 +254,8 @@ class SessionWriter:
     def _add_frame(self, frame: ReceivedFrame | SourceFrame, row: int, checksum: int) -> None:
         self._received.append(frame.index)
         self._received_rows.append(len(self._tables["triggers"]))
-        self._add("triggers", TriggerRow(frame.index, frame.sample, row, "", 0, checksum))
+        span = frame.span or (frame.index, frame.index)
+        self._add("triggers", TriggerRow(frame.index, frame.sample, row, "", 0, checksum, *span))
 
     def _append_snapshot(self, snapshot: Snapshot) -> None:
         place = bisect_left(self._received, snapshot.frame)

@@ -7,6 +7,7 @@ terminal or a task that starts too late shows in the data.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -56,6 +57,7 @@ class Task:
     lost: int = 0  # the fault has overwritten everything before this sample
     is_full: bool = False  # after that fault: it reports a full buffer once
     terminal: str = ""
+    counts_falling: bool = False
     start_trigger: str = ""
     ticks: tuple[int, int] = (0, 0)  # before the first pulse, between two
     pattern: NDArray[np.bool_] | None = None
@@ -326,5 +328,13 @@ class Board:
             task.terminal == f"/{self.device}/{self._exposures}"
             and task.clock == f"/{self.device}/ai/SampleClock"
         )
-        counts = self._world.exposure_counts(start, n) if is_wired and n else np.zeros(n, np.int64)
+        if not (is_wired and n):
+            return np.zeros((1, n), np.uint32)
+        world = self._world
+        is_inverted = world.faults.since("exposure-inverted", math.inf) is not None
+        counts = world.exposure_counts(start, n)
+        if task.counts_falling != is_inverted:  # the edge of an exposure's end
+            late = world.scenario.exposure_samples
+            ends = np.arange(start - late, start + n - late)
+            counts = np.searchsorted(world.begun, ends, side="right")
         return np.asarray(counts[None] % 2**32, np.uint32)

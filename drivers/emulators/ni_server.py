@@ -19,6 +19,7 @@ from drivers.sim.world import World
 
 SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
 VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # of NI-DAQmx: major, minor, update
+FALLING = 10171
 TEXTS = {
     -200279: "The application is not able to keep up with the hardware acquisition.",
     -200284: "Some or all of the samples requested have not yet been acquired.",
@@ -188,6 +189,7 @@ class _Calls:
 
     def CreateCICountEdgesChan(self, r: Any) -> None:
         self._board.add(self._task(r), "ci", r.counter)
+        self._task(r).counts_falling = FALLING in (r.edge, r.edge_raw)
 
     def CreateCOPulseChanTicks(self, r: Any) -> None:
         self._board.add(self._task(r), "co", r.counter)

@@ -74,7 +74,7 @@ class World:
         self.faults = Faults(scenario.faults)
         self.pulses: TriggerTrain | None = None  # that the board sends to the camera
         # samples on which the exposures of the pulses counted so far began
-        self._begun: list[int] = []
+        self.begun: list[int] = []
         self._pulses_counted = 0
         self._changed = threading.Condition(threading.RLock())
         self._moves = [_Move(0, 0.0, 0.0, 0.0)]
@@ -188,12 +188,16 @@ class World:
             due = self.pulses.count_before(first + n) if self.pulses else 0
             for pulse in range(self._pulses_counted, due):
                 sample = self.exposure_of(pulse)
-                if sample is not None:
-                    bisect.insort(self._begun, sample)
+                if (
+                    sample is not None
+                    and not self.faults.hits("uncounted-exposure", pulse)
+                    and not self.faults.since("exposure-wire", pulse)
+                ):
+                    bisect.insort(self.begun, sample)
             self._pulses_counted = max(self._pulses_counted, due)
-            before = bisect.bisect_left(self._begun, first)
+            before = bisect.bisect_left(self.begun, first)
             return before + np.searchsorted(
-                np.asarray(self._begun[before:], np.int64),
+                np.asarray(self.begun[before:], np.int64),
                 np.arange(first, first + n),
                 side="right",
             )

@@ -50,6 +50,12 @@ class HilRun:
                 group["reason"].asstr()[:],
                 strict=True,
             )
+            bounds = zip(*(group[name][:].tolist() for name in ("first", "last")), strict=True)
+            self.uncertain = {
+                index: span
+                for index, span in zip(group["index"][:].tolist(), bounds, strict=True)
+                if span != (index, index)
+            }
             self.triggers = {index: (sample, reason) for index, sample, reason in rows}
             self.gaps = list(
                 zip(
@@ -78,6 +84,10 @@ class HilRun:
                 renderer.image(self.world.state(self.frames[index][0] + half), index),
             )
         ]
+
+    def wrong_certain_frames(self):
+        """Those among them that the file calls certain."""
+        return [index for index in self.wrong_frames() if index not in self.uncertain]
 
     def is_accounted_for(self):
         """Whether every trigger is there once and in order, and every sample or its gap."""

@@ -37,6 +37,23 @@ def test_losses_are_found_at_their_true_index_and_the_run_goes_on(ended):
     assert e.wrong_frames() == []
 
 
+def test_an_exposure_that_is_not_counted_shifts_no_frame(ended):
+    e = ended("uncounted-exposure 20", "uncounted-exposure 40 2")
+    assert e.outcome.state == "done", e.outcome.reason
+    assert e.is_accounted_for()
+    assert e.wrong_certain_frames() == []
+    assert e.wrong_frames() == [] or e.uncertain  # a busy machine may be too late to prove it
+
+
+def test_a_broken_exposure_wire_is_told_by_name(ended):
+    e = ended("exposure-wire 30", pace=1.0)
+    assert e.is_accounted_for()
+    assert e.wrong_certain_frames() == []
+    told = [event for event in e.events if "exposure wire" in event.text]
+    assert told, e.events
+    assert told[0].sample < 125 * 30 + 6000
+
+
 def test_a_corrupt_picture_is_kept(ended):
     e = ended("corrupt-frame 30")
     assert e.outcome.state == "done", e.outcome.reason

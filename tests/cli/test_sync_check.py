@@ -1,0 +1,77 @@
+"""`slipscope check --sync` on the emulated bench: polarity and lag of the exposure edge, and the
+certificate in the sessions that follow.
+"""
+
+from pathlib import Path
+
+import h5py
+import pytest
+import short_run
+
+from app import config, live
+from app.certificate import NAME, known, place, write
+from app.commands.sync_check import measure, sync_check
+from drivers.errors import DeviceError
+
+pytest.importorskip("pypylon")
+pytest.importorskip("grpc")
+
+FAST = (*short_run.SMALL, "camera.divisor=50", "run.travel=20", "forces.buffer=60")
+
+
+def bench_of(*overrides):
+    settings = config.load(Path("hil-emulated"), [*FAST, *overrides])
+    return settings, live.make_bench(settings, 2.0)
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("SLIPSCOPE_HOME", str(tmp_path / "home"))
+
+
+def test_a_bench_is_measured_and_its_sessions_say_so(tmp_path):
+    settings, bench = bench_of()
+    (finding,) = sync_check(settings, bench)
+    assert finding.is_fine, finding.value
+    assert "the rising edge comes 0 ms after the trigger, within 0 ms" in finding.value
+    run = live.make_run(settings, tmp_path / "run.h5", pace=2.0)
+    run.start()
+    run.request_stop("enough")
+    run.wait(60)
+    with h5py.File(tmp_path / "run.h5") as file:
+        names = list(file["/entry/versions/name"].asstr()[:])
+        text = file["/entry/versions/version"].asstr()[names.index(NAME)]
+    assert text == known(settings)[NAME]
+    assert "from a limit to ST" in text
+
+
+def test_an_inverted_exposure_line_is_refused_and_explained_and_the_other_edge_is_right():
+    inverted = 'sim.faults=["exposure-inverted 0"]'
+    settings, bench = bench_of(inverted)
+    with (
+        bench,
+        pytest.raises(
+            DeviceError, match=r"10 ms after the trigger.*set forces\.exposure_edge = 'falling'"
+        ),
+    ):
+        measure(settings, bench)
+    assert not place(settings).exists()
+    settings, bench = bench_of(inverted, "forces.exposure_edge=falling")
+    with bench:
+        certificate = measure(settings, bench)
+    assert (certificate.edge, certificate.lag_ms) == ("falling", 0.0)
+    assert write(settings, certificate).parent.name == "certificates"
+
+
+def test_a_broken_wire_is_told_by_name():
+    settings, bench = bench_of('sim.faults=["exposure-wire 0"]')
+    (finding,) = sync_check(settings, bench)
+    assert finding.needed
+    assert "counted no exposure; check the exposure wire" in finding.value
+
+
+def test_a_certificate_that_can_not_be_read_is_told():
+    settings, _ = bench_of()
+    place(settings).parent.mkdir(parents=True)
+    place(settings).write_text("{}")
+    assert "can not be read" in known(settings)[NAME]
