@@ -8,7 +8,6 @@ session file that holds it, with its unit and meaning (`app.schema`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any, Literal
@@ -18,7 +17,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from app.channels import Channels
-from app.schema import column, columns, columns_of, record, uncertainty
+from app.schema import column, columns, record, uncertainty
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -464,41 +463,3 @@ Record = (
     | ContactResult
     | Outcome
 )
-
-# the numbers of a snapshot by their names, and the parts that hold them
-NUMBERS = {c.attribute: c for c in columns_of(Snapshot) if c.group == "/entry/results"}
-_PARTS: dict[str, Any] = {
-    "conditions": Conditions,
-    "motion": Motion,
-    "stick": Stick,
-    "traction": Traction,
-}
-
-
-def numbers_of(snapshot: Snapshot) -> dict[str, Any]:
-    """The numbers of a snapshot by their names; NaN where a part is not there."""
-    numbers: dict[str, Any] = {"frame": snapshot.frame, "sample": snapshot.sample}
-    for name, kind in _PARTS.items():
-        part = getattr(snapshot, name)
-        for number in kind.__slots__:
-            numbers[number] = NAN if part is None else getattr(part, number)
-    return numbers
-
-
-def snapshot_of(numbers: Mapping[str, Any]) -> Snapshot:
-    """The snapshot that has these numbers and no arrays; parts of which all are NaN are not
-    there.
-    """
-    parts: dict[str, Any] = {}
-    for name, kind in _PARTS.items():
-        held = [numbers[number] for number in kind.__slots__]
-        is_there = any(not isinstance(number, float) or math.isfinite(number) for number in held)
-        parts[name] = kind(*held) if is_there else None
-    return Snapshot(numbers["frame"], numbers["sample"], **parts)
-
-
-def series_of(snapshots: Iterable[Snapshot], name: str) -> F64:
-    """One number of every snapshot, by its name; NaN where its part is not there."""
-    part = next((part for part, kind in _PARTS.items() if name in kind.__slots__), None)
-    holders = [getattr(s, part) if part else s for s in snapshots]
-    return np.array([NAN if h is None else getattr(h, name) for h in holders], np.float64)

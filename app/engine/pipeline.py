@@ -19,6 +19,7 @@ from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
 from app.engine.setup import grid_of, sensor_chain
 from app.engine.tractions import Tractions, local_law
+from app.numbers import series_of
 from app.records import (
     Conditions,
     ContactResult,
@@ -29,7 +30,6 @@ from app.records import (
     Snapshot,
     Stick,
     Summary,
-    series_of,
 )
 from app.settings import Config
 

@@ -10,7 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from app.records import NUMBERS, Phase, RingProfile, Snapshot, numbers_of, snapshot_of
+from app.numbers import NUMBERS, numbers_of, snapshot_of
+from app.records import (
+    Phase,
+    RingProfile,
+    Snapshot,
+)
 
 MOST_RINGS = 1024  # an even number; more frames do not improve a local law
 _PHASES = list(Phase)

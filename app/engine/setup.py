@@ -10,7 +10,7 @@ from analysis.calibration.forces import SensorChain
 from analysis.grid import Grid
 from app.channels import Channels
 from app.config import to_toml
-from app.records import Channels, Header
+from app.records import Header
 from app.settings import Config
 
 

@@ -18,7 +18,14 @@ from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.problem import InversionProblem
-from app.records import F32, F64, Snapshot, StressProfile, Traction, series_of
+from app.numbers import series_of
+from app.records import (
+    F32,
+    F64,
+    Snapshot,
+    StressProfile,
+    Traction,
+)
 from app.settings import Config
 
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from analysis.dic import Status
 from app.errors import UserError
-from app.records import NUMBERS, DisplacementField
+from app.numbers import NUMBERS
+from app.records import (
+    DisplacementField,
+)
 from app.schema import columns_of
 from app.session.reader import SessionReader
 

@@ -19,8 +19,12 @@ from app.errors import UserError
 from app.exchange.arrays import write_mat, write_npz
 from app.exchange.fields import FieldTable
 from app.exchange.paraview import write_pvd
+from app.numbers import NUMBERS
 from app.outputs import check_output, check_output_folder, new_file, new_folder
-from app.records import NUMBERS, DisplacementField, Snapshot
+from app.records import (
+    DisplacementField,
+    Snapshot,
+)
 from app.session.reader import SessionReader
 
 KINDS = {  # ending -> what can be written so; the first is the default

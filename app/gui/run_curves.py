@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin
 from app.gui.source import Setup
-from app.records import F64, Phase, Snapshot, Summary, series_of
+from app.numbers import series_of
+from app.records import (
+    F64,
+    Phase,
+    Snapshot,
+    Summary,
+)
 
 DRAWN = (
     "travel_m",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from app.channels import Channels
 from app.errors import UserError
+from app.numbers import NUMBERS, snapshot_of
 from app.records import (
-    NUMBERS,
     ContactResult,
     Counts,
     DisplacementField,
@@ -43,11 +43,11 @@ from app.records import (
     SourceFrame,
     StressProfile,
     Summary,
-    snapshot_of,
 )
 from app.schema import Column, build, columns_of
 from app.session import layout
 from app.session.checked import CheckedFile
+from app.session.datasets import samples_of, span_of
 from app.session.layout import FORCES_CHUNK, FORMAT_ATTRIBUTE, FORMAT_VERSION, LATER, NO_ROW
 
 T = TypeVar("T")
@@ -165,7 +165,7 @@ class SessionReader:
     def forces(self) -> Samples:
         """All samples; those that are missing are NaN."""
         table = self._table("/entry/forces")
-        return _samples(0, table, self._auxiliary(0, len(table["normal_force"])))
+        return samples_of(0, table, self._auxiliary(0, len(table["normal_force"])))
 
     def samples(self) -> Iterator[Samples]:
         """The samples between the gaps, in blocks; an empty block where a gap ends without any."""
@@ -191,7 +191,7 @@ class SessionReader:
     def _block(self, first: int, end: int) -> Samples:
         with self.file.reading("/entry/forces"):
             block = {name: column[first:end] for name, column in self._force_columns().items()}
-        return _samples(first, block, self._auxiliary(first, end))
+        return samples_of(first, block, self._auxiliary(first, end))
 
     def _auxiliary(self, first: int, end: int) -> NDArray[np.float64] | None:
         """Values of the further channels on these samples; NaN where the file ends before them."""
@@ -492,19 +492,3 @@ class SessionReader:
 
     def _damaged(self, path: str, found: str) -> UserError:
         return self.file.damaged(path, found)
-
-
-def span_of(index: int, first: int, last: int) -> tuple[int, int] | None:
-    """The triggers that a frame can belong to; None where it is certain."""
-    return None if first == index == last else (first, last)
-
-
-def _samples(
-    first: int,
-    columns: Mapping[str, NDArray[np.float64]],
-    auxiliary: NDArray[np.float64] | None,
-) -> Samples:
-    """A block of samples from the columns of the forces."""
-    volts = np.column_stack([columns["normal_sensor"], columns["shear_sensor"]])
-    newtons = np.column_stack([columns["normal_force"], columns["shear_force"]])
-    return Samples(first, volts, newtons, auxiliary)

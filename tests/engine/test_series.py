@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.engine.series import MOST_RINGS, Series
+from app.numbers import numbers_of
 from app.records import (
     Conditions,
     DisplacementField,
@@ -18,7 +19,6 @@ from app.records import (
     Stick,
     StressProfile,
     Traction,
-    numbers_of,
 )
 
 

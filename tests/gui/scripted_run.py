@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from app.numbers import series_of
 from app.records import (
     Conditions,
     ContactResult,
@@ -27,7 +28,6 @@ from app.records import (
     StressProfile,
     Summary,
     Traction,
-    series_of,
 )
 from app.settings import Config
 

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.records import Phase, numbers_of
+from app.numbers import numbers_of
+from app.records import (
+    Phase,
+)
 from app.report.figures import experiment_figure, numbered_instants, write_picture
 
 PIXEL_M = 7.04e-6

@@ -22,7 +22,10 @@ from app.commands import files
 from app.errors import UserError
 from app.exchange.exporting import export, frame_range
 from app.exchange.fields import read_fields
-from app.records import ReceivedFrame, numbers_of, series_of
+from app.numbers import numbers_of, series_of
+from app.records import (
+    ReceivedFrame,
+)
 
 PIXEL = 7.04e-6
 

@@ -21,8 +21,11 @@ from app.errors import UserError
 from app.exchange.exporting import export
 from app.exchange.frames import Sources
 from app.exchange.importing import Imported, import_files
+from app.numbers import series_of
 from app.offline.replay import Replay, difference
-from app.records import Phase, series_of
+from app.records import (
+    Phase,
+)
 from app.session.reader import SessionReader
 
 SHORT = (*short_run.SHORT, "sample.lens_compliance=1.5")

@@ -20,7 +20,10 @@ from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, make_writer, record
 from session_material import Session as Written
 
 from app.errors import UserError
-from app.records import NUMBERS, Event, numbers_of
+from app.numbers import NUMBERS, numbers_of
+from app.records import (
+    Event,
+)
 from app.session import Session, layout
 from app.session.reader import SessionReader
 
