@@ -22,7 +22,8 @@ from app.offline.playback import Browser
 from app.offline.replay import Replay
 from app.records import Event, LostTrigger, Outcome, Source, SourceFrame
 from app.session.files import check_new_session
-from app.session.reader import SessionReader, span_of
+from app.session.datasets import span_of
+from app.session.reader import SessionReader
 from app.session.versions import versions
 
 
