@@ -73,11 +73,13 @@ class _Item:
 class Account:
     """What came of the triggers of a run so far.
 
-    `exposures` is what the board has counted (-1: it does not count), `surplus` the images that had
-    no trigger or came when it was given up.
+    `surplus` are images that had no trigger, came twice, or came when theirs was given up.
     """
 
-    exposures: int = -1
+    images: int = 0
+    lost: int = 0
+    missed: int = 0
+    uncertain: int = 0
     surplus: int = 0
     notes: set[str] = field(default_factory=set)
 
@@ -259,10 +261,11 @@ class FrameNumbers:
             return None
         if self._clock.counts_exposures:
             self._counts.update()
-            self.account.exposures = self._counts.total
         for item in self._items:
             if item.verdict is None and not self._judge(item):
                 break
+        if self._train.sample(self._next) >= self._clock.now:
+            return None  # its sample may never be read
         while self._items and (verdict := (item := self._items[0]).verdict) is not None:
             if self._may_wait(item, verdict, now_s):
                 return None
@@ -405,8 +408,33 @@ class FrameNumbers:
     # ------------------------------------------------------------------ answering
 
     def _give(self, answer: Frame | LostFrame) -> Frame | LostFrame:
+        account = self.account
         self._next += 1
+        if isinstance(answer, Frame):
+            account.images += 1
+        elif answer.reason.startswith("missed"):
+            account.missed += 1
+        else:
+            account.lost += 1
+        account.uncertain += not answer.is_certain
         return answer
+
+    def balance(self) -> str:
+        """The account of all triggers that were answered, as an equality, and what contradicts it:
+        the board's count of exposures, and images too many.
+        """
+        a = self.account
+        exposed = a.images + a.lost
+        text = (
+            f"account: {self._next} triggers = {exposed} exposures + {a.missed} missed; {exposed}"
+            f" exposures = {a.images} images + {a.lost} lost; {a.uncertain} are uncertain"
+        )
+        if a.surplus:
+            text += f"; {a.surplus} images more than that came"
+        counted = self._counts.before(self._next)
+        if self._clock.counts_exposures and counted != exposed:
+            text += f"; it does not hold: the board counted {counted} exposures"
+        return text
 
     def _answer(self, item: _Item, verdict: Verdict) -> Frame | LostFrame:
         index = self._next

@@ -171,6 +171,10 @@ class GenICamCamera(ABC):
             )
         return self._numbers.answer(self._fetch, timeout_s)
 
+    def balance(self) -> str:
+        """What came of the triggers since the start; see `FrameNumbers.balance`."""
+        return self._numbers.balance() if self._numbers else ""
+
     def _fetch(self, wait_s: float) -> Delivered | None:
         if not self._waits:
             raise DeviceTimeout(

@@ -57,6 +57,10 @@ class Counts:
     def _slot(self, sample: int) -> int:
         return (sample + 1 - self._train.first) // self._train.divisor
 
+    def before(self, n: int) -> int:
+        """Exposures counted for the triggers before `n`."""
+        return sum(len(counted) for slot, counted in self._counted.items() if slot < n)
+
     def on_time(self, n: int) -> bool:
         """Whether the exposure of trigger `n` was counted on its sample, or the one beside it."""
         at = self._train.sample(n)

@@ -102,6 +102,7 @@ class Receiver:
             self._ending.call(sentence("camera", error), failed=True)
         self._history.wait_for_end()
         self._account()
+        self._close_account()
 
     def join(self, *threads: threading.Thread) -> None:
         """Wait for the threads of the camera and of the analysis, after the history has ended; a
@@ -134,6 +135,12 @@ class Receiver:
                 )
             self._is_over = True
         self._to_analysis.end()
+
+    def _close_account(self) -> None:
+        """Record what the camera's driver says of all triggers, if it does."""
+        balance = getattr(self._camera, "balance", None)
+        if balance is not None and (text := balance()):
+            self._recorder.append(Event(self._history.end, "camera", text))
 
     def _receive(self) -> None:
         answered_at = time.monotonic()

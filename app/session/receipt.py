@@ -32,7 +32,8 @@ class Receipt:
 
     `checksum` is that of all images and forces together, the same at any later time; `seconds` is
     how long the reading took. `checked` is False for a session of format 3 or older, which has no
-    checksums to compare with.
+    checksums to compare with. `uncertain` triggers may be others; `account` is the equality of
+    triggers, exposures and images, if the camera's driver makes one.
     """
 
     frames: int
@@ -43,6 +44,8 @@ class Receipt:
     checksum: str
     seconds: float
     checked: bool
+    uncertain: int = 0
+    account: str = ""
 
     def __str__(self) -> str:
         """One sentence for the person at the bench."""
@@ -51,6 +54,8 @@ class Receipt:
             f"{self.frames} frames, {self.frames_lost} lost, {self.samples} samples, {self.gaps}"
             f" gaps, {self.bytes / 1e6:.1f} MB"
             f" read back {how} in {self.seconds:.1f} s; checksum {self.checksum}"
+            + f"; {self.uncertain} triggers are uncertain" * bool(self.uncertain)
+            + f"; {self.account}" * bool(self.account)
         )
 
 
@@ -128,7 +133,11 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
         channels = len(reader.header.auxiliary.name) if reader.header.auxiliary else 0
         found = _Account(channels=channels)
         checked = _read_columns(reader)
+        triggers, account = reader.triggers(), ""
+        uncertain = int((triggers["first"] != triggers["last"]).sum())
         for record in reader.records():
+            if isinstance(record, Event) and record.text.startswith("account: "):
+                account = record.text
             if isinstance(record, Altered):
                 altered.append(getattr(record.instead, "index", 0))
             else:
@@ -158,6 +167,8 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
         checksum=f"{crc32(np.array(bits, np.uint32).data):08x}",
         seconds=round(time.monotonic() - began, 2),
         checked=checked,
+        uncertain=uncertain,
+        account=account,
     )
 
 

@@ -128,6 +128,10 @@ class EmulatedPylonCamera:
         self._world.frame_was_read()
         return answer
 
+    def balance(self) -> str:
+        """What came of the triggers, by the real driver."""
+        return self._camera.balance()
+
     def stop(self) -> None:
         """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""
         self._follows = False

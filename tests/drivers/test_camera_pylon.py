@@ -241,7 +241,7 @@ def test_pypylon_unpacks_packed_formats_onto_their_own_scale(pixel_format):
     assert image.Array.tolist() == [values]
 
 
-def test_a_region_of_the_sensor(make, tmp_path):
+def test_a_region_of_the_sensor(make, bench, tmp_path):
     sensor = np.random.default_rng(1).integers(0, 256, (200, 300), np.uint8)
     cv2.imwrite(str(tmp_path / "sensor.tiff"), sensor)
     camera = make(offset=(30, 20))
@@ -253,7 +253,7 @@ def test_a_region_of_the_sensor(make, tmp_path):
         "Off",
     )
     camera.start(TRAIN)
-    fire(camera)
+    bench.run_until(camera, 50, [(0, 0)])
     np.testing.assert_array_equal(camera.read(5.0).image, sensor[20:84, 30:94])
 
 

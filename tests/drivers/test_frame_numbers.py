@@ -337,6 +337,7 @@ def test_an_image_after_triggers_that_had_none_is_uncertain_where_it_may_be_anyo
     numbers.nothing_came(0.0)
     numbers.nothing_came(5.0)
     assert [numbers.next(5.0).index for _ in range(10)] == list(range(10))
+    clock.advance(1050)
     numbers.arrived(Delivered(0, None, np.zeros((1, 1), np.uint8)), 5.0)
     frame = numbers.next(5.0)
     assert (frame.index, frame.first) == (10, 0)
