@@ -21,8 +21,8 @@ from app.offline.loop import Measurements, Trigger, record_analysis
 from app.offline.playback import Browser
 from app.offline.replay import Replay
 from app.records import Event, LostTrigger, Outcome, Source, SourceFrame
-from app.session.files import check_new_session
 from app.session.datasets import span_of
+from app.session.files import check_new_session
 from app.session.reader import SessionReader
 from app.session.versions import versions
 
