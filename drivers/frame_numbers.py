@@ -211,7 +211,7 @@ class FrameNumbers:
             return
         steps, named = self._steps(delivered.frame_id)
         periods = None if steps == 0 else self._stamps.periods(delivered.timestamp_s)
-        if steps == 0 or (delivered.frame_id is None and periods == 0):
+        if steps == 0:
             self.account.surplus += 1  # it came twice
             return
         self._nameless += delivered.frame_id is None
