@@ -22,8 +22,9 @@ import numpy as np
 
 from benchmarks.report import Report
 from drivers.clock import SampleClock
+from drivers.delivered import Delivered
 from drivers.errors import DeviceFault
-from drivers.frame_numbers import Delivered, FrameNumbers
+from drivers.frame_numbers import FrameNumbers
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 
 SUBJECT = "Synchronisation"

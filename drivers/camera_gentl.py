@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.clock import SampleClock
+from drivers.delivered import Delivered
 from drivers.errors import DeviceNotFound
-from drivers.frame_numbers import Delivered
 from drivers.genicam_camera import GenICamCamera, library
 from drivers.protocols import Found
 from drivers.settings import CameraSettings

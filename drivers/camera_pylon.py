@@ -7,8 +7,8 @@ from __future__ import annotations
 from typing import Any
 
 from drivers.clock import SampleClock
+from drivers.delivered import Delivered
 from drivers.errors import DeviceFault, DeviceNotFound
-from drivers.frame_numbers import Delivered
 from drivers.genicam_camera import GenICamCamera, library
 from drivers.protocols import Found
 from drivers.settings import CameraSettings

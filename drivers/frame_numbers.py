@@ -7,11 +7,11 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from drivers.clock import SampleClock
+from drivers.delivered import Account, Delivered, Item
 from drivers.errors import DeviceFault, DeviceTimeout
-from drivers.protocols import Frame, Image, LostFrame, TriggerTrain
+from drivers.protocols import Frame, LostFrame, TriggerTrain
 from drivers.verdict import NOWHERE, Verdict
 from drivers.witnesses import NONE, Causality, Counts, Stamps
 
@@ -25,63 +25,6 @@ _WIRE = (
     "exposure wire: images come, but the board counts no exposures; check the wire from the"
     " camera's exposure output to the counter"
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Delivered:
-    """The result of one exposure, from the camera's library.
-
-    Attributes
-    ----------
-    frame_id : int or None
-        The camera's own number; None if the library has lost it.
-    timestamp_s : float or None
-        Of the camera's clock; None if it has none.
-    image : ndarray or None
-        None if the grab failed, for the `reason`.
-    """
-
-    frame_id: int | None
-    timestamp_s: float | None
-    image: Image | None
-    reason: str = ""
-
-
-@dataclass(slots=True)
-class _Item:
-    """A delivered image on its way to an answer.
-
-    `number` counts exposures by the camera's ids: `steps` of them since the last image (None: it is
-    not known how many), `named` since the last image with an id. `missed` is the number of triggers
-    between by timestamps. `limit` is the last trigger that it can have by the time at which it
-    came, less the number; `least` the first.
-    """
-
-    delivered: Delivered
-    number: int
-    steps: int | None
-    named: int
-    missed: int | None
-    came_s: float
-    limit: int
-    least: int
-    complaint: str
-    verdict: Verdict | None = None
-
-
-@dataclass(slots=True)
-class Account:
-    """What came of the triggers of a run so far.
-
-    `surplus` are images that had no trigger, came twice, or came when theirs was given up.
-    """
-
-    images: int = 0
-    lost: int = 0
-    missed: int = 0
-    uncertain: int = 0
-    surplus: int = 0
-    notes: set[str] = field(default_factory=set)
 
 
 class FrameNumbers:
@@ -127,7 +70,7 @@ class FrameNumbers:
         self._nameless = 0  # images without an id since the last with one
         self._named_low = (0, -1)  # least offset and number of the last with one
         self._number = -1  # of the newest image
-        self._items: deque[_Item] = deque()
+        self._items: deque[Item] = deque()
         self._complaint = ""  # about a failed grab without a frame id
         self._verdict = Verdict()  # on the newest image that was judged
         self._judged = -1  # its number
@@ -223,7 +166,7 @@ class FrameNumbers:
             missed = periods - advance
         self._number += advance
         limit = self._causality.latest(now_s) - self._number
-        item = _Item(
+        item = Item(
             delivered,
             self._number,
             steps,
@@ -284,7 +227,7 @@ class FrameNumbers:
 
     # ------------------------------------------------------------------ judging
 
-    def _judge(self, item: _Item) -> bool:
+    def _judge(self, item: Item) -> bool:
         """Give an image its verdict, unless the board's samples that tell have not been read."""
         before, doubtful, likely = self._verdict, 0, 0
         counted: int | None = None
@@ -329,7 +272,7 @@ class FrameNumbers:
         item.verdict, self._verdict, self._judged = verdict, verdict, item.number
         return True
 
-    def _bound(self, item: _Item, verdict: Verdict) -> None:
+    def _bound(self, item: Item, verdict: Verdict) -> None:
         """What causality allows: an image that comes early bounds those before it as well."""
         if item.limit < verdict.low:
             self._is_noisy = True
@@ -347,7 +290,7 @@ class FrameNumbers:
             held.high = max(high, held.low)
             held.best = min(held.best, held.high)
 
-    def _confirm(self, item: _Item, before: Verdict, verdict: Verdict) -> None:
+    def _confirm(self, item: Item, before: Verdict, verdict: Verdict) -> None:
         """Take what a witness says for certain if for `PATIENCE_S` no image has come early enough
         to disprove it although they come in time.
         """
@@ -374,7 +317,7 @@ class FrameNumbers:
             verdict.low = verdict.high
             verdict.why = ""
 
-    def _may_wait(self, item: _Item, verdict: Verdict, now_s: float) -> bool:
+    def _may_wait(self, item: Item, verdict: Verdict, now_s: float) -> bool:
         """Whether a proof may still come, and has not been waited for already."""
         doubt = (verdict.low, verdict.high)
         return (
@@ -436,7 +379,7 @@ class FrameNumbers:
             text += f"; it does not hold: the board counted {counted} exposures"
         return text
 
-    def _answer(self, item: _Item, verdict: Verdict) -> Frame | LostFrame:
+    def _answer(self, item: Item, verdict: Verdict) -> Frame | LostFrame:
         index = self._next
         first, last = self._range(item, verdict, index)
         if not verdict.is_certain:
@@ -448,7 +391,7 @@ class FrameNumbers:
         doubt = "; ".join(filter(None, doubts))
         return Frame(index, self._counts.began(index), item.delivered.image, first, last, doubt)
 
-    def _range(self, item: _Item, verdict: Verdict, index: int) -> tuple[int, int]:
+    def _range(self, item: Item, verdict: Verdict, index: int) -> tuple[int, int]:
         """The triggers that an image can belong to; two at least where nothing is certain."""
         first = min(index, max(0, verdict.low + item.number))
         last = max(index, min(verdict.high + item.number, index + _BACK))
@@ -456,7 +399,7 @@ class FrameNumbers:
             first, last = max(0, first - 1), last + 1
         return first, last
 
-    def _missing(self, item: _Item, verdict: Verdict, number: int) -> LostFrame:
+    def _missing(self, item: Item, verdict: Verdict, number: int) -> LostFrame:
         """The loss of a trigger before that of the next image."""
         index = self._next
         steps, between = item.steps, number - index

@@ -13,6 +13,7 @@ from typing import Any
 
 from analysis.options import quantity
 from drivers.clock import SampleClock
+from drivers.delivered import Delivered
 from drivers.errors import (
     DeviceError,
     DeviceFault,
@@ -20,7 +21,7 @@ from drivers.errors import (
     DeviceTimeout,
     OutOfLimits,
 )
-from drivers.frame_numbers import Delivered, FrameNumbers
+from drivers.frame_numbers import FrameNumbers
 from drivers.protocols import Found, Frame, LostFrame, TriggerTrain
 from drivers.settings import CameraSettings
 

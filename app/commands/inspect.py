@@ -27,6 +27,8 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         header, outcome, ended = reader.header, reader.outcome, reader.ended
         config = from_record(header.config_toml, f"{session}: settings")
         version = reader.format
+        triggers = reader.triggers()
+        uncertain = triggers["index"][triggers["first"] != triggers["last"]].tolist()
         phases = [
             {"phase": e.text, "sample": e.sample, "time_s": e.sample / header.sample_rate_hz}
             for e in reader.events()
@@ -47,6 +49,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
             "frame_shape": header.frame_shape,
             "auxiliary": channels,
             "counts": outcome.counts,
+            "uncertain_triggers": uncertain,
             "phases": phases,
             "changed_settings": changed,
             "summary": outcome.summary,
@@ -73,7 +76,11 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         about.append(Row("further channels", "", named))
     if analyses:
         about.append(Row("further analyses", "", ", ".join(analyses)))
-    about += [*counts_rows(outcome.counts), Row("phases", "", spans or "none")]
+    about += counts_rows(outcome.counts)
+    if uncertain:
+        doubt = f"{len(uncertain)}, the first is {uncertain[0]}: they may be of a trigger beside it"
+        about.append(Row("uncertain triggers", "", doubt))
+    about += [Row("phases", "", spans or "none")]
     if outcome.summary:
         about += summary_rows(outcome.summary)
     else:
