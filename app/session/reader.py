@@ -87,7 +87,7 @@ class SessionReader:
         try:
             self.format = self._checked_format()
             for column in layout.COLUMNS:
-                if column.group not in LATER and self.has(column):
+                if column.group not in LATER and self._has(column):
                     self.dataset(column.path)
         except BaseException:
             self.file.close()
@@ -437,7 +437,7 @@ class SessionReader:
         column = layout.BY_PATH[path]
         return self.file.dataset(path, column.shape, column.dtype)
 
-    def has(self, column: Column) -> bool:
+    def _has(self, column: Column) -> bool:
         """Whether a session of this format has a dataset, and this one if it is optional."""
         is_there = column.path not in layout.OPTIONAL or self.file.has(column.path)
         return column.since <= self.format and is_there
@@ -485,7 +485,7 @@ class SessionReader:
         columns = {
             column.name: self._read(column.path)
             for column in layout.columns_in(group)
-            if len(column.shape) == 1 and self.has(column)
+            if len(column.shape) == 1 and self._has(column)
         }
         rows = min(len(values) for values in columns.values())
         return {name: values[:rows] for name, values in columns.items()}

@@ -16,7 +16,7 @@ from app.errors import UserError
 from app.records import Event, Gap, LostTrigger, Position, ReceivedFrame, Samples, SourceFrame
 from app.schema import TEXT
 from app.session.journal import StoredFrame, read_journal
-from app.session.layout import GROUPS, GROWING, IMAGE, LATER, columns_in
+from app.session.layout import GROUPS, GROWING, IMAGE, LATER, OPTIONAL, columns_in
 from app.session.reader import Altered, SessionReader
 
 _SLAB = 1 << 20  # values read at a time
@@ -185,7 +185,8 @@ def _read_columns(reader: SessionReader) -> bool:
             for column in columns_in(group.path)
             if column.shape
             and column.shape[0] in GROWING
-            and reader.has(column)
+            and column.since <= reader.format
+            and (column.path not in OPTIONAL or reader.file.has(column.path))
             and column.dtype not in (TEXT, IMAGE)
         ]
         # a program that was killed may have lengthened only some
