@@ -437,7 +437,7 @@ class Health:
 
     `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
     hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
-    replay).
+    replay). `uncertain` frames may be of another trigger.
     """
 
     state: str
@@ -449,6 +449,7 @@ class Health:
     disk_free_bytes: int
     sample: int
     progress: float
+    uncertain: int = 0
 
 
 Record = (

@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -55,6 +56,8 @@ class Analysis:
     pipeline : FrameAnalysis
     series : Series
         One snapshot per analysed frame.
+    uncertain : set of int
+        Those of them that another trigger may have taken.
     """
 
     def __init__(self, config: Config, pipeline: FrameAnalysis) -> None:
@@ -64,6 +67,7 @@ class Analysis:
         )
         self.pipeline = pipeline
         self.series = Series()
+        self.uncertain: set[int] = set()
 
     def step(
         self,
@@ -71,6 +75,8 @@ class Analysis:
         sample: int,
         image: NDArray[np.generic],
         append: Callable[[Event | Snapshot], None],
+        *,
+        is_certain: bool = True,
     ) -> None:
         """Analyse the next frame and append the result to the record.
 
@@ -80,6 +86,8 @@ class Analysis:
         if self.pipeline.reference_frame == index:
             append(Event(sample, "reference", f"frame {index}"))
         append(snapshot)
+        if not is_certain:
+            self.uncertain.add(index)
         self.series.append(snapshot)
 
     def close(self) -> None:
@@ -87,9 +95,21 @@ class Analysis:
         self.pipeline.close()
 
     def summary(self) -> Summary | None:
-        """What the experiment comes down to, once it is closed; None if no frame was analysed."""
-        snapshots = self.series.since(0)
-        return self.pipeline.summary(snapshots) if snapshots else None
+        """What the experiment comes down to, once it is closed; None if no frame was analysed.
+
+        Frames whose trigger is uncertain are left out, unless they are more than half of all.
+        """
+        snapshots, doubtful = self.series.since(0), len(self.uncertain)
+        if not snapshots:
+            return None
+        if not doubtful:
+            return self.pipeline.summary(snapshots)
+        many = 2 * doubtful > len(snapshots)
+        certain = [s for s in snapshots if s.frame not in self.uncertain]
+        summary = self.pipeline.summary(snapshots if many else certain)
+        note = f"camera: the trigger of {doubtful} of {len(snapshots)} frames is uncertain; "
+        note += "the results rest on them too" if many else "the results do without them"
+        return replace(summary, notes=(*summary.notes, note))
 
 
 class Analyst:
@@ -135,7 +155,13 @@ class Analyst:
             return
         for _ in range(TRIES):
             try:
-                self._analysis.step(frame.index, frame.sample, frame.image, self._recorder.append)
+                self._analysis.step(
+                    frame.index,
+                    frame.sample,
+                    frame.image,
+                    self._recorder.append,
+                    is_certain=frame.is_certain,
+                )
                 break
             except Exception as error:
                 LOG.warning("frame %d could not be analysed", frame.index, exc_info=error)

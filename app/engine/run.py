@@ -180,6 +180,7 @@ class Run(Watched):
             disk_free_bytes=disk_free,
             sample=self._history.end,
             progress=1.0 if self._outcome else self._progress,
+            uncertain=len(self._analysis.uncertain),
         )
 
     # ------------------------------------------------------- the life of the run, in its thread

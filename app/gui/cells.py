@@ -104,17 +104,23 @@ def operator_sentence(
     return ""
 
 
-def count_cells(counts: Counts) -> tuple[Cell, ...]:
+def count_cells(counts: Counts, uncertain: int = 0) -> tuple[Cell, ...]:
     """The account of triggers, frames and samples.
 
-    Losses are red; an analysis that skips more than half of the frames is amber.
+    Losses are red; an analysis that skips more than half of the frames is amber, and so are frames
+    whose trigger is uncertain.
     """
     lost = Tone.BAD if counts.frames_lost else Tone.NEUTRAL
     samples_lost = Tone.BAD if counts.samples_lost else Tone.NEUTRAL
     skipped = counts.frames_skipped / max(1, counts.frames_received)
     return (
         Cell("triggers", grouped(counts.triggers)),
-        Cell("frames received", grouped(counts.frames_received)),
+        Cell(
+            "frames received",
+            grouped(counts.frames_received),
+            detail=f"{grouped(uncertain)} uncertain" if uncertain else "",
+            tone=Tone.WARN if uncertain else Tone.NEUTRAL,
+        ),
         Cell("recorded", grouped(counts.frames_recorded)),
         Cell("analysed", grouped(counts.frames_analysed)),
         Cell(

@@ -122,7 +122,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         phase=str(Phase.END) if outcome else health.phase,
         sentence=sentence,
         progress=min(1.0, max(0.0, health.progress)),
-        counts=cells.count_cells(health.counts),
+        counts=cells.count_cells(health.counts, health.uncertain),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
         queue=cells.queue_cell(health),
         disk=cells.disk_cell(health, config),

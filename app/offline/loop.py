@@ -106,7 +106,9 @@ def analyse(
                 lost += 1
                 continue
             feed.up_to(record.sample)
-            analysis.step(record.index, record.sample, image, sink.append)
+            analysis.step(
+                record.index, record.sample, image, sink.append, is_certain=record.span is None
+            )
             if received % FLUSH_EVERY == 0:
                 sink.flush()
                 usage.look()

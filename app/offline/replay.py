@@ -182,6 +182,7 @@ class Replay(Watched):
             queue_seconds=0.0,
             disk_free_bytes=-1,  # nothing is written
             sample=self._analysis.history.end,
+            uncertain=len(self._analysis.uncertain),
             progress=1.0 if self._outcome else self._done / len(self._frames),
         )
 
