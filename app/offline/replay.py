@@ -22,6 +22,7 @@ from app.offline.loop import Measurements, Trigger, analyse
 from app.offline.playback import Browser, Playback
 from app.records import Counts, Health, Outcome, Position, ReceivedFrame, Record, Snapshot
 from app.schema import values
+from app.session.datasets import span_of
 from app.session.layout import FORMAT_VERSION
 from app.session.reader import SessionReader
 
@@ -245,11 +246,12 @@ class Replay(Watched):
 
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
         """Each frame when it is its turn."""
+        spans = {row[0]: span_of(row[0], *row[5:]) for row in session.triggers().tolist()}
         for index in self._frames:
             _, sample, image = session.frame(index)
             if not self._is_due(sample):
                 return
-            yield ReceivedFrame(index, sample, image), image
+            yield ReceivedFrame(index, sample, image, span=spans.get(index)), image
             self._show(sample, image)
 
     def _is_due(self, sample: int) -> bool:
