@@ -15,7 +15,7 @@ FAULTS = {
     "camera-gone": "the camera is unplugged at trigger AT",
     "uncounted-exposure": "the counter misses exposure AT (and the AMOUNT - 1 after it)",
     "exposure-wire": "the wire of the exposure output is broken from trigger AT on",
-    "exposure-inverted": "the exposure output is inverted: its rising edge is the exposure's end",
+    "exposure-inverted": "the exposure output is inverted (AT is 0): its rising edge is the end",
     "daq-overflow": "the board loses AMOUNT samples (300) from sample AT on",
     "daq-gone": "the board, or its server, is gone from sample AT on",
     "saturated": "the shear sensor is at the end of its range from sample AT on",
