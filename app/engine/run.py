@@ -52,7 +52,7 @@ PAUSE_S = 0.001  # until the next look at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
 # of frames kept for the analysis during the drive: one that takes a little longer than a frame
 # loses none
-HURRIED_S = 0.2
+HURRIED_S = 0.6
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
 FIELD_BYTES, SAMPLE_BYTES = 21, 32  # of a grid point's results, and of a sample's forces and volts
 # of frames kept for the analysis before the drive: taking the reference takes longer than a frame

@@ -24,7 +24,7 @@ from app.gui.frame_results import (
 )
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.source import Image, PlaybackSource, RunSource, Setup
-from app.records import F64, ContactResult, Health, Outcome, Phase, Snapshot, Summary
+from app.records import F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot, Summary
 
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
 
@@ -63,7 +63,7 @@ class ViewState:
     readouts: tuple[Cell, ...]
     result: tuple[Cell, ...]
     outcome: Outcome | None
-    skipped: int
+    behind: int
 
     @property
     def ended(self) -> bool:
@@ -88,6 +88,11 @@ def read(source: RunSource, seen: int) -> Reading:
         outcome,
         source.browsed() if isinstance(source, PlaybackSource) else None,
     )
+
+
+def waiting_frames(counts: Counts) -> int:
+    """Frames that wait for their analysis."""
+    return counts.frames_received - counts.frames_analysed - counts.frames_skipped
 
 
 def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewState:
@@ -134,5 +139,5 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         readouts=cells.readouts(normal_n, shear_n, travel_m, stick_m),
         result=cells.result_cells(outcome.summary) if outcome else cells.setting_cells(config),
         outcome=outcome,
-        skipped=health.counts.frames_skipped,
+        behind=waiting_frames(health.counts),
     )

@@ -28,9 +28,9 @@ from app.records import Outcome
 LOG = logging.getLogger(__name__)
 TICK_MS = 15  # one part of the window is drawn per tick, so that a key waits for one part at most
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
-# after a redraw the window rests this many times as long as it took, the longer the more frames the
-# analysis has to leave out: it needs the core
-RESTS, MOST_RESTS = 2.0, 10.0
+# after a redraw the window rests this many times as long as it took, the longer the more often
+# frames wait for the analysis: it needs the core
+RESTS, MOST_RESTS, MOST_BEHIND = 3.0, 10.0, 2
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 
@@ -204,8 +204,8 @@ class MainWindow(QMainWindow):
         if view is None or answer.problem:
             return
         self._view = view
-        is_behind = before is not None and view.skipped > before.skipped
-        self._rests = min(MOST_RESTS, max(RESTS, self._rests * (1.5 if is_behind else 0.95)))
+        change = 1.5 if view.behind > MOST_BEHIND else 0.97
+        self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
         self.top.show_state(view.state, view.tone, view.phase)
         self.top.sentence.setText(view.sentence)
         self._show_buttons()
