@@ -88,8 +88,11 @@ class NewportLine:
         """Send the command to stop, before all that waits."""
         with self._pen:
             self.stops += 1
-            time.sleep(max(0.0, self._clear_at - time.monotonic()))
+            clear_at = self._clear_at
             self._write("ST")
+            if clear_at > time.monotonic():  # a controller may ignore what comes too early
+                time.sleep(max(0.0, self._clear_at - time.monotonic()))
+                self._write("ST")
 
     def ask(
         self, query: str, form: str, *, urgent: bool = False, give_up: float | None = None

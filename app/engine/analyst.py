@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from app.engine.channels import LatestChannel
 from app.engine.history import History
-from app.engine.priority import give_way
 from app.engine.recorder import Recorder
 from app.engine.series import Series
+from app.priority import give_way
 from app.records import RESTART, Conditions, ContactResult, Event, Snapshot, Summary
 from app.settings import Config
 from drivers.protocols import Frame
@@ -136,7 +136,7 @@ class Analyst:
         A frame whose analysis fails is tried once more after a restart, then left out: what is
         measured goes on all the same. Before there is a reference, three such frames end the run.
         """
-        give_way()
+        give_way(10)
         try:
             while not self._frames.is_drained:
                 frame = self._frames.get(POLL_S)

@@ -15,6 +15,7 @@ from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.history import History
 from app.engine.recorder import Recorder
+from app.priority import give_way
 from app.records import Event, LostTrigger, ReceivedFrame
 from app.settings import Limits
 from drivers.errors import DeviceTimeout
@@ -96,6 +97,8 @@ class Receiver:
 
     def work(self) -> None:
         """Receive until the end; then every trigger without an answer is a named loss."""
+        if getattr(self._camera, "draws", False):  # a simulated one
+            give_way(5)
         try:
             self._receive()
         except Exception as error:

@@ -12,6 +12,7 @@ from typing import Protocol
 import psutil
 
 from app.engine.channels import ChannelClosed, ChannelFull, LosslessChannel
+from app.priority import give_way
 from app.records import Event, Gap, LostTrigger, ReceivedFrame, Record, Samples, Snapshot
 
 LOG = logging.getLogger(__name__)
@@ -117,6 +118,7 @@ class Recorder:
         The interval runs from the beginning of a flush to the next, so that a slow flush costs no
         safety; half of it is left to write in.
         """
+        give_way(3)  # its queue can wait, a stop can not
         process = psutil.Process()
         due = time.monotonic() + self._flush_interval_s
         try:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from app.gui.source import RunSource, Setup, setup_of
 from app.gui.view_state import ViewState, read, resolve
+from app.priority import give_way
 
 LOG = logging.getLogger(__name__)
 
@@ -67,6 +68,7 @@ class ViewReader:
         setup: Setup | None = None
         view: ViewState | None = None
         problem = ""
+        give_way(3)  # a key goes first
         while True:
             self._requested.wait()
             self._requested.clear()

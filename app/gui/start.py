@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -47,6 +48,7 @@ def run_window(
     assert isinstance(application, QApplication)
     application.setStyle("Fusion")
     pg.setConfigOptions(useOpenGL=False, antialias=False)
+    sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     window = MainWindow(only, None if only else make_source)
     window.show()
     if autostart:

@@ -58,9 +58,9 @@ def main() -> None:
     """Compile, then serve the bench until it lets go."""
     config, image_path = payload()
     from app.engine.compiling import compile_analysis
-    from app.engine.priority import give_way
+    from app.priority import give_way
 
-    give_way()
+    give_way(10)
     compile_analysis(config)
     methods = methods_of(config, image_path)
     key = secrets.token_bytes(32)

@@ -121,6 +121,7 @@ class SimCamera:
     """
 
     name = "simulated camera"
+    draws = True  # it takes the processor that a camera does not
 
     def __init__(self, world: World, renderer: ImageSource | None = None) -> None:
         self._world = world

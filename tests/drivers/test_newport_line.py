@@ -298,7 +298,9 @@ def test_a_stop_comes_before_the_queries_that_wait(newport_open):
         each.join()
     commands = [command for _, command in stage.line.arrivals]
     stopped = commands.index(b"1ST")
-    assert commands[stopped - 1 : stopped + 2] == [b"1TP", b"1ST", b"1TS"]
+    once_or_twice = commands[stopped:].count(b"1ST")  # again if it may not have listened
+    following = [b"1TP", *[b"1ST"] * once_or_twice, b"1TS"]
+    assert commands[stopped - 1 : stopped + 1 + once_or_twice] == following
     assert commands[stopped:].count(b"1TP") == 3
 
 
