@@ -19,6 +19,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
     """
     from app.report.summary import Row, counts_rows, plain, resources_rows, summary_rows
     from app.session.analyses import analyses_of
+    from app.session.datasets import uncertain_triggers
     from app.session.journal import has_journal
     from app.session.reader import SessionReader
 
@@ -27,8 +28,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         header, outcome, ended = reader.header, reader.outcome, reader.ended
         config = from_record(header.config_toml, f"{session}: settings")
         version = reader.format
-        triggers = reader.triggers()
-        uncertain = triggers["index"][triggers["first"] != triggers["last"]].tolist()
+        uncertain = uncertain_triggers(reader)
         phases = [
             {"phase": e.text, "sample": e.sample, "time_s": e.sample / header.sample_rate_hz}
             for e in reader.events()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from app.errors import UserError
 from app.records import Event, Gap, LostTrigger, Position, ReceivedFrame, Samples, SourceFrame
 from app.schema import TEXT
+from app.session.datasets import uncertain_triggers
 from app.session.journal import StoredFrame, read_journal
 from app.session.layout import GROUPS, GROWING, IMAGE, LATER, OPTIONAL, columns_in
 from app.session.reader import Altered, SessionReader
@@ -133,8 +134,7 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
         channels = len(reader.header.auxiliary.name) if reader.header.auxiliary else 0
         found = _Account(channels=channels)
         checked = _read_columns(reader)
-        triggers, account = reader.triggers(), ""
-        uncertain = int((triggers["first"] != triggers["last"]).sum())
+        uncertain, account = len(uncertain_triggers(reader)), ""
         for record in reader.records():
             if isinstance(record, Event) and record.text.startswith("account: "):
                 account = record.text
