@@ -169,9 +169,9 @@ class Analyst:
                 self._recorder.append(Event(frame.sample, RESTART, what))
                 self._analysis.pipeline.restart()
         else:
-            self._frames.skipped += 1
             self._failures += 1
             self._check_failures(frame, what)
+            self._frames.skipped += 1
             return
         if self._analysis.pipeline.reference_frame is not None:
             self.reference_taken.set()

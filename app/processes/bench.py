@@ -99,14 +99,14 @@ class _Served:
         """What one connection may call."""
         run, number = self.run, next(self._numbers)
         share = shown_images(self.order.folder, number)
-        shown: list[int] = []
+        shown: list[Any] = [None]  # held, so that no newer image can be taken for it
 
-        def image(known: int) -> tuple[int, str] | None:
+        def image() -> str | None:
             newest = run.latest_image()
-            if newest is None or id(newest) == known:
+            if newest is None or newest is shown[0]:
                 return None
-            shown[:] = [id(newest)]
-            return id(newest), share(newest)
+            shown[0] = newest
+            return share(newest)
 
         return {
             "config": lambda: (self.order.config, run.title),

@@ -62,7 +62,6 @@ class RemoteRun:
         self._series = Series()
         self._contact: ContactResult | None = None
         self._image: NDArray[Any] | None = None
-        self._image_number = 0
         self._forces: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None
         self._forces = None
         self._health = Health("idle", "", "", Counts(), 0.0, 0.0, -1, 0, 0.0)
@@ -142,9 +141,8 @@ class RemoteRun:
         """
         with self._lock:
             if self._outcome is None:
-                newer = self._read("image", None, self._image_number)
-                if newer is not None:
-                    self._image_number, name = newer
+                name = self._read("image", None)
+                if name is not None:
                     path = root() / self.bench.name / name
                     dtype = np.dtype(self.config.camera.dtype)
                     self._image = shared_image(path, self.config.camera.shape, dtype)

@@ -80,6 +80,7 @@ def test_without_a_reference_nothing_is_dragged(tmp_path):
     outcome = run_with(tmp_path / "a.h5", lambda index: True)
     assert outcome.state == "failed"
     assert "could not be analysed (no minimum in frame" in outcome.reason
+    assert outcome.counts.frames_skipped <= outcome.counts.frames_recorded
     with SessionReader(tmp_path / "a.h5") as session:
         assert "drive" not in [event.text for event in session.events()]
     assert threading.active_count() < 20
