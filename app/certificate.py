@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from app.settings import Config
+from app.trust import state_folder
 
 NAME = "synchronisation"  # among the versions in a session
 
@@ -46,9 +46,7 @@ def place(config: Config) -> Path:
         *(a.source, a.port),
     )
     name = hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
-    folder = os.environ.get("SLIPSCOPE_HOME")
-    home = Path(folder) if folder else Path.home() / ".slipscope"
-    return home / "certificates" / f"{name}.json"
+    return state_folder() / "certificates" / f"{name}.json"
 
 
 def write(config: Config, certificate: Certificate) -> Path:

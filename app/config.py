@@ -20,14 +20,25 @@ from typing import Any, TypeVar, get_type_hints
 import msgspec
 
 from analysis.options import Section, SettingError, as_written, option, options
+from app.errors import UserError
 from app.settings import Config
 from app.toml import LONGEST_TOML, parse_toml
+from app.trust import check_local, check_module, check_port, check_producer, check_server
 from drivers.errors import DeviceNotFound
 from drivers.settings import DeviceSettings
 
 BENCHES = Path(__file__).parent / "benches"
 OWN = "options"  # the table of a driver's own settings, within that of its device
 LONGEST_QUOTE = 200  # characters of somebody's text in an error
+CHECKS = {  # what names something outside, and what it may be
+    "forces.server": check_server,
+    "forces.certificate": check_local,
+    "camera.producer": check_local,
+    "camera.folder": check_local,
+    "actuator.port": check_port,
+    "replay.session": check_local,
+    "sim.law_table": check_local,
+}
 ANALYSED = (  # tables and options that say how a measurement is analysed, not what was measured
     "sample",
     "dic",
@@ -109,28 +120,33 @@ def _refused(name: str, wanted: str, value: Any) -> ConfigError:
     return ConfigError(f"{name} must be {wanted}; found {_brief(_text(value))}")
 
 
-def from_data(data: dict[str, Any], where: str, *, recorded: bool = False) -> Config:
+def from_data(
+    data: dict[str, Any], where: str, *, recorded: bool = False, folder: Path | None = None
+) -> Config:
     """Settings from nested plain dicts; `where` names the source in error sentences.
 
     With `recorded`, a driver's own settings are taken as they are, and no driver is imported: it
-    need not be installed, and a session from somebody else executes nothing.
+    need not be installed, and a session from somebody else executes nothing. With the `folder` of
+    a settings file, code that lies there or in the current folder must have been confirmed.
     """
     sections: dict[str, Any] = {}
     try:
         for table, content in data.items():
             _check_keys(table, content)
-            sections[table] = _section(table, content, recorded)
+            sections[table] = _section(table, content, recorded, folder)
         return Config(**sections)
-    except (ValueError, DeviceNotFound) as error:
+    except (ValueError, DeviceNotFound, UserError) as error:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _section(table: str, content: dict[str, Any], recorded: bool) -> Section:
+def _section(table: str, content: dict[str, Any], recorded: bool, folder: Path | None) -> Section:
     kind = tables()[table]
-    if not issubclass(kind, DeviceSettings):
-        return section_from(kind, content, f"{table}.{{}}".format)
     plain = {key: value for key, value in content.items() if key != OWN}
     section, given = section_from(kind, plain, f"{table}.{{}}".format), content.get(OWN, {})
+    if not recorded:
+        _check_names(table, section, folder)
+    if not isinstance(section, DeviceSettings):
+        return section
     where = f"{table}.{OWN}"
     if not isinstance(given, dict):
         raise ConfigError(
@@ -150,6 +166,16 @@ def _section(table: str, content: dict[str, Any], recorded: bool) -> Section:
         if recorded and not _is_plain(value):
             raise ConfigError(f"{where}.{key}: a number, text or list is needed")
     return replace(section, options=section_from(own, given, f"{where}.{{}}".format))
+
+
+def _check_names(table: str, section: Section, folder: Path | None) -> None:
+    """Refuse what stands for more than a device or a file, and code that was not confirmed."""
+    for key, check in CHECKS.items():
+        if key.partition(".")[0] == table:
+            check(key, getattr(section, key.partition(".")[2]))
+    if folder is not None and isinstance(section, DeviceSettings):
+        check_module(f"{table}.source", section.source, [folder])
+        check_producer(f"{table}.producer", getattr(section, "producer", ""))
 
 
 def _options_of(kind: str, source: str) -> type[Section]:
@@ -280,9 +306,11 @@ def revised(config: Config, overrides: Sequence[str]) -> Config:
     return new
 
 
-def load(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
+def load(
+    path: Path | None = None, overrides: Sequence[str] = (), *, recorded: bool = False
+) -> Config:
     """Settings from a TOML file, a bench that comes with the program, or the defaults, with
-    ``table.key=value`` overrides on top.
+    ``table.key=value`` overrides on top; with `recorded`, for what was measured: see `from_data`.
 
     Raises
     ------
@@ -304,7 +332,9 @@ def load(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
         except ValueError as error:
             raise ConfigError(f"{path}: not a TOML file: {error}") from None
     _override(data, overrides)
-    return from_data(data, where)
+    return from_data(
+        data, where, recorded=recorded, folder=None if path is None else bench_file(path).parent
+    )
 
 
 def _decode(content: bytes) -> str:

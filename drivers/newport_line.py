@@ -284,6 +284,8 @@ def _claimed(who: str, port: str, baud: int, *, exclusive: bool) -> Any:
     except ImportError as error:
         raise _no_pyserial(who) from error
     try:
+        if "://" in port and not port.startswith("socket://"):  # pyserial knows others
+            raise ValueError("neither a device nor socket://host:port")
         opened = serial.serial_for_url(
             port,
             baudrate=baud,

@@ -319,6 +319,29 @@ def check_driver(
 
 
 @command(app)
+def trust(
+    code: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE|FOLDER", help="A GenTL producer, a module, or the folder of a package."
+        ),
+    ],
+    as_json: JsonFlag = False,
+) -> int:
+    """Allow settings to run code that came with them: a GenTL producer, or a driver that lies
+    beside them or in the current folder.
+
+    It is known by its SHA-256: after any change it must be confirmed again. What it loads itself is
+    trusted with it.
+
+    Example: `slipscope trust my_stage.py`
+    """
+    from app.commands import bench
+
+    return bench.trust(code, as_json)
+
+
+@command(app)
 def cameras(
     producer: Annotated[
         str,

@@ -11,6 +11,7 @@ from pathlib import Path
 from app.commands.doctor import Finding, as_data, examine, found_by
 from app.commands.terminal import DONE, FAILED, output, print_json, print_rows
 from app.config import load
+from app.trust import confirm
 
 
 def check(
@@ -48,6 +49,16 @@ def check(
         moved = "" if home or move_um else "; nothing was moved (--home and --move allow it)"
         output().print(f"the bench {'works' if works else 'does not work'}{moved}")
     return DONE if works else FAILED
+
+
+def trust(code: Path, as_json: bool) -> int:
+    """Let settings run this code from now on, as it is; the exit code."""
+    known = confirm(code)
+    if as_json:
+        print_json({"file": str(code), "sha256": known})
+    else:
+        output().print(f"{code} may be run as it is now, SHA-256 {known}")
+    return DONE
 
 
 def cameras(producer: str, as_json: bool) -> int:

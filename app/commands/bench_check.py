@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.options import UNITS
+from analysis.options import UNITS, quantity
 from app.commands.bench_move import move
 from app.commands.doctor import Finding, problem
 from app.engine.setup import sensor_chain
@@ -26,6 +26,7 @@ from drivers.protocols import (
     ForceSource,
     Frame,
     LostFrame,
+    MadeReady,
     SampleBlock,
     TriggerTrain,
 )
@@ -59,6 +60,8 @@ def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterat
         if finding.is_fine:
             opened.append(label)
     try:
+        if "actuator" in opened and isinstance(bench.actuator, MadeReady):
+            yield Finding("limits", _limits(config))
         if "actuator" in opened and home:
             yield _attempt("home", _home, bench.actuator)
         if {"actuator", "forces"} <= set(opened) and move_um:
@@ -71,6 +74,11 @@ def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterat
             closing = _attempt(label, _close, device)
             if not closing.is_fine:
                 yield closing
+
+
+def _limits(config: Config) -> str:
+    within, below = (quantity(config.actuator, name) for name in ("travel", "max_velocity"))
+    return f"before it moves, the controller is told to stay within {within} and below {below}"
 
 
 def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Finding:

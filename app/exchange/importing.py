@@ -144,7 +144,7 @@ def _settings(
     overrides = [f"{key}={value}" for key, value in known.items() if value is not None]
 
     def loaded(*more: str) -> Config:
-        return load(sources.settings, [*overrides, *sources.overrides, *more])
+        return load(sources.settings, [*overrides, *sources.overrides, *more], recorded=True)
 
     if sources.divisor is None and table is not None:
         rate = loaded("camera.divisor=1000000").forces.sample_rate

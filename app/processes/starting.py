@@ -31,7 +31,8 @@ def started(module: str, payload: Any, log: Path | None = None) -> subprocess.Po
         own = {"creationflags": flags}
     with log.open("ab") if log else nullcontext() as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "app.processes", module],
+            # -P: nothing is imported from the current folder because it is the current one
+            [sys.executable, "-P", "-m", "app.processes", module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import warnings
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +24,7 @@ from drivers.sim.scenario import Scenario
 F64 = NDArray[np.float64]
 
 STATES = 400
+LONGEST_TABLE = 1 << 20
 
 
 class Sheared(Protocol):
@@ -175,8 +177,13 @@ def read_law(path: str) -> tuple[F64, F64]:
             " named"
         )
     try:
+        # a file that is open: numpy fetches names that are addresses
+        with Path(path).open("rb") as file:
+            text = file.read(LONGEST_TABLE + 1).decode("utf-8-sig")
+        if len(text) > LONGEST_TABLE:
+            raise ValueError(f"it has more than {LONGEST_TABLE} characters")
         with warnings.catch_warnings(action="error"):  # of a file without numbers
-            rows = np.loadtxt(path, delimiter=",", comments="#", ndmin=2)
+            rows = np.loadtxt(text.splitlines(), delimiter=",", comments="#", ndmin=2)
     except (OSError, ValueError, UserWarning) as error:
         raise ValueError(
             f"sim.law_table: {path} can not be read: {error}; write two columns of numbers, slip"
