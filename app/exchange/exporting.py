@@ -19,6 +19,7 @@ from app.errors import UserError
 from app.exchange.arrays import write_mat, write_npz
 from app.exchange.fields import FieldTable
 from app.exchange.paraview import write_pvd
+from app.exchange.tables import cell_of
 from app.numbers import NUMBERS
 from app.outputs import check_output, check_output_folder, new_file, new_folder
 from app.records import (
@@ -187,7 +188,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
                     # uncompressed; OpenCV itself opens only some paths on Windows
                     _, encoded = cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
                     (folder / name).write_bytes(encoded.tobytes())
-                cells.writerow([index, *exposures.cells(sample), name, reason, *span])
+                cells.writerow([index, *exposures.cells(sample), name, cell_of(reason), *span])
         _forces_table(chosen, folder / "forces.csv")
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (
@@ -214,7 +215,7 @@ class _Exposures:
         return [
             str(sample),
             _cell(sample / self._header.sample_rate_hz),
-            phase.text if phase else "",
+            cell_of(phase.text) if phase else "",
             str(phase.sample) if phase else "",
             *map(_cell, numbers),
         ]
@@ -278,7 +279,7 @@ def _write_results(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     with new_file(output, overwrite) as path, _text(path) as table:
         table.write(",".join(NUMBERS) + "\n")
         for row in chosen.reader.results()[chosen.rows].tolist():
-            cells = (_cell(v) if isinstance(v, float) else str(v) for v in row)
+            cells = (_cell(v) if isinstance(v, float) else cell_of(str(v)) for v in row)
             table.write(",".join(cells) + "\n")
     return f"{output}: results of {len(chosen.rows)} frames"
 

@@ -69,6 +69,7 @@ def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]
         beside = {"metadata": "metadata.csv", "forces": "forces.csv", "settings": "settings.toml"}
         for name, file in beside.items():
             if getattr(sources, name) is None and (folder / file).is_file():
+                _check_inside(folder / file, folder)
                 sources = replace(sources, **{name: folder / file})  # type: ignore[arg-type]
                 remarks.append(f"{folder / file} is used")
         files = images_of(folder)
@@ -76,12 +77,22 @@ def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]
             raise UserError(
                 f"{folder}: no image ({', '.join(SUFFIXES)}) in this folder; check the name"
             )
+        for path in files:
+            _check_inside(path, folder)
     for path in files:
         if not path.is_file():
             raise UserError(
                 f"{path}: there is no such file; give image files, or one folder of them"
             )
     return sources, files
+
+
+def _check_inside(path: Path, folder: Path) -> None:
+    """Refuse a file that a link brings into a folder of somebody else, or a name leads out of
+    it.
+    """
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise UserError(f"{path}: it is not in the folder {folder}; copy it into that folder")
 
 
 def numbered(files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
@@ -137,9 +148,9 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Imported
     for number, name, reason, phase, began in zip(
         numbers, names, reasons, phases, begins, strict=True
     ):
-        path = by_name.pop(name, table.path.parent / name)
+        path = by_name.pop(name, None) or _named_beside(table.path, name)
         trigger = ImportedTrigger(int(number), reason=reason, phase=phase, phase_sample=int(began))
-        if name and os.path.isfile(path):  # False also for a name that no disk can hold
+        if path is not None:
             trigger.path = path
         elif not reason:
             trigger.reason = (
@@ -152,6 +163,19 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Imported
             f" {next(iter(by_name))}"
         )
     return triggers
+
+
+def _named_beside(table: Path, name: str) -> Path | None:
+    """The file that a table names, in its own folder or below; None if it is not there."""
+    path = table.parent / name
+    if Path(name).anchor or ".." in Path(name).parts:
+        raise UserError(
+            f"{table}: '{name[:200]}' is named as an image; name only files in {table.parent}"
+        )
+    if not name or not os.path.isfile(path):  # False also for a name that no disk can hold
+        return None
+    _check_inside(path, table.parent)
+    return path
 
 
 def with_lost(triggers: list[ImportedTrigger]) -> list[ImportedTrigger]:

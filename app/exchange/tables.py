@@ -5,6 +5,7 @@ quantity a column holds, and in which unit.
 from __future__ import annotations
 
 import csv
+import re
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,6 +41,20 @@ HOLE = 1.9  # between rows further apart than this many usual distances nothing 
 LONGEST_S = 3600.0  # without a row
 # samples for each row, and samples beyond: a table of few rows must not take all memory
 SPARSEST, SPARE = 1000, 1 << 22
+
+
+# what a spreadsheet would run; it takes some wide characters for narrow ones
+_FORMULA = re.compile(r"'*\s*[=@+\-＝＠＋－\t\r\n]")
+
+
+def cell_of(text: str) -> str:
+    """A text as a cell that no spreadsheet runs; `text_of` gives it back."""
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def text_of(cell: str) -> str:
+    """The text in a cell that was written by `cell_of`, or by anybody else."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +136,7 @@ def read_table(path: Path, quantities: Mapping[str, Mapping[str, float]]) -> Tab
                     )
                 for i, (quantity, _, factor) in found.items():
                     if quantity in texts:
-                        texts[quantity].append(row[i].strip())
+                        texts[quantity].append(text_of(row[i].strip()))
                         continue
                     cell = row[i].strip()
                     try:

@@ -16,16 +16,15 @@ import pytest
 import scipy.io
 from numpy.testing import assert_array_equal
 from PIL import Image
-from session_material import GRID_X, GRID_Y, SHAPE, Session, make_writer, record
+from session_material import GRID_X, GRID_Y, OUTCOME, SHAPE, Session, make_writer, record
 
 from app.commands import files
 from app.errors import UserError
 from app.exchange.exporting import export, frame_range
 from app.exchange.fields import read_fields
+from app.exchange.tables import FRAMES, cell_of, read_table, text_of
 from app.numbers import numbers_of, series_of
-from app.records import (
-    ReceivedFrame,
-)
+from app.records import LostTrigger, ReceivedFrame
 
 PIXEL = 7.04e-6
 
@@ -72,6 +71,28 @@ def test_images_come_back_to_the_bit_with_the_fate_of_every_frame(
     )
     assert [row["phase"] for row in rows][:3] == ["phase 0 µ", "phase 1 µ", "phase 2 µ"]
     assert [row["phase_sample"] for row in rows][:3] == ["0", "125", "250"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("=1+1", "@SUM(1)", "+1", "-2", "\t=1", "\r=1", "\n=1", " =1", "＝1", "'=1", "''@1"),
+        *("", "'", "it's", "no image within 0.5 s", "5-3", "µ = 1"),
+    ],
+)
+def test_no_cell_runs_in_a_spreadsheet_and_each_comes_back(text: str, tmp_path: Path) -> None:
+    cell = cell_of(text)
+    assert not cell.strip().startswith(("=", "@", "+", "-", "＝"))
+    assert text_of(cell) == text
+    writer = make_writer(tmp_path / "a.h5")
+    writer.append(LostTrigger(0, 5, text.strip() or "x"))
+    writer.append(OUTCOME)
+    writer.close()
+    export(tmp_path / "a.h5", tmp_path / "out")
+    table = read_table(tmp_path / "out" / "metadata.csv", FRAMES)
+    assert table.texts["reason"] == [text.strip() or "x"]
+    (row,) = rows_of(tmp_path / "out" / "metadata.csv")
+    assert row["reason"] == cell_of(text.strip() or "x")
 
 
 def test_sixteen_bits_stay_sixteen_bits(tmp_path: Path) -> None:

@@ -331,6 +331,40 @@ def test_metadata_that_can_not_be(few: Path, tmp_path: Path, table: str, words: 
     assert [path.name for path in tmp_path.iterdir()] == ["list.csv"]
 
 
+@pytest.mark.parametrize(
+    "name", ["{outside}", "../outside.png", "below/../../outside.png", "link.png", "linked/one.png"]
+)
+def test_metadata_names_only_images_of_their_folder(few: Path, tmp_path: Path, name: str) -> None:
+    folder, outside = tmp_path / "folder", tmp_path / "outside.png"
+    for path in (folder / "below" / "one.png", tmp_path / "away" / "one.png", outside):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(few / "shot 17.png", path)
+    (folder / "list.csv").write_text(
+        f"frame,sample,file\n0,0,{name.format(outside=outside)}\n", encoding="utf-8"
+    )
+    if "link" in name:
+        try:
+            (folder / "link.png").symlink_to(outside)
+            (folder / "linked").symlink_to(tmp_path / "away", target_is_directory=True)
+        except OSError:  # Windows needs a right for that
+            return
+    given = {"metadata": folder / "list.csv"} | KNOWN
+    with pytest.raises(UserError, match=r"name only files in|is not in the folder"):
+        imported(tmp_path / "no.h5", folder / "below" / "one.png", **given)
+
+
+@pytest.mark.parametrize("file", ["shot 99.png", "forces.csv", "settings.toml"])
+def test_no_link_in_a_folder_leads_out_of_it(few: Path, tmp_path: Path, file: str) -> None:
+    folder = Path(shutil.copytree(few, tmp_path / "folder"))
+    (tmp_path / "outside").write_text("secret", encoding="utf-8")
+    try:
+        (folder / file).symlink_to(tmp_path / "outside")
+    except OSError:
+        return
+    with pytest.raises(UserError, match="is not in the folder"):
+        imported(tmp_path / "no.h5", folder, **KNOWN)
+
+
 def test_names_that_count_nothing_are_remarked_on(few: Path, tmp_path: Path) -> None:
     for path, name in zip(sorted(few.iterdir()), ("at 1000", "at 1777", "at 900000"), strict=False):
         shutil.copy(path, tmp_path / f"{name}.png")
@@ -396,8 +430,8 @@ def test_a_name_that_no_disk_can_hold_and_a_phase_out_of_this_world(
         f"{125 * n},{phase},{began},{name}"
         for n, (phase, began, name) in enumerate(
             [
-                ("reference", "0", few / "shot 17.png"),
-                ("drive", "1e300", few / "shot 18.png"),
+                ("reference", "0", "shot 17.png"),
+                ("drive", "1e300", "shot 18.png"),
                 ("drive", "", "x" * 5000),
             ]
         )
@@ -414,7 +448,7 @@ def test_a_name_that_no_disk_can_hold_and_a_phase_out_of_this_world(
 
 
 def test_stage_of_images_without_times_belongs_to_their_numbers(few: Path, tmp_path: Path) -> None:
-    rows = [f"{n},{2.5 * n},{few / f'shot {17 + n}.png'}" for n in (0, 1, 2, 3)]
+    rows = [f"{n},{2.5 * n},shot {17 + n}.png" for n in (0, 1, 2, 3)]
     (tmp_path / "table.csv").write_text("\n".join(["frame,stage_um,file", *rows]), encoding="utf-8")
     imported(tmp_path / "new.h5", few, metadata=tmp_path / "table.csv", **KNOWN)
     with SessionReader(tmp_path / "new.h5") as session:
