@@ -25,6 +25,7 @@ from app.cli.options import (
     output,
     plain_errors,
 )
+from app.cli.streams import steady_streams
 
 EPILOG = """
 Examples:
@@ -379,4 +380,5 @@ def main() -> None:
     # the arrays here are small: threads of the linear algebra library would only take the cores
     # from the correlation
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    app(prog_name="slipscope")
+    with steady_streams():
+        app(prog_name="slipscope")

@@ -78,6 +78,13 @@ def _report(
     return {**paths, **outcome_data(outcome), **more}
 
 
+def _printable(name: str) -> str:
+    """The name of a file, which can be any bytes, as a text of a picture, in which $ begins a
+    formula.
+    """
+    return name.encode("utf-8", "backslashreplace").decode().replace("$", r"\$")
+
+
 def _draw(session: Path, as_json: bool) -> Path | None:
     """Draw the picture of a session from what is on disk; None, with the reason on the terminal, if
     there is nothing to draw.
@@ -104,7 +111,7 @@ def _draw(session: Path, as_json: bool) -> Path | None:
                 header.grid_x_px,
                 header.grid_y_px,
                 header.pixel_m,
-                title=session.name,
+                title=_printable(session.name),
             )
         with new_file(path, overwrite=True) as unfinished:
             write_picture(figure, unfinished)

@@ -295,9 +295,9 @@ def _follow(source: Source, as_json: bool) -> Outcome:
                     return outcome
                 if len(reasons) > (0 if source.stays else 1):
                     raise KeyboardInterrupt
-    except BaseException:
+    except BaseException as error:
         if not source.stays:
-            source.stop_motion()
+            source.request_stop(f"the terminal failed ({type(error).__name__}: {error})")
             source.wait(LEAVE_S)
         raise
 

@@ -6,6 +6,7 @@ Tables and results go to standard output, progress and errors to standard error.
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -34,8 +35,13 @@ def say(sentence: str) -> None:
 
 
 def print_json(data: Any) -> None:
-    """Write one JSON document to standard output."""
-    typer.echo(json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False))
+    """Write one JSON document to standard output, in ASCII where that has no other characters."""
+    text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(data, indent=2, allow_nan=False)
+    typer.echo(text)
 
 
 def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:

@@ -1,0 +1,118 @@
+"""Whoever reads what the program prints, and whatever a terminal can print: a good run stays
+one.
+"""
+
+import errno
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from short_run import SHORT
+
+from app.cli.streams import steady_streams
+from app.commands.experiment import _follow
+from app.session.reader import SessionReader
+
+ROOT = Path(__file__).parents[2]
+SETTINGS = [word for setting in (*SHORT, "stress.method=none") for word in ("--set", setting)]
+RUN = (sys.executable, "-m", "app", "run", "--headless", "--pace", "max", *SETTINGS)
+
+
+def environment(**more):
+    return os.environ | {"PYTHONPATH": str(ROOT)} | more
+
+
+def test_a_closed_pipe_does_not_end_a_run(tmp_path):
+    process = subprocess.Popen(
+        [*RUN, "-o", "a.h5"],
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    assert process.stdout.readline()  # of its progress
+    process.stdout.close()
+    assert process.wait(300) == 0
+    with SessionReader(tmp_path / "a.h5") as session:
+        assert session.outcome.reason == "the drive of 22 um is complete"
+
+
+@pytest.mark.parametrize("name", ["ü$a^$.h5", os.fsdecode(b"\xff.h5")])
+def test_a_name_that_can_not_be_printed_is_written_with_escapes(tmp_path, name):
+    if "ü" not in name and sys.platform != "linux":
+        return  # there it can be no name either
+    done = subprocess.run(
+        [*RUN, "--json", "-o", name],
+        cwd=tmp_path,
+        env=environment(PYTHONIOENCODING="ascii"),
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    said = json.loads(done.stdout.decode("ascii"))
+    assert said["session"] == name
+    assert (tmp_path / name).with_suffix(".png").exists()
+    told = subprocess.run(
+        [sys.executable, "-m", "app", "info", name],
+        cwd=tmp_path,
+        env=environment(PYTHONIOENCODING="ascii"),
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
+    assert (told.returncode, told.stderr) == (0, b"")
+    assert rb"\xb1" in told.stdout  # the sign before an uncertainty
+
+
+class Full(io.RawIOBase):
+    """A disk without room."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def writable(self):
+        return True
+
+    def write(self, data):
+        raise OSError(self.number, os.strerror(self.number))
+
+
+@pytest.mark.parametrize(("number", "code"), [(errno.EPIPE, 0), (errno.ENOSPC, 1)])
+def test_what_is_missing_in_a_file_is_told(monkeypatch, number, code):
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BufferedWriter(Full(number)), "utf-8"))
+    told = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", told)
+
+    def program():
+        with steady_streams():
+            print("results" * 10000)
+            sys.exit(0)
+
+    with pytest.raises(SystemExit) as ended:
+        program()
+    assert ended.value.code == code
+    assert ("No space left" in told.getvalue()) == bool(code)
+
+
+def test_a_terminal_that_fails_is_named_as_the_reason():
+    class Source:
+        stays, reasons = False, ()
+
+        def start(self):
+            raise ValueError("no such colour")
+
+        def request_stop(self, reason):
+            self.reasons = (*self.reasons, reason)
+
+        def wait(self, timeout):
+            return None
+
+    source = Source()
+    with pytest.raises(ValueError, match="no such colour"):
+        _follow(source, as_json=True)
+    assert source.reasons == ("the terminal failed (ValueError: no such colour)",)
