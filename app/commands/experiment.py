@@ -297,7 +297,9 @@ def _follow(source: Source, as_json: bool) -> Outcome:
                     raise KeyboardInterrupt
     except BaseException as error:
         if not source.stays:
-            source.request_stop(f"the terminal failed ({type(error).__name__}: {error})")
+            if not reasons:
+                source.request_stop(f"the terminal failed ({type(error).__name__}: {error})")
+            source.stop_motion()  # again, which does not change the reason
             source.wait(LEAVE_S)
         raise
 

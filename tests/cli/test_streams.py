@@ -109,10 +109,13 @@ def test_a_terminal_that_fails_is_named_as_the_reason():
         def request_stop(self, reason):
             self.reasons = (*self.reasons, reason)
 
+        def stop_motion(self):
+            self.request_stop("STOP MOTION was pressed")
+
         def wait(self, timeout):
             return None
 
     source = Source()
     with pytest.raises(ValueError, match="no such colour"):
         _follow(source, as_json=True)
-    assert source.reasons == ("the terminal failed (ValueError: no such colour)",)
+    assert source.reasons[0] == "the terminal failed (ValueError: no such colour)"
