@@ -4,12 +4,18 @@ speed, and which tests share a process.
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import tempfile
 from typing import TYPE_CHECKING
 
 # as the command does, and before numpy is loaded: two processes of two threads each would only
 # wait for one another
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# nothing is kept in the home of whoever runs the tests
+os.environ["SLIPSCOPE_HOME"] = tempfile.mkdtemp(prefix="slipscope-home-")
+atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
 
 import pytest
 from hypothesis import settings

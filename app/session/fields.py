@@ -17,7 +17,6 @@ from app.errors import UserError
 from app.records import DisplacementField
 from app.schema import columns_of
 from app.session.checked import NUMBER, CheckedFile
-from app.session.layout import FORMAT_ATTRIBUTE
 
 _COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
     **{c.name: (c.attribute, c.dtype, c.unit, c.meaning) for c in columns_of(DisplacementField)},
@@ -150,6 +149,6 @@ def is_session(path: Path) -> bool:
     """Whether a file is a SlipScope session; False where it can not be read."""
     try:
         with closing(CheckedFile(path, "session")) as file:
-            return file.number(FORMAT_ATTRIBUTE) is not None
+            return file.format is not None
     except UserError:
         return False

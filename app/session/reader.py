@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 from zlib import crc32
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,7 +47,8 @@ from app.schema import Column, build, columns_of
 from app.session import layout
 from app.session.checked import CheckedFile
 from app.session.datasets import samples_of, span_of
-from app.session.layout import FORCES_CHUNK, FORMAT_ATTRIBUTE, FORMAT_VERSION, LATER, NO_ROW
+from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
+from app.session.stored import Dataset
 
 T = TypeVar("T")
 MOST_CHANNELS = 64  # beside the forces, as many as the settings allow
@@ -117,7 +117,7 @@ class SessionReader:
             versions=dict(zip(names.tolist(), versions.tolist(), strict=False)),
             source=self._single(Source) if self.file.has("/entry/source") else None,
             auxiliary=self._single(Channels) if self.file.has("/entry/auxiliary") else None,
-            compression=images.compression or "none",
+            compression="gzip" if images.is_deflated else "none",
         )
 
     @cached_property
@@ -207,7 +207,7 @@ class SessionReader:
             held = np.asarray(dataset[first:end], np.float64)
         return np.concatenate([held, np.full((end - first - len(held), channels), np.nan)])
 
-    def _force_columns(self) -> dict[str, h5py.Dataset]:
+    def _force_columns(self) -> dict[str, Dataset]:
         return {c.name: self.dataset(c.path) for c in columns_of(Samples)}
 
     # ------------------------------------------------------------------ triggers and their images
@@ -432,7 +432,7 @@ class SessionReader:
 
     # ------------------------------------------------------------------ datasets
 
-    def dataset(self, path: str) -> h5py.Dataset:
+    def dataset(self, path: str) -> Dataset:
         """A dataset of the layout, checked."""
         column = layout.BY_PATH[path]
         return self.file.dataset(path, column.shape, column.dtype)
@@ -443,7 +443,7 @@ class SessionReader:
         return column.since <= self.format and is_there
 
     def _checked_format(self) -> int:
-        version = self.file.number(FORMAT_ATTRIBUTE)
+        version = self.file.format
         if version is None or version < 1:
             raise UserError(
                 f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that"

@@ -170,7 +170,7 @@ def _broken_resources(path: Path) -> None:
         (_foreign_version, "not a SlipScope session"),
         (_newer, "newer SlipScope \\(format 5, this one reads 4\\)"),
         (_missing_dataset, "damaged at /entry/clock/divisor: it is missing"),
-        (_other_type, "damaged at /entry/clock/divisor: it is 0-dimensional object"),
+        (_other_type, "damaged at /entry/clock/divisor: it is 0-dimensional text"),
         (_other_rank, "damaged at /entry/clock/divisor: it is 1-dimensional"),
         (_other_pair, r"damaged at /entry/contact/centre: its shape is \(3,\)"),
         (_link_to_another_file, "damaged at /entry/settings/toml: it is a link to elsewhere"),

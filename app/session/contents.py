@@ -1,0 +1,185 @@
+"""What lies where in an HDF5 file: the one place where HDF5 opens a file to read it.
+
+HDF5 says here of each dataset of the layout its type, its shape and the places of its bytes; the
+bytes themselves are read by `app.session.stored`. HDF5 trusts what a file says of itself, and may
+crash, never come back or take gigabytes: `app.session.vetting` has it do this for strangers' files
+in another process.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import h5py
+import msgspec
+import numpy as np
+
+from app.schema import TEXT
+from app.session import layout
+
+_ANOTHER, COPY = "give a {} that SlipScope wrote", "use a copy of it if there is one"
+_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+Size = Annotated[int, msgspec.Meta(ge=0, lt=1 << 62)]
+
+
+class Refused(Exception):
+    """A file that can not be read: what was found, and what to do with it; ``{}`` stands for what
+    it should be.
+    """
+
+
+class Held(msgspec.Struct, frozen=True):
+    """A dataset, or why it can not be read (`fault`).
+
+    `dtype` is numpy's or `TEXT`; `chunks` is empty where the bytes lie in one piece. `places` are
+    rows of 64-bit integers: the first element of a chunk, which filters were left out (bits), its
+    place in the file and its length there. What has no place is `fill`.
+    """
+
+    shape: tuple[Size, ...] = ()
+    dtype: Annotated[str, msgspec.Meta(pattern="^(text|[<>|][iuf][1248])$")] = "|u1"
+    chunks: tuple[Annotated[int, msgspec.Meta(ge=1, lt=1 << 31)], ...] = ()
+    filters: tuple[int, ...] = ()
+    fill: bytes = b""
+    places: bytes = b""
+    fault: str = ""
+
+
+class Contents(msgspec.Struct, frozen=True):
+    """The datasets of a file by their paths, its groups, and which format it says it has."""
+
+    format: int | None
+    groups: tuple[str, ...]
+    datasets: dict[str, Held]
+
+
+def contents_of(path: Path) -> Contents:
+    """What lies where in a file.
+
+    Raises
+    ------
+    Refused
+        It is not HDF5, is cut short, or not as SlipScope writes it.
+    """
+    with _opened(path) as file:
+        if file.userblock_size or file.id.get_create_plist().get_sizes() != (8, 8):
+            raise Refused("HDF5, but not as SlipScope writes it", _ANOTHER)
+        groups, datasets = [], {}
+        for group in layout.GROUPS:
+            try:
+                place = _inside(file, group.path)
+            except Exception as error:  # whatever HDF5 throws while it reads damaged bytes
+                datasets[group.path] = Held(fault=_said(error))
+                continue
+            if isinstance(place, h5py.Group):
+                groups.append(group.path)
+        for dataset in layout.BY_PATH:
+            try:
+                if (place := _inside(file, dataset)) is not None:
+                    datasets[dataset] = _held(place)
+            except Exception as error:
+                datasets[dataset] = Held(fault=_said(error))
+        return Contents(_format(file), tuple(groups), datasets)
+
+
+def _format(file: h5py.File) -> int | None:
+    if layout.FORMAT_ATTRIBUTE not in file.attrs:
+        return None
+    about = file.attrs.get_id(layout.FORMAT_ATTRIBUTE)
+    if about.shape != () or about.dtype.kind not in "iu":
+        return None
+    return int(file.attrs[layout.FORMAT_ATTRIBUTE])
+
+
+def _inside(file: h5py.File, path: str) -> Any:
+    """What lies at a path; None for nothing. Only hard links are followed: they can not leave the
+    file.
+    """
+    place = file
+    for part in path.strip("/").split("/"):
+        if not isinstance(place, h5py.Group) or not place.id.links.exists(part.encode()):
+            return None
+        if place.id.links.get_info(part.encode()).type != h5py.h5l.TYPE_HARD:
+            raise ValueError("it is a link to elsewhere")
+        place = place[part]
+    return place
+
+
+def _held(dataset: Any) -> Held:
+    if not isinstance(dataset, h5py.Dataset) or dataset.is_virtual or dataset.external:
+        raise ValueError("it is not a dataset of this file")
+    how = dataset.id.get_create_plist()
+    if how.get_layout() == h5py.h5d.COMPACT:
+        raise ValueError("its bytes lie in its header; repack the file with another layout")
+    if dataset.shape is None:
+        raise ValueError("it is empty")
+    filters = tuple(how.get_filter(n)[0] for n in range(how.get_nfilters()))
+    if foreign := set(filters) - _FILTERS:
+        raise ValueError(
+            f"it is compressed by filter {min(foreign)}, which needs a plug-in; repack it without"
+        )
+    places = (
+        _chunks(dataset)
+        if dataset.chunks
+        else [(0, dataset.id.get_offset(), dataset.id.get_storage_size())]
+        if dataset.id.get_offset() is not None
+        else []
+    )
+    kind, text = dataset.dtype, dataset.id.get_type()
+    is_text = isinstance(text, h5py.h5t.TypeStringID) and text.is_variable_str()
+    if not is_text and (kind.kind not in "iuf" or kind.itemsize > 8):
+        raise ValueError(f"it is {dataset.ndim}-dimensional {kind}")
+    fill = bytes(16) if is_text else np.asarray(dataset.fillvalue, kind).tobytes()
+    return Held(
+        dataset.shape,
+        TEXT if is_text else kind.str,
+        dataset.chunks or (),
+        filters,
+        fill,
+        np.array(places, np.int64).tobytes(),
+    )
+
+
+def _chunks(dataset: Any) -> list[tuple[int, ...]]:
+    found: list[tuple[int, ...]] = []
+
+    def add(chunk: Any) -> None:
+        found.append((*chunk.chunk_offset, chunk.filter_mask, chunk.byte_offset, chunk.size))
+
+    if math.prod(dataset.shape):
+        dataset.id.chunk_iter(add)
+    return found
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    try:
+        with path.open("rb") as opened:
+            opened.read(1)
+        file = h5py.File(path, "r")
+    except OSError as error:
+        cause = str(error)
+        if "signature not found" in cause:
+            raise Refused("can not be read, it is not an HDF5 file", _ANOTHER) from None
+        if "truncated file" in cause:
+            again = "copy it again from where it came"
+            found = "the file is cut short, as by a kill or a copy that was broken off"
+            raise Refused(found, again) from None
+        if "lock" in cause:
+            wait = "wait for its end"
+            raise Refused("another program is writing to it", wait) from None
+        cause = os.strerror(error.errno) if error.errno else cause
+        raise Refused(f"the {{}} can not be read: {cause}", COPY) from None
+    except Exception as error:
+        raise Refused(f"the {{}} is damaged at its beginning: {_said(error)}", COPY) from None
+    with file:
+        yield file
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
