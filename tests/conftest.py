@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # nothing is kept in the home of whoever runs the tests
 os.environ["SLIPSCOPE_HOME"] = tempfile.mkdtemp(prefix="slipscope-home-")
-atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
 
 import pytest
 from hypothesis import settings
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from xdist.scheduler import LoadScopeScheduling
     from xdist.workermanage import Producer
 
+atexit.register(shutil.rmtree, os.environ["SLIPSCOPE_HOME"], ignore_errors=True)
 settings.register_profile("slipscope", deadline=None)
 settings.load_profile("slipscope")
 

@@ -47,6 +47,7 @@ class Dataset:
             if are_large or len(held.chunks) != len(held.shape):
                 raise ValueError(f"it claims chunks of {held.chunks}")
             self._places = self._places[np.argsort(self._places[:, 0], kind="stable")]
+        self._last: tuple[int, Any] = -1, None  # where the chunk that was read last lies, and it
         self._most = SLACK_BYTES + (size if self.is_deflated else min(size, sum(lengths.tolist())))
 
     def __len__(self) -> int:
@@ -81,7 +82,8 @@ class Dataset:
         if isinstance(rows, slice):
             first, end, _ = rows.indices(len(self))
             return self._rows(first, max(first, end))
-        return self._rows(rows, rows + 1)[0]
+        row: NDArray[Any] = self._rows(rows, rows + 1)[0]
+        return row
 
     def _rows(self, first: int, end: int) -> NDArray[Any]:
         shape = (end - first, *self.shape[1:]) if self.shape else ()
@@ -97,19 +99,19 @@ class Dataset:
         rows = np.full(shape, self._filling, self.dtype)
         near = np.searchsorted(self._places[:, 0], [first - self.chunks[0] + 1, end])
         for *corner, mask, place, length in self._places[slice(*near)].tolist():
-            chunk = self._decoded(self._at(place, length), mask)
-            if self.chunks == shape and corner == [first] + [0] * (len(shape) - 1):
+            if self._last[0] != place:
+                self._last = place, self._decoded(self._at(place, length), mask)
+            chunk: NDArray[Any] = self._last[1]
+            corner[0] -= first
+            if chunk.shape == shape and not any(corner):
+                self._last = -1, None
                 return chunk
-            begin = (first, *[0] * (len(shape) - 1))
-            lower = [max(c, b) for c, b in zip(corner, begin, strict=True)]
-            upper = [
-                min(c + side, b + have)
-                for c, side, b, have in zip(corner, self.chunks, begin, shape, strict=True)
-            ]
-            there = tuple(slice(a - b, z - b) for a, z, b in zip(lower, upper, begin, strict=True))
-            here = tuple(slice(a - c, z - c) for a, z, c in zip(lower, upper, corner, strict=True))
-            if all(a < z for a, z in zip(lower, upper, strict=True)):
-                rows[there] = chunk[here]
+            # both as far as they lie on one another
+            here = tuple(slice(max(0, -at), None) for at in corner)
+            there = tuple(slice(max(0, at), None) for at in corner)
+            both = tuple(map(min, chunk[here].shape, rows[there].shape))
+            shared = tuple(slice(side) for side in both)
+            rows[there][shared] = chunk[here][shared]
         return rows
 
     def _decoded(self, content: NDArray[np.uint8], mask: int) -> NDArray[Any]:
@@ -128,7 +130,8 @@ class Dataset:
                 content = content.reshape(self.dtype.itemsize, -1).T.ravel()
         if content.nbytes != wanted:
             raise ValueError(ALTERED)
-        return content.view(self.dtype).reshape(self.chunks)
+        chunk: NDArray[Any] = content.view(self.dtype).reshape(self.chunks)
+        return chunk
 
     def _at(self, place: int, length: int) -> NDArray[np.uint8]:
         content = np.empty(length, np.uint8)

@@ -82,8 +82,7 @@ def _of_stranger(path: Path) -> Contents:
 
 def _ask_waiting(path: bytes, seconds: float) -> tuple[str, bytes]:
     """Why there may be no answer, and the answer of a process that forks for the file."""
-    alive = (process for process in iter(_popped, None) if process.poll() is None)
-    process = next(alive, None) or _started()
+    process = _waiting()
     assert process.stdin is not None
     assert process.stdout is not None
     try:
@@ -92,10 +91,10 @@ def _ask_waiting(path: bytes, seconds: float) -> tuple[str, bytes]:
         end, length = _ANSWERED.unpack(process.stdout.read(_ANSWERED.size))
         answer = process.stdout.read(min(length, MOST_ANSWER))
     except (OSError, struct.error):
-        process.kill()
+        _end(process)
         return "can not be started", b""
     except BaseException:
-        process.kill()
+        _end(process)
         raise
     _idle.append(process)
     if end == -signal.SIGALRM:
@@ -115,8 +114,7 @@ def _ask_fresh(path: bytes, seconds: float) -> tuple[str, bytes]:
         with suppress(psutil.Error):
             taken = psutil.Process(process.pid).memory_info().rss
         if taken > MOST_BYTES or time.monotonic() > until:
-            process.kill()
-            process.communicate()
+            _end(process)
             return _too_much() if taken > MOST_BYTES else _too_long(seconds), b""
 
 
@@ -128,10 +126,15 @@ def _too_much() -> str:
     return f"takes more than {MOST_BYTES >> 20} MiB for it"
 
 
-def _popped() -> subprocess.Popen[bytes] | None:
-    with suppress(IndexError):
-        return _idle.pop()
-    return None
+def _waiting() -> subprocess.Popen[bytes]:
+    """A process that waits for a file."""
+    while _idle:
+        with suppress(IndexError):  # another thread was faster
+            process = _idle.pop()
+            if process.poll() is None:
+                return process
+            _end(process)
+    return _started()
 
 
 def _started(*arguments: str) -> subprocess.Popen[bytes]:
@@ -149,10 +152,15 @@ def _started(*arguments: str) -> subprocess.Popen[bytes]:
     )
 
 
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.communicate()
+
+
 @atexit.register
-def _end() -> None:
-    for process in iter(_popped, None):
-        process.communicate()
+def _end_all() -> None:
+    while _idle:
+        _end(_idle.pop())
 
 
 if hasattr(os, "register_at_fork"):

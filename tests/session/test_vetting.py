@@ -1,0 +1,189 @@
+"""A file from a stranger can kill, stop or fill nothing but the small process that reads it first;
+one that this computer closed is not read twice.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from session_material import Session
+
+from app.errors import UserError
+from app.session import contents, trust, vetting
+from app.session.reader import SessionReader
+
+ROOT = Path(__file__).parents[2]
+POSIX = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks for each file")
+# what HDF5 might do with a file, by the name of the file
+HARM = """
+import os, socket, time
+from app.session import contents, vetting
+asked = contents.contents_of
+def harm(path):
+    match path.stem:
+        case "crash": os.abort()
+        case "endless": time.sleep(60)
+        case "greedy": return bytearray(3 << 30)
+        case "large": b"x" * (1 << 28)
+        case "babble": return [1, 2]
+        case "raise": raise RuntimeError("odd {0}")
+        case "write": path.with_name("written").write_bytes(b"1")
+        case "network": raise contents.Refused(" ".join(n for _, n in socket.if_nameindex()), "")
+    return asked(path)
+vetting.contents_of = harm
+vetting._leave_the_network()
+vetting._serve() if len(vetting.sys.argv) == 1 else vetting.sys.stdout.buffer.write(
+    vetting._answer(vetting.sys.argv[1]))
+"""
+
+
+@pytest.fixture
+def harmful(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """HDF5 does harm."""
+    started = subprocess.Popen
+
+    def instead(command: list[str], **how: object) -> subprocess.Popen[bytes]:
+        return started([sys.executable, "-c", HARM, *command[4:]], **how)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(vetting, "_idle", [])
+    monkeypatch.setattr(vetting, "_seen", {})
+    monkeypatch.setattr(vetting, "LEAST_S", 2.0)
+    monkeypatch.setattr(vetting.subprocess, "Popen", instead)
+    yield
+    vetting._end_all()
+
+
+def named(session: Session, name: str) -> Path:
+    return session.path.rename(session.path.with_name(f"{name}.h5"))
+
+
+@POSIX
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("crash", "HDF5 dies of it \\(SIGABRT\\); use a copy"),
+        ("endless", "HDF5 does not come to an end with it in 2 s; use a copy"),
+        ("greedy", "HDF5 takes more than 1024 MiB for it; use a copy"),
+        ("babble", "HDF5 fails at it; use a copy"),
+        ("raise", "the session is damaged: odd \\{0}; use a copy"),
+    ],
+)
+@pytest.mark.usefixtures("harmful")
+def test_harm_is_one_sentence_and_the_next_file_is_read(
+    session: Session, name: str, sentence: str
+) -> None:
+    path = named(session, name)
+    with pytest.raises(UserError, match=f"^{path}: .*{sentence} of it if there is one$"):
+        SessionReader(path)
+    with SessionReader(path.rename(path.with_name("large.h5"))) as reader:
+        assert len(reader.triggers()) == 8
+    assert len(vetting._idle) == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no limits of this kind elsewhere")
+@pytest.mark.usefixtures("harmful")
+def test_it_can_not_write_and_is_not_on_the_network(session: Session) -> None:
+    path = named(session, "write")
+    with pytest.raises(UserError, match="File too large"):
+        SessionReader(path)
+    path = path.rename(path.with_name("network.h5"))
+    with pytest.raises(UserError) as refused:
+        SessionReader(path)
+    alone = subprocess.run(["unshare", "-rn", "true"], check=False).returncode == 0
+    assert not alone or str(refused.value).startswith(f"{path}: lo;")
+
+
+@pytest.mark.parametrize("name", ["crash", "endless", "greedy", "raise", "session"])
+@pytest.mark.usefixtures("harmful")
+def test_without_fork_each_file_has_a_process(
+    session: Session, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(os, "fork", raising=False)
+    path = named(session, name)
+    if name == "session":
+        SessionReader(path).close()
+    else:
+        with pytest.raises(UserError, match=r"dies of it|in 2 s|more than 1024 MiB|odd"):
+            SessionReader(path)
+    assert not vetting._idle
+
+
+@POSIX
+def test_a_process_that_was_killed_is_replaced(session: Session) -> None:
+    SessionReader(session.path).close()
+    os.utime(session.path)
+    if vetting._idle:
+        vetting._idle[-1].send_signal(signal.SIGKILL)
+        vetting._idle[-1].wait()
+    SessionReader(session.path).close()
+
+
+def test_a_file_that_is_nothing_but_holes_is_refused(session: Session) -> None:
+    os.truncate(session.path, 1 << 40)
+    with pytest.raises(
+        UserError, match=r"claims 1099511627776 bytes but takes .* the rest is hole"
+    ):
+        SessionReader(session.path)
+
+
+def test_only_what_this_computer_closed_is_read_at_once(
+    session: Session, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("SLIPSCOPE_HOME", str(tmp_path / "home"))
+    asked: list[Path] = []
+    monkeypatch.setattr(vetting, "_of_stranger", lambda path: asked.append(path) or _read(path))
+    monkeypatch.setattr(vetting, "_seen", {})
+    SessionReader(session.path).close()
+    SessionReader(session.path).close()  # the second time in one process it is known
+    assert asked == [session.path]
+    trust.remember(session.path, "0123abcd")
+    vetting._seen.clear()
+    SessionReader(session.path).close()
+    assert (asked, trust.checksum_of(session.path)) == ([session.path], "0123abcd")
+    os.utime(session.path)  # the same bytes, but somebody touched them
+    assert not trust.is_known(session.path)
+    SessionReader(session.path).close()
+    assert asked == [session.path] * 2
+
+
+def _read(path: Path) -> contents.Contents:
+    return contents.contents_of(path)
+
+
+def test_the_oldest_are_forgotten_and_a_folder_that_can_not_be_is_none(
+    session: Session, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("SLIPSCOPE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(trust, "MOST_KNOWN", 3)
+    for n in range(5):
+        os.utime(session.path, ns=(n, n))
+        trust.remember(session.path, str(n))
+        time.sleep(0.01)
+    assert len(list((tmp_path / "home/sessions").iterdir())) == 3
+    assert trust.checksum_of(session.path) == "4"
+    (tmp_path / "file").write_text("x")
+    monkeypatch.setenv("SLIPSCOPE_HOME", str(tmp_path / "file"))
+    trust.remember(session.path, "5")
+    assert not trust.is_known(session.path)
+
+
+@POSIX
+def test_nothing_is_left_running_when_the_program_ends(session: Session) -> None:
+    code = (
+        "import sys, pathlib; from app.session.reader import SessionReader\n"
+        "from app.session import vetting\n"
+        "SessionReader(pathlib.Path(sys.argv[1])).close(); print(vetting._idle[0].pid)"
+    )
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", code, str(session.path)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=True, timeout=400)
+    assert not psutil.pid_exists(int(done.stdout))
+    assert not done.stderr
