@@ -2,18 +2,17 @@
 
 Each has a small file in the user's state folder, named by what tells the session from every other:
 its place on the disk, its size and the times of its last changes. A copy, or a file that was
-touched since, is a stranger's. `SLIPSCOPE_HOME` names another folder.
+touched since, is a stranger's.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
 import secrets
 from contextlib import suppress
 from pathlib import Path
 
-import platformdirs
+from app.trust import state_folder
 
 MOST_KNOWN = 5000  # sessions; the oldest are forgotten
 
@@ -54,8 +53,7 @@ def is_known(path: Path) -> bool:
 
 
 def _folder() -> Path:
-    own = os.environ.get("SLIPSCOPE_HOME")
-    return (Path(own) if own else platformdirs.user_state_path("slipscope")) / "sessions"
+    return state_folder() / "sessions"
 
 
 def _forget_the_oldest(folder: Path) -> None:
