@@ -7,9 +7,11 @@ afterwards why a run went as it did; what the operator must know is in the windo
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 PACKAGES = ("app", "drivers")
 FORMAT = "%(asctime)s %(levelname)-7s %(threadName)s %(name)s: %(message)s"
@@ -29,6 +31,19 @@ class _SessionLog(logging.FileHandler):
 def to_terminal() -> None:
     """Show the log on standard error from now on."""
     _attach(logging.StreamHandler())
+
+
+def tell_warnings(tell: Callable[[str], None]) -> None:
+    """Give warnings that are meant for people to `tell`, as sentences, from now on."""
+    show = warnings.showwarning
+
+    def shown(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if issubclass(category, UserWarning):
+            tell(str(message))
+        else:
+            show(message, category, *where)
+
+    warnings.showwarning = shown  # type: ignore[assignment]
 
 
 @contextmanager

@@ -7,10 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, I64, Bool
+from analysis.kernels import compiled
 from analysis.robust import SCALED
 
 FEWEST = 12  # points of a ring whose mean comes from a fit; with fewer it is the plain mean
@@ -108,7 +108,7 @@ def central_value(r: ArrayLike, values: ArrayLike, radius: float) -> float:
     return float(np.linalg.lstsq(columns * weight[:, None], rings.mean[full] * weight)[0][0])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _ring_median(values: F64, ring: I64, n: int) -> F64:
     """Median of the values of each ring, NaN in empty ones."""
     first = np.zeros(n + 1, np.int64)
@@ -127,7 +127,7 @@ def _ring_median(values: F64, ring: I64, n: int) -> F64:
     return median
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _normal_equations(columns: F64, values: F64, ring: I64, n: int) -> tuple[F64, F64]:
     """Sums over each ring of the products of the columns, shape (n, k, k), and of the columns with
     the values, shape (n, k).

@@ -14,12 +14,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import F32, F64, I32, I64, U8
 from analysis.dic.interpolants import FAST
 from analysis.dic.status import DECORRELATED, LOW_CONTRAST, NOT_CONVERGED, OK, OUT_OF_IMAGE
 from analysis.dic.threads import Rows
+from analysis.kernels import compiled
 
 REACH = 2  # the search looks this far around its present place: 5 x 5 displacements
 WIDTH = 2 * REACH + 1
@@ -66,7 +66,7 @@ class Task(NamedTuple):
     memory: Workspace
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def summed_area(image: F32, out: F64) -> None:
     """Sums of the grey levels and of their squares over all pixels above and to the left of each
     pixel, shape (rows + 1, columns + 1, 2).
@@ -89,7 +89,7 @@ def summed_area(image: F32, out: F64) -> None:
             out[i + 1, j + 1, 1] = out[i, j + 1, 1] + squares
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def box_moments(sums: F64, top: int, left: int, box: int) -> tuple[float, float]:
     """Mean grey level of a box and the sum of its squared deviations from it."""
     b, r = top + box, left + box
@@ -99,7 +99,7 @@ def box_moments(sums: F64, top: int, left: int, box: int) -> tuple[float, float]
     return mean, max(0.0, squares - total * mean)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def grid_moments(sums: F64, top: I64, left: I64, box: int) -> tuple[F64, F64]:
     """`box_moments` of every box of a grid, shape (ny, nx) each."""
     mean, deviations = np.empty((top.size, left.size)), np.empty((top.size, left.size))
@@ -110,7 +110,7 @@ def grid_moments(sums: F64, top: I64, left: I64, box: int) -> tuple[F64, F64]:
 
 
 # Re-ordering within a sum lets the compiler use the vector unit; the order is fixed once compiled.
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def five_products(template: F32, window: F32, at: int, out: F64) -> None:
     """Sum of template x window for five neighbouring offsets into the window, from `at` on."""
     n = template.size
@@ -127,7 +127,7 @@ def five_products(template: F32, window: F32, at: int, out: F64) -> None:
     out[0], out[1], out[2], out[3], out[4] = s0, s1, s2, s3, s4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def normalise(scores: F64, deviations: F64, reference: float, least: float) -> None:
     """Turn sums of products into correlations, given the squared deviations of the image at each
     place, negative for places outside it, and those of the box.
@@ -138,7 +138,7 @@ def normalise(scores: F64, deviations: F64, reference: float, least: float) -> N
         scores[k] = value if found > least else (FLAT if found >= 0.0 else OUTSIDE)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def workspace(box: int, radius: int) -> Workspace:
     """Working memory for boxes of side `box` and searches of half-width `radius`."""
     pitch = (box + 2 * REACH + 7) // 8 * 8
@@ -148,7 +148,7 @@ def workspace(box: int, radius: int) -> Workspace:
     return Workspace(pitch, template, np.zeros(window, np.float32), scores, deviations)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def load(
     image: F32, top: int, left: int, rows: int, columns: int, mean: float, pitch: int, out: F32
 ) -> None:
@@ -165,7 +165,7 @@ def load(
                 row[j] = source[j] - level
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def correlate(task: Task, i: int, j: int, top: int, left: int, rows: int) -> F64:
     """Zero-mean normalised cross-correlations of box (i, j) with `rows` x 5 places of the image,
     the first of them at (top, left); OUTSIDE or FLAT where there is none.
@@ -189,7 +189,7 @@ def correlate(task: Task, i: int, j: int, top: int, left: int, rows: int) -> F64
     return scores
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def highest(scores: F64) -> tuple[int, int]:
     """Row and column of the greatest value, the first one of equals."""
     best_i, best_j = 0, 0
@@ -200,7 +200,7 @@ def highest(scores: F64) -> tuple[int, int]:
     return best_i, best_j
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def gaussian_peak(c: F64) -> tuple[float, float, bool]:
     """Offset (x, y) from the middle of nine correlations, shape (3, 3), to the top of their 2D
     Gaussian, and whether there is one.
@@ -225,7 +225,7 @@ def gaussian_peak(c: F64) -> tuple[float, float, bool]:
     return top_x, top_y, abs(top_x) <= 1 and abs(top_y) <= 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def scan(task: Task, i: int, j: int, x: int, y: int, radius: int) -> tuple[int, int]:
     """The displacement (x, y) of highest correlation among all those within `radius` of the given
     one.
@@ -240,7 +240,7 @@ def scan(task: Task, i: int, j: int, x: int, y: int, radius: int) -> tuple[int, 
     return best_x, best_y
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def climb(
     task: Task, i: int, j: int, x: int, y: int, furthest: int
 ) -> tuple[tuple[float, float, float], int]:
@@ -267,7 +267,7 @@ def climb(
     return NOWHERE, NOT_CONVERGED
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def match_rows(
     boxes: Templates,
     target: SearchImage,

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 
 from analysis.arrays import F64, I64, U8, Array, Bool
@@ -25,6 +24,7 @@ from analysis.dic.reading import CHUNK, MARGIN, BoxLayout, Taps, Target
 from analysis.dic.status import MASKED, NOT_CONVERGED, OK, OUT_OF_IMAGE
 from analysis.dic.threads import Rows
 from analysis.grid import Grid
+from analysis.kernels import compiled
 
 PARAMETERS = (2, 6, 12)  # of the orders 0, 1, 2
 # Parameter k is the derivative of order POWER[k] of displacement component COMPONENT[k]; it
@@ -111,7 +111,7 @@ class Scratch(NamedTuple):
     out: F64  # (3,) ZNCC, standard uncertainties of u_x and u_y
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def grey_sums(planes: Array, g: Array, first: int, last: int, out: F64) -> None:
     """Add products of grey levels, pixels `first` to `last` of a box, with (1, reference,
     gradients) and themselves.
@@ -133,7 +133,7 @@ def grey_sums(planes: Array, g: Array, first: int, last: int, out: F64) -> None:
     out[-1] += sg
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def slope_sums(
     planes: Array, g: Array, place: Array, first: int, last: int, out: F64, to_x: int, to_y: int
 ) -> None:
@@ -148,7 +148,7 @@ def slope_sums(
     out[to_y] += sy
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def add_up(memory: Scratch, places: Array, order: int) -> None:
     """Products of the grey levels with everything their regression needs; in double precision from
     chunk to chunk.
@@ -163,7 +163,7 @@ def add_up(memory: Scratch, places: Array, order: int) -> None:
             slope_sums(planes, grey, places[term], first, last, sums, to_x, to_y)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def compose(p: F64, step: F64, half: float) -> None:
     """Displace the places that `p` describes back by a small displacement: u(x) <- u(x) - (1 + grad
     u) step(x), to second order.
@@ -183,7 +183,7 @@ def compose(p: F64, step: F64, half: float) -> None:
             p[c, 5] -= (g * d[5] + gy * d[2]) / half
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def load_box(boxes: Boxes, memory: Scratch, i: int, j: int) -> None:
     """Lay out one box of the reference in working memory; the columns beyond it stay zero."""
     top, left, box, pitch = boxes.top[i], boxes.left[j], boxes.layout.box, boxes.layout.pitch
@@ -195,7 +195,7 @@ def load_box(boxes: Boxes, memory: Scratch, i: int, j: int) -> None:
                 to[m] = source[m]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def read_box(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, p: F64) -> bool:
     """Read the image at the places of box (i, j) displaced by `p`; False: it leaves the image."""
     x, y = math.floor(p[0, 0]), math.floor(p[1, 0])
@@ -209,7 +209,7 @@ def read_box(boxes: Boxes, target: Target, memory: Scratch, i: int, j: int, p: F
     return bool(reading.read_deformed(target, taps, layout, warp, top, left, grey))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def solve_box(
     boxes: Boxes, target: Target, memory: Scratch, stops: Stops, i: int, j: int
 ) -> tuple[int, int]:
@@ -260,7 +260,7 @@ def solve_box(
     return NOT_CONVERGED, stops.max_iterations
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def solve_rows(
     boxes: Boxes, target: Target, stops: Stops, rows: Rows, start: F64, result: Solution
 ) -> None:

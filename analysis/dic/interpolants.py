@@ -9,11 +9,11 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.polynomial import Polynomial
 from scipy.ndimage import spline_filter, spline_filter1d
 
 from analysis.arrays import F64, Array
+from analysis.kernels import compiled
 
 COEFFICIENTS = 8  # of the weights' polynomials; lower degrees are filled up with zeros
 FAST = {"reassoc", "contract", "nsz"}
@@ -99,7 +99,7 @@ class Interpolant:
         return np.asarray(cv2.sepFilter2D(image, -1, response, response, borderType=edge))
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def tap_weights(fraction: Array, polynomials: Array, out: Array, pitch: int, n: int) -> None:
     """Interpolation weights for n fractions of a pixel; those of the next tap are `pitch` further
     in `out`.

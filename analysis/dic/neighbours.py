@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 
 from analysis.arrays import F32, F64, I32, U8, Bool
 from analysis.dic.status import LOW_CONTRAST, MASKED, OK
+from analysis.kernels import compiled
 
 
 def filled(field: F64, valid: Bool) -> F64:
@@ -30,7 +30,7 @@ def filled(field: F64, valid: Bool) -> F64:
     return np.where(valid, out, np.reshape(fine, out.shape))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def neighbour_median(shift: I32, valid: Bool, least: int) -> tuple[I32, Bool]:
     """Median displacement (2, ny, nx) of the valid points among the 8 neighbours of each point, and
     where at least `least` of them are valid; 0 elsewhere.
@@ -58,7 +58,7 @@ def neighbour_median(shift: I32, valid: Bool, least: int) -> tuple[I32, Bool]:
     return median, known
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def contradicted(u: F32, status: U8, tolerance: float) -> Bool:
     """The OK points, shape (ny, nx), that no neighbour confirms: none is OK and displaced alike,
     within `tolerance` px, although some neighbour has contrast.
@@ -72,7 +72,7 @@ def contradicted(u: F32, status: U8, tolerance: float) -> Bool:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _is_contradicted(u: F32, status: U8, tolerance: float, i: int, j: int) -> bool:
     is_alone = True
     for k in range(max(0, i - 1), min(u.shape[1], i + 2)):

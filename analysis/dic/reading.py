@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import I32, Array
 from analysis.dic.interpolants import FAST, Interpolant, tap_weights
+from analysis.kernels import compiled
 
 CHUNK = 512  # pixels worked on at a time, so that what they need stays in the fastest memory
 LANES = 32  # neighbouring pixels read together if they are displaced by the same whole pixels
@@ -69,7 +69,7 @@ def lay_out(target: Target, box: int, order: int) -> BoxLayout:
     return BoxLayout(box, pitch, pixels, places)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def room(target: Target, layout: BoxLayout) -> Taps:
     """Working memory for one thread."""
     kind, taps = target.image.dtype, target.polynomials.shape[0]
@@ -79,7 +79,7 @@ def room(target: Target, layout: BoxLayout) -> Taps:
     return Taps(window, across, weights, fraction, whole, np.zeros(LANES, kind))
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def add_four(
     image: Array, distance: int, w0: Array, w1: Array, w2: Array, w3: Array, out: Array
 ) -> None:
@@ -91,7 +91,7 @@ def add_four(
         out[j] += w0 * a[j] + w1 * b[j] + w2 * c[j] + w3 * d[j]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def add_taps(image: Array, distance: int, taps: int, w: Array, out: Array) -> None:
     """Add to `out` the pixels of all taps, `distance` apart in memory, times the same weights."""
     for k in range(0, taps, 4):
@@ -99,7 +99,7 @@ def add_taps(image: Array, distance: int, taps: int, w: Array, out: Array) -> No
         add_four(image[k * distance :], distance, a, b, c, d, out)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def add_sixteen(
     image: Array,
     at: np.uint64,
@@ -124,7 +124,7 @@ def add_sixteen(
         out[j] += w[q] * r + w[q + C1] * r1 + w[q + C2] * r2 + w[q + C3] * r3
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def read_shifted(
     target: Target, memory: Taps, layout: BoxLayout, warp: Array, top: int, left: int, out: Array
 ) -> bool:
@@ -154,7 +154,7 @@ def read_shifted(
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def displace(places: Array, warp: Array, first: int, out: Array) -> None:
     """Displacement component at `places`, (6, n), from the place `first`: the sum of six terms."""
     last = first + out.size
@@ -165,7 +165,7 @@ def displace(places: Array, warp: Array, first: int, out: Array) -> None:
         out[j] = a0 + a1 * x[j] + a2 * y[j] + a3 * xx[j] + a4 * xy[j] + a5 * yy[j]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def split(t: Array, whole: I32) -> None:
     """Take the whole pixels out of `t`, so that a fraction from 0 to 1 is left."""
     for j in range(t.size):
@@ -174,7 +174,7 @@ def split(t: Array, whole: I32) -> None:
         t[j] -= w
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def is_inside(
     whole: I32, pixels: I32, first: int, n: int, low: tuple[int, int], high: tuple[int, int]
 ) -> bool:
@@ -190,7 +190,7 @@ def is_inside(
     return bool(x_low >= low[0] and y_low >= low[1] and x_high <= high[0] and y_high <= high[1])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def read_deformed(
     target: Target, memory: Taps, layout: BoxLayout, warp: Array, top: int, left: int, out: Array
 ) -> bool:
@@ -227,7 +227,7 @@ def read_deformed(
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def read_lanes(
     image: Array,
     columns: int,

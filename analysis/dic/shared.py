@@ -11,10 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import F32, F64, I64, Array
 from analysis.dic.threads import Rows
+from analysis.kernels import compiled
 
 # Sums of image x (usable, grey level, gradients), of image^2, of pixels not believed, of the
 # others' differences from expectation.
@@ -123,7 +123,7 @@ class PassResult(NamedTuple):
         return cls(u, step, zncc, std, odd, expected, wrong, restless)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def add_boxes(cells: F64, layout: Layout, row: int, running: F64, out: F64) -> None:
     """Sums over the boxes of one row of the grid, shape (SUMS, nx); `running`, shape (nc + 1,), is
     working memory.
@@ -140,7 +140,7 @@ def add_boxes(cells: F64, layout: Layout, row: int, running: F64, out: F64) -> N
             out[k, j] = running[layout.last_column[j]] - running[layout.first_column[j]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def solve_boxes(
     cells: F64,
     prepared: Prepared,

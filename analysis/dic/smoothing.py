@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import F32, F64
+from analysis.kernels import compiled
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def extended(field: F64, pad: int) -> F64:
     """The rows of a field with `pad` more at both ends, mirrored through the first and the last, so
     that a slope goes on.
@@ -24,7 +24,7 @@ def extended(field: F64, pad: int) -> F64:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def averaged(field: F64, width: int) -> F64:
     """Moving averages over `width` rows; that many less one are left."""
     out = np.empty((field.shape[0] - width + 1, field.shape[1]))
@@ -39,7 +39,7 @@ def averaged(field: F64, width: int) -> F64:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def smooth(u: F64, width: int, pad: int, control: F32, centre: F64) -> None:
     """Control points, shape (ny + 2 pad, nx + 2 pad), of a cubic B-spline at the moving averages of
     u, (ny, nx), and its values there.
@@ -56,7 +56,7 @@ def smooth(u: F64, width: int, pad: int, control: F32, centre: F64) -> None:
     centre[:] = values.T / 36.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def widen(field: F32, pad: int, out: F32) -> None:
     """A field, shape (ny, nx), with its outermost values repeated `pad` times on all sides."""
     ny, nx = field.shape

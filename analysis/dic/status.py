@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
-from numba import njit
-
 from analysis.arrays import I64, U8, Array
+from analysis.kernels import compiled
 
 
 class Status(IntEnum):
@@ -31,7 +30,7 @@ class Status(IntEnum):
 OK, LOW_CONTRAST, OUT_OF_IMAGE, DECORRELATED, NOT_CONVERGED, SATURATED, MASKED = map(int, Status)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def explain(
     image: Array,
     left: I64,

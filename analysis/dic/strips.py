@@ -24,6 +24,7 @@ from analysis.arrays import F32, F64, Array
 from analysis.dic.interpolants import FAST, tap_weights
 from analysis.dic.shared import SUMS, Guess, Layout, Prepared, Splines
 from analysis.dic.threads import Rows
+from analysis.kernels import compiled
 
 TAPS = 8  # of the interpolation along each axis; fewer are filled up with zeros
 BLOCK = 128  # columns worked on at a time: what they need stays in the fastest memory
@@ -61,7 +62,7 @@ def _between_columns(v: F32, k: np.uint64, w: tuple[np.float32, ...]) -> Any:
     return g
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def interpolate_two_rows(image: F32, w: F32, out: F32, n: int) -> None:
     """Two rows of the image between its rows: nine rows of `image` to two of `out`."""
     for j in range(U(n)):
@@ -73,7 +74,7 @@ def interpolate_two_rows(image: F32, w: F32, out: F32, n: int) -> None:
         out[j + P1] = first_seven + w7 * image[j + P8]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def add_two_rows(
     v: F32,
     w: F32,
@@ -124,7 +125,7 @@ def add_two_rows(
         sums[j + P6] += apart_g + apart_h
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def load_rows(
     image: Array, prepared: Prepared, top: int, left: int, rows: int, n: int, out: F32
 ) -> None:
@@ -143,7 +144,7 @@ def load_rows(
                 to[j] = (np.float32(row[min(max(left + j, 0), width - 1)]) - level) * scale
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def predict_row(prepared: Prepared, guess: Guess, strip: int, out: F32) -> None:
     """Control points, shape (n, FIELDS), of the prediction along the middle row of a strip."""
     splines, units = prepared.splines, prepared.units
@@ -164,7 +165,7 @@ def predict_row(prepared: Prepared, guess: Guess, strip: int, out: F32) -> None:
         out[j, 4] *= units[0]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def add_spline(p: F32, basis: F32, fields: F32, n: int) -> None:
     """Add one control point's share to n columns of all fields."""
     p0, p1, p2, p3, p4, p5, p6 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
@@ -179,7 +180,7 @@ def add_spline(p: F32, basis: F32, fields: F32, n: int) -> None:
         fields[j + P6] += w * p6
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def predict_block(control: F32, splines: Splines, step: int, first: int, fields: F32) -> None:
     """The prediction for the columns of a block and MARGIN more on both sides, FIELDS rows of
     `fields`.
@@ -195,7 +196,7 @@ def predict_block(control: F32, splines: Splines, step: int, first: int, fields:
             add_spline(control[k], splines.basis[a - begin :], fields[a - low :], b - a)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(fastmath=FAST)
 def source_fractions(dx: F32, dy: F32, nx: int, ny: int, beyond: np.float32, out: F32) -> None:
     """Fractions of the displacement along y where the columns of the image come from; dy begins and
     ends one column further out.
@@ -206,7 +207,7 @@ def source_fractions(dx: F32, dy: F32, nx: int, ny: int, beyond: np.float32, out
         out[j] = min(max(there, -beyond), ONE + beyond)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def run_end(dx: F32, dy: F32, begin: int, last: int, nx: int, ny: int, beyond: np.float32) -> int:
     """One past the last of the columns from `begin` on that lie within reach of the whole-pixel
     displacement (nx, ny).
@@ -218,7 +219,7 @@ def run_end(dx: F32, dy: F32, begin: int, last: int, nx: int, ny: int, beyond: n
     return end
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def sum_cells(image: Array, prepared: Prepared, guess: Guess, rows: Rows, cells: F64) -> None:
     """Sums over each cell, `cells` of shape (SUMS, nr, nc), for some rows of cells."""
     layout, splines = prepared.layout, prepared.splines
@@ -269,7 +270,7 @@ def sum_cells(image: Array, prepared: Prepared, guess: Guess, rows: Rows, cells:
         add_columns(sums, layout, prepared.units, row, cells)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def add_columns(sums: F32, layout: Layout, units: F32, row: int, cells: F64) -> None:
     """Add up the columns of each cell of one row."""
     for cell in range(layout.column_edges.size - 1):

@@ -21,11 +21,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64
+from analysis.kernels import compiled
 
 
 def elastic_length(roughness: float, nu: float) -> float:
@@ -221,7 +221,7 @@ def _compact(touched: list[F64], slopes: list[float], p: F64) -> Memory:
     return Memory(rows, np.array([slopes[i] for i in keep]))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _respond(
     touched: F64, slopes: F64, p: F64, move: F64, mu: float, L: float
 ) -> tuple[F64, F64, F64]:
@@ -259,7 +259,7 @@ def _respond(
     return sigma, stiffness, front
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _deflection(touched: F64, slopes: F64, before: F64, p: F64, reach: float) -> F64:
     """Deflection of the spring that touched at the pressure p, 0 where p is above `before`."""
     edge = np.zeros(p.size)

@@ -381,4 +381,5 @@ def main() -> None:
     # from the correlation
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with steady_streams():
+        logs.tell_warnings(lambda sentence: typer.echo(f"slipscope: {sentence}", err=True))
         app(prog_name="slipscope")

@@ -169,17 +169,18 @@ def disk() -> Finding:
 
 def kernel_cache() -> Finding:
     """Where compiled code is kept between starts, and whether it can be kept there."""
-    import analysis
+    from analysis import kernels
 
-    override = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(override) if override else Path(analysis.__file__).parent
-    compiled = sum(1 for _ in folder.rglob("*.nbi"))
-    if not os.access(folder, os.W_OK):
-        advice = "set NUMBA_CACHE_DIR to a folder that can"
-        return problem("compiled code", f"{folder} can not be written", advice)
-    if not compiled:
+    folder = kernels.place()
+    if not folder or kernels.told:
+        found = f"kept in {folder} for now" if folder else "can be kept nowhere"
+        return problem(
+            "compiled code", found, "set NUMBA_CACHE_DIR to a folder that can be written"
+        )
+    functions = sum(1 for _ in Path(folder).parent.rglob("*.nbi"))
+    if not functions:
         return Finding("compiled code", f"none yet in {folder}; the first start compiles")
-    return Finding("compiled code", f"{compiled} functions kept in {folder}")
+    return Finding("compiled code", f"{functions} functions kept in {Path(folder).parent}")
 
 
 def examine() -> dict[str, list[Finding]]:

@@ -57,6 +57,7 @@ def methods_of(config: Config, image_path: Path) -> Methods:
 def main() -> None:
     """Compile, then serve the bench until it lets go."""
     config, image_path = payload()
+    from analysis.kernels import told
     from app.engine.compiling import compile_analysis
     from app.priority import give_way
 
@@ -65,6 +66,6 @@ def main() -> None:
     methods = methods_of(config, image_path)
     key = secrets.token_bytes(32)
     with Listener(authkey=key) as listener:
-        say_hello((listener.address, key))
+        say_hello((listener.address, key, told))
         with listener.accept() as line:
             serve(line, methods)

@@ -128,6 +128,7 @@ def main() -> None:
     order: Order = payload()
     if order.verbose:
         logs.to_terminal()
+    logs.tell_warnings(lambda sentence: LOG.warning("%s", sentence))
     sys.setswitchinterval(0.001)  # a stop waits for no more than that for the interpreter
     # made while the signals are acted on already, so that none is lost
     made: list[_Served] = []

@@ -74,10 +74,13 @@ class PipelineProcess(FrameAnalysis):
             self.begin()
         assert self._process is not None
         try:
-            self._caller = Caller(*hello_of(self._process, self._log))
+            address, key, told = hello_of(self._process, self._log)
+            self._caller = Caller(address, key)
         except BaseException:
             self._let_go()
             raise
+        for sentence in told:
+            LOG.warning("analysis: %s", sentence)
 
     def step(
         self, index: int, sample: int, image: NDArray[np.generic], now: Conditions

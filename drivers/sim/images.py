@@ -8,9 +8,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from analysis.kernels import compiled
 from drivers.errors import DeviceFault
 from drivers.sim import speckle, warp
 
@@ -152,7 +152,7 @@ def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.floa
     return (2 * LIGHT * across).astype(np.float32), down.astype(np.float32)
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled(fastmath=True)
 def _sensor(scene, light_x, light_y, normals, starts, read, shot, out):  # type: ignore[no-untyped-def]
     """The sensor: light, shot and read noise, rounding and clipping to 8 bits.
 

@@ -14,8 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from analysis.kernels import compiled
 
 Array = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def brightness(distance: Array, radius: float, threshold: Array) -> Array:
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def _profiles(first, count, centre, sigma, out):  # type: ignore[no-untyped-def]
     """Integrals over `count` pixels of a unit Gaussian's profile (row 0) and of its first three
     derivatives, up to common signs.
@@ -149,7 +150,7 @@ def _profiles(first, count, centre, sigma, out):  # type: ignore[no-untyped-def]
         p0, f0, g0, h0 = p1, f1, g1, h1
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def add_blobs(image, x, y, xx, xy, yy, peak):  # type: ignore[no-untyped-def]
     """Add Gaussian blobs to an image, each integrated over every pixel that it touches.
 

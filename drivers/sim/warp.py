@@ -17,6 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from analysis.kernels import compiled
+
 if TYPE_CHECKING:
     from drivers.sim.truth import State
 
@@ -83,7 +85,7 @@ def motion(
     )
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def _g(x, y, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
     """Elastic displacement at (x, y) from the contact's centre."""
     square = x * x + y * y
@@ -99,7 +101,7 @@ def _g(x, y, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
     return drive[0] * (even + cos) + drive[1] * sin, drive[1] * (even - cos) + drive[0] * sin
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def _place(base_x, base_y, sigma, g0, g2, per_px, drive, out):  # type: ignore[no-untyped-def]
     h = 0.25
     for k in range(sigma.size):
@@ -163,7 +165,7 @@ def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
     )
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
     """X - x at the nodes of the map, without the integer part of the rigid displacement."""
     out = np.empty((2, (rows - 1) // CELL_PX + 2, (columns - 1) // CELL_PX + 2), np.float32)
@@ -175,7 +177,7 @@ def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive):  # type: ignor
     return out
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled(fastmath=True)
 def _weights(t):  # type: ignore[no-untyped-def]
     """Quintic B-spline weights of the six nodes around a point, which lies a fraction t beyond the
     third.
@@ -207,7 +209,7 @@ def _six(a, p, i):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled(fastmath=True)
 def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped-def]
     """A run of pixels of one row from six rows of coefficients, all with the same integer shift
     (kx, ky); contiguous, so that the loop vectorises.
@@ -218,7 +220,7 @@ def _resample(p, q, r, s, t, u, tx, ty, kx, ky, out):  # type: ignore[no-untyped
         out[i] = upper + b[3] * _six(a, s, i) + b[4] * _six(a, t, i) + b[5] * _six(a, u, i)
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled(fastmath=True)
 def _spread(nodes, out):  # type: ignore[no-untyped-def]
     """One row of nodes interpolated along x."""
     step = np.float32(1 / CELL_PX)
@@ -227,13 +229,13 @@ def _spread(nodes, out):  # type: ignore[no-untyped-def]
             out[m * CELL_PX + k] = nodes[m] + np.float32(k) * step * (nodes[m + 1] - nodes[m])
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled(fastmath=True)
 def _between(f, above, below, out):  # type: ignore[no-untyped-def]
     for i in range(out.size):
         out[i] = above[i] + f * (below[i] - above[i])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def _whole(t, i):  # type: ignore[no-untyped-def]
     """Integer shift of the run of pixels that begins at i, taken at its middle.
 
@@ -243,7 +245,7 @@ def _whole(t, i):  # type: ignore[no-untyped-def]
     return math.floor(t[min(i + RUN_PX // 2, t.size - 1)])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def _warp_row(c, j, period_x, wx, wy, tx, ty, out):  # type: ignore[no-untyped-def]
     period_y, columns = c.shape[0], out.size
     i0 = 0
@@ -272,7 +274,7 @@ def _warp_row(c, j, period_x, wx, wy, tx, ty, out):  # type: ignore[no-untyped-d
         i0 = i1
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@compiled
 def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
     # the rows of nodes above and below, for x and for y
     spread = np.empty((2, 2, (nodes.shape[2] - 1) * CELL_PX), np.float32)

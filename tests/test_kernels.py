@@ -1,0 +1,141 @@
+"""Compiled functions that can not be kept, or were kept and are damaged, are compiled anew."""
+
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from PIL import Image
+
+from analysis import kernels
+
+ROOT = Path(__file__).parents[1]
+DOUBLE = """
+from analysis.kernels import compiled
+
+@compiled
+def double(x):
+    return 2 * x
+
+@compiled(error_model="numpy")
+def inverse(x):
+    return 1 / x
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Runs a module of two compiled functions as a new process would; what was warned of."""
+    (tmp_path / "doubles.py").write_text(DOUBLE, encoding="utf-8")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+
+    def run():
+        monkeypatch.setattr(kernels, "told", [])
+        names = runpy.run_path(str(tmp_path / "doubles.py"))
+        with warnings.catch_warnings(action="ignore"):
+            assert names["double"](3) == 6
+            assert names["inverse"](4.0) == 0.25
+        return kernels.told
+
+    return run
+
+
+def test_damaged_code_is_compiled_anew_and_told_once(module, tmp_path):
+    assert module() == []
+    files = sorted((tmp_path / "kept").rglob("double*.nb?"))
+    whole = {file: file.read_bytes() for file in files}
+    assert {file.suffix for file in files} == {".nbi", ".nbc"}
+    for file, content in whole.items():
+        middle, n = len(content) // 2, len(content)
+        turned = bytes([content[middle] ^ 16])
+        for damaged in (
+            *(content[: n * k // 4] for k in range(4)),
+            bytes(n),
+            content[:middle] + turned + content[middle + 1 :],
+            content[: n - 64] + bytes(64),
+        ):
+            file.write_bytes(damaged)
+            told = module()
+            assert len(told) <= 1
+            assert all("is damaged" in one and "made anew" in one for one in told), told
+            assert told or file.suffix == ".nbi"  # an index of something else is just not used
+            assert module() == []
+            for each, held in whole.items():
+                each.write_bytes(held)
+
+
+def test_a_disk_without_room_does_not_stop_what_is_computed(module, tmp_path):
+    assert module() == []
+    for file in (tmp_path / "kept").rglob("*.nb?"):
+        file.unlink()
+        file.mkdir()  # nothing can be written in its place
+        (file / "in the way").touch()
+    told = module()
+    assert len(told) == 2
+    assert "can not be kept" in told[-1]
+
+
+def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
+    """A copy without a place for compiled code, and a user without a home."""
+    copy = tmp_path / "program"
+    for package in ("analysis", "app", "drivers"):
+        shutil.copytree(ROOT / package, copy / package, ignore=lambda *_: {"__pycache__"})
+    for folder in [path for path in copy.rglob("*") if path.is_dir()]:
+        (folder / "__pycache__").touch()  # which stops also who may write anywhere
+    rng = np.random.default_rng(1)
+    for name in "ab":
+        Image.fromarray(rng.integers(0, 255, (64, 64), np.uint8)).save(tmp_path / f"{name}.png")
+    nowhere = str(tmp_path / "a.png" / "home")
+    (tmp_path / "temporary").mkdir()
+    homes = ("HOME", "USERPROFILE", "LOCALAPPDATA", "XDG_CACHE_HOME", "XDG_STATE_HOME")
+    environment = os.environ | dict.fromkeys(homes, nowhere) | {"PYTHONPATH": str(copy)}
+    environment |= dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(tmp_path / "temporary"))
+    environment.pop("NUMBA_CACHE_DIR", None)
+    command = [sys.executable, "-m", "app"]
+    dic = ("dic", "a.png", "b.png", "-o", "f.csv", "--overwrite", "--method", "direct")
+    for words in (("--version",), ("doctor",), ("config",), dic):
+        done = subprocess.run(
+            [*command, *words],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        if words == ("doctor",):
+            assert "kept in" in done.stdout
+        if words is dic:
+            assert done.stderr.count("compiled code can be kept neither beside") == 1
+            assert "Traceback" not in done.stderr
+    kept = list((tmp_path / "temporary").rglob("*.nbc"))
+    assert kept
+    if os.name == "posix":
+        assert kept[0].parents[1].stat().st_mode & 0o777 == 0o700
+
+
+def test_a_folder_that_others_can_write_to_is_not_used(tmp_path, monkeypatch):
+    if os.name != "posix":
+        return
+    monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path))
+    (tmp_path / f"slipscope-kernels-{os.getuid()}").mkdir(mode=0o777)
+    (tmp_path / f"slipscope-kernels-{os.getuid()}").chmod(0o777)
+    monkeypatch.setattr(kernels._Checked, "_locator_classes", (kernels._TemporaryLocator,))
+    monkeypatch.setattr(kernels, "told", [])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert kernels.compiled(abs_of)(-3) == 3
+    assert [str(one.message) for one in caught] == kernels.told
+    assert "can be kept nowhere" in kernels.told[0]
+    assert kernels.place() == ""
+
+
+def abs_of(x):
+    return x if x > 0 else -x
