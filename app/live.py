@@ -26,6 +26,8 @@ from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
 from drivers.sources import DRIVERS, driver
 
+THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
+
 
 def scenario(config: Config) -> Scenario:
     """What the simulated world of these settings is made of."""
@@ -183,11 +185,19 @@ def check_run(config: Config, output: Path, pace: float | None, overwrite: bool)
     check_room(config, output)
     kinds = zip(DRIVERS, config.sources, strict=True)
     natures = {driver(kind, source).nature for kind, source in kinds}
-    forces = config.forces
-    if pace is not None and forces.block >= config.limits.age * forces.sample_rate * pace:
+    forces, sample, dic = config.forces, config.sample, config.dic
+    if forces.block >= config.limits.age * forces.sample_rate * (pace or 1.0):
         raise UserError(
             f"forces.block = {forces.block} samples last longer than limits.age ="
             f" {quantity(config.limits, 'age')}; read fewer at a time"
+        )
+    pitch = dic.step * config.camera.pixel
+    thinnest = pitch * (THINNEST if config.stress.field else 1)
+    if config.stress.method != "none" and 0 < sample.thickness < thinnest:
+        raise UserError(
+            f"sample.thickness = {quantity(sample, 'thickness')} is too thin for a shear traction"
+            f" on points that are {pitch * 1e6:g} um apart; use {thinnest * 1e3:g} mm or more, 0"
+            " for a half-space, or stress.method = 'none'"
         )
     if config.run.travel < 0 and not {"simulated", "emulated"}.isdisjoint(natures):
         raise UserError(

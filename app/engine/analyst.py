@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
@@ -167,7 +168,8 @@ class Analyst:
                 LOG.warning("frame %d could not be analysed", frame.index, exc_info=error)
                 what = f"frame {frame.index} could not be analysed ({error})"
                 self._recorder.append(Event(frame.sample, RESTART, what))
-                self._analysis.pipeline.restart()
+                with suppress(Exception):  # the pipeline tries again at its next step
+                    self._analysis.pipeline.restart()
         else:
             self._failures += 1
             self._check_failures(frame, what)

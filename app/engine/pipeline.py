@@ -4,17 +4,22 @@ without side effects elsewhere.
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.contact.apparent import apparent_contact
+from analysis.contact.apparent import ApparentContact, apparent_contact
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Tracker, open_tracker
 from analysis.dic.updating import UpdatingTracker
-from analysis.friction.onset import sliding_onset
+from analysis.friction.local_law import LocalLaw
+from analysis.friction.modulus import Modulus
+from analysis.friction.onset import Onset, sliding_onset
 from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics import hertz
 from app.engine.setup import grid_of, sensor_chain
@@ -29,11 +34,28 @@ from app.records import (
     RingProfile,
     Snapshot,
     Stick,
+    StressProfile,
     Summary,
+    Traction,
 )
 from app.settings import Config
 
+LOG = logging.getLogger(__name__)
+T = TypeVar("T")
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
+
+
+def attempt(notes: list[str], what: str, estimator: Callable[[], T], otherwise: T) -> T:
+    """What an estimator gives. Where it fails that is noted, once: it must not end what is
+    measured, nor keep the other estimators from the frame.
+    """
+    try:
+        return estimator()
+    except Exception as error:
+        LOG.debug("%s", what, exc_info=error)
+        if not any(note.startswith(f"{what} failed") for note in notes):
+            notes.append(f"{what} failed, first with {type(error).__name__}: {error}")
+        return otherwise
 
 
 def hertz_radius_m(config: Config, normal_force_n: float) -> float:
@@ -120,6 +142,8 @@ class Pipeline:
         elif now.phase is Phase.REFERENCE and self._tracker is None:
             self._take_reference(index, image, now)
             self._reference = index, sample, image, now
+        elif self._tracker is None and self._reference is not None:
+            self.step(*self._reference)  # a restart has failed
         measured = Snapshot(index, sample, now)
         return measured if self._tracker is None else self._measure(measured, image)
 
@@ -149,7 +173,10 @@ class Pipeline:
                 middle, math.nan, math.nan, (math.nan, math.nan), nothing, nothing
             )
             return
-        found = apparent_contact(self._background, image)
+        background = self._background
+        found = attempt(
+            self.notes, "contact", lambda: apparent_contact(background, image), ApparentContact()
+        )
         centre = found.centre_px
         if not all(map(math.isfinite, centre)):
             self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
@@ -171,7 +198,8 @@ class Pipeline:
             self._tractions = Tractions(
                 self.config, self._x_m - centre_x, self._y_m - centre_y, hertz_m
             )
-        except ValueError as error:
+        except Exception as error:  # the displacements can be measured all the same
+            LOG.debug("no shear traction", exc_info=error)
             self.notes.append(f"no shear traction was computed: {error}")
 
     def _measure(self, snapshot: Snapshot, image: NDArray[np.generic]) -> Snapshot:
@@ -199,10 +227,17 @@ class Pipeline:
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
         stick, traction, stress, stress_field = None, None, None, None
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
-            stick = self._stick(rings, hertz_m)
-            if self._tractions is not None:
-                traction, stress = self._tractions.of(rings)
-                stress_field = self._tractions.field(sliding_ux, field.ux_std_px * pixel_m, along)
+            notes = self.notes
+            stick = attempt(notes, "stick radius", lambda: self._stick(rings, hertz_m), None)
+            if (of := self._tractions) is not None:
+                none: tuple[Traction, StressProfile] | tuple[None, None] = (None, None)
+                traction, stress = attempt(notes, "shear traction", lambda: of.of(rings), none)
+                stress_field = attempt(
+                    notes,
+                    "field of the shear traction",
+                    lambda: of.field(sliding_ux, field.ux_std_px * pixel_m, along),
+                    None,
+                )
         return replace(
             snapshot,
             motion=Motion(lens_m, float(central_value(r, sliding_ux, inner_m))),
@@ -255,8 +290,11 @@ def summarise(
         for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n")
     )
     force = float(normal.mean()) if drive else math.nan
-    onset = sliding_onset(time, centre, shear, normal)
-    law, modulus = local_law(config, drive)
+    notes = list(notes)
+    onset = attempt(notes, "onset", lambda: sliding_onset(time, centre, shear, normal), Onset())
+    law, modulus = attempt(
+        notes, "local law", lambda: local_law(config, drive), (LocalLaw(), Modulus())
+    )
     return Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,

@@ -2,12 +2,15 @@
 
 import threading
 
-from short_run import SMALL
+import pytest
+from short_run import SMALL, TRACTION
 
 from app import config, live
+from app.engine import pipeline
 from app.engine.pipeline import Pipeline
+from app.errors import UserError
 from app.offline.replay import Replay
-from app.records import RESTART
+from app.records import RESTART, Phase
 from app.session.reader import SessionReader
 
 
@@ -84,3 +87,65 @@ def test_without_a_reference_nothing_is_dragged(tmp_path):
     with SessionReader(tmp_path / "a.h5") as session:
         assert "drive" not in [event.text for event in session.events()]
     assert threading.active_count() < 20
+
+
+def test_no_estimator_ends_a_run_or_costs_a_frame(tmp_path, monkeypatch):
+    """Each fails in every frame, on what numpy says of rings of two lengths."""
+
+    def fail(*_, **__):
+        raise ValueError("operands could not be broadcast together with shapes (3,) (2,)")
+
+    def of(*_, **__):
+        raise MemoryError("629 GiB")
+
+    for name in ("apparent_contact", "fit_stick_radius", "sliding_onset", "local_law"):
+        monkeypatch.setattr(pipeline, name, fail)
+    monkeypatch.setattr(pipeline.Tractions, "of", of)
+    outcome = run_with(tmp_path / "a.h5", lambda _: False, more=[TRACTION])
+    assert (outcome.state, outcome.counts.frames_skipped) == ("done", 0), outcome.reason
+    for what in ("contact", "stick radius", "onset", "local law", "shear traction"):
+        (note,) = [note for note in outcome.summary.notes if note.startswith(f"{what} failed")]
+        assert "could not be broadcast" in note or "MemoryError: 629 GiB" in note
+    with SessionReader(tmp_path / "a.h5") as session:
+        assert len(session.analysed_frames()) == outcome.counts.frames_recorded
+
+
+def test_tractions_that_can_not_be_prepared_are_done_without(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise MemoryError("629 GiB")
+
+    monkeypatch.setattr(pipeline.Tractions, "__init__", fail)
+    outcome = run_with(tmp_path / "a.h5", lambda _: False, more=[TRACTION])
+    assert (outcome.state, outcome.counts.frames_skipped) == ("done", 0), outcome.reason
+    assert "no shear traction was computed: 629 GiB" in outcome.summary.notes
+
+
+def test_a_restart_that_fails_is_tried_again_at_the_next_step(tmp_path, monkeypatch):
+    take, times = Pipeline._take_reference, []
+
+    def failing(self, *arguments):
+        times.append(1)
+        if len(times) == 2:
+            raise MemoryError("none left")
+        take(self, *arguments)
+
+    monkeypatch.setattr(Pipeline, "_take_reference", failing)
+    outcome = run_with(tmp_path / "a.h5", lambda index: index == 40, 1)
+    assert (outcome.state, outcome.counts.frames_skipped) == ("done", 0), outcome.reason
+    with SessionReader(tmp_path / "a.h5") as session:
+        drive = [one for one in session.snapshots() if one.conditions.phase is Phase.DRIVE]
+    assert drive
+    assert all(snapshot.field is not None for snapshot in drive)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["forces.block=10000", "forces.sample_rate=100", "camera.divisor=12"], "forces.block"),
+        (["sample.thickness=0.0001", TRACTION], r"sample\.thickness .* use 0\.16 mm or more"),
+        (["sample.thickness=0.4", TRACTION, "stress.field=true"], "use 0.48 mm or more"),
+    ],
+)
+def test_settings_that_are_known_to_fail_are_refused_by_name(tmp_path, settings, words):
+    with pytest.raises(UserError, match=words):
+        live.make_run(config.load(None, [*SMALL, *settings]), tmp_path / "a.h5", pace=None)

@@ -139,6 +139,14 @@ def test_without_a_contact_there_is_no_fit(radius):
     assert np.isnan(fit_stick_radius(RADII, _summed(0.5), SD, radius).stick_radius)
 
 
+@pytest.mark.parametrize("rings", [6, 7, 8])
+def test_few_rings_are_fitted(rings):
+    r = (np.arange(rings) + 0.5) * 2.5 * A / rings
+    u = -3e-6 * cattaneo_mindlin_profile(r, 0.5 * A, A)[0] / A
+    fit = fit_stick_radius(r, u, SD[:rings] / 100, A)
+    assert fit.stick_radius == pytest.approx(0.5 * A, rel=0.01)
+
+
 def test_too_few_rings_are_no_profile():
     nothing = np.full(len(RADII), np.nan)
     assert np.isnan(fit_stick_radius(RADII, nothing, nothing, A).stick_radius)
