@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from analysis.options import quantity
 from app.certificate import known
@@ -15,9 +16,8 @@ from app.engine.run import Run
 from app.engine.setup import header_of
 from app.errors import UserError
 from app.session.files import RESERVE_BYTES, check_new_session
-from app.session.recording import SessionRecording
+from app.session.recorder import SessionRecorder, make_session
 from app.session.versions import versions
-from app.session.writer import SessionWriter
 from app.settings import Config
 from drivers.bench import Bench
 from drivers.bench import make_bench as bench_of
@@ -25,6 +25,9 @@ from drivers.settings import CameraSettings
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
 from drivers.sources import DRIVERS, driver
+
+if TYPE_CHECKING:
+    from app.session.receipt import Receipt
 
 THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
 
@@ -48,14 +51,18 @@ def make_bench(config: Config, pace: float | None) -> Bench:
     UserError
         The settings describe a world that can not be simulated.
     """
-    is_played = "replay" in config.sources
+    recording = None
+    if "replay" in config.sources:
+        from app.session.recording import SessionRecording  # with HDF5
+
+        recording = SessionRecording(Path(config.replay.session), pace)
     try:
         return bench_of(
             config.forces,
             config.camera,
             config.actuator,
             scenario=scenario(config),
-            recording=SessionRecording(Path(config.replay.session), pace) if is_played else None,
+            recording=recording,
             pace=pace,
         )
     except ValueError as error:
@@ -127,6 +134,7 @@ def make_run(
     wrap: Callable[[BenchDevices], BenchDevices] | None = None,
     pipeline: FrameAnalysis | None = None,
     prepare_analysis: Callable[[], object] | None = None,
+    make: Callable[[Path], tuple[Path, Receipt]] = make_session,
 ) -> Run:
     """A run on the bench that the settings name; nothing is opened before its `start`.
 
@@ -142,6 +150,8 @@ def make_run(
     pipeline : FrameAnalysis, optional
         What analyses the frames, and `prepare_analysis` makes it ready; else a pipeline in this
         process.
+    make : callable
+        Makes the session of what was recorded: `app.session.recorder.SessionRecorder`.
 
     Raises
     ------
@@ -156,9 +166,9 @@ def make_run(
 
         pipeline, prepare_analysis = Pipeline(config), partial(compile_analysis, config)
 
-    def create_sink() -> SessionWriter:
-        return SessionWriter.create(
-            output, header_of(config, versions() | known(config)), overwrite=overwrite
+    def create_sink() -> SessionRecorder:
+        return SessionRecorder.create(
+            output, header_of(config, versions() | known(config)), overwrite=overwrite, make=make
         )
 
     return Run(

@@ -190,7 +190,9 @@ class Event:
 
     sample: Index = column("sample", "samples", "when it happened")
     kind: str = column(
-        "kind", "", "phase, reference, gap, camera, import, analysis, restart, stop or error"
+        "kind",
+        "",
+        "phase, reference, gap, camera, import, analysis, restart, recording, stop or error",
     )
     text: str = column("text", "", "what happened")
 

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
-from app.commands.names import mark_of, new_session_name, next_free, parse_pace
+from app.commands.names import mark_of, new_session_name, parse_pace
 from app.commands.terminal import DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
 from app.records import Health, Outcome
-from app.session.files import check_new_session
+from app.session.files import check_new_session, next_free
 
 POLL_S = 0.1
 LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
@@ -134,7 +134,9 @@ def run(
             is_recorded = mark_of(path) != before
             outcome = source.outcome()
             assert outcome is not None
-            return report_run(outcome, path if is_recorded else None, as_json)
+            moved = outcome.resources.get("session")
+            is_there = is_recorded or moved is not None
+            return report_run(outcome, Path(moved or path) if is_there else None, as_json)
 
         return _Made(source, report)
 
@@ -154,7 +156,8 @@ def attach(bench: str | None, headless: bool, as_json: bool) -> int:
     def report() -> dict[str, Any]:
         outcome = source.outcome()
         assert outcome is not None
-        return report_run(outcome, source.session, as_json)
+        session = Path(outcome.resources.get("session", source.session))
+        return report_run(outcome, session if session.exists() else None, as_json)
 
     return _conduct(
         lambda _: _Made(source, report), problem, autostart=True, as_json=as_json, is_one=True

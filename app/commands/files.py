@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.settings import Correlation
-from app.commands.terminal import DONE, Bar, output, print_json, print_rows
+from app.commands.terminal import DONE, FAILED, Bar, output, print_json, print_rows
 
 if TYPE_CHECKING:
     from app.exchange.correlating import CorrelationSummary
@@ -98,7 +98,9 @@ def import_(sources: Sources, session: Path, *, overwrite: bool, as_json: bool) 
 
 
 def repair(session: Path, destination: Path, overwrite: bool, as_json: bool) -> int:
-    """Bring back what a session that was cut short holds; the exit code."""
+    """Bring back what a session that was cut short holds; the exit code, 1 if some of it is
+    missing.
+    """
     from app.report.summary import plain
     from app.session import repair as sessions
 
@@ -113,4 +115,4 @@ def repair(session: Path, destination: Path, overwrite: bool, as_json: bool) -> 
         print_json(plain(repaired))
     else:
         output().print(str(repaired))
-    return DONE
+    return DONE if repaired.is_whole else FAILED

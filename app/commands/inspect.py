@@ -105,11 +105,11 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
 
 def _read_back(session: Path) -> tuple[Receipt | None, str]:
     """The receipt of a session, or why it is not as it was recorded."""
-    from app.session.journal import has_journal, journal_of
+    from app.session.completing import account_of
     from app.session.receipt import NotAsRecordedError, verify
 
     try:
-        return verify(session, journal_of(session) if has_journal(session) else None), ""
+        return verify(session, account_of(session)), ""
     except NotAsRecordedError as error:
         return None, str(error)
 

@@ -7,7 +7,6 @@ from datetime import datetime
 from pathlib import Path
 
 from app.errors import UserError
-from app.session.files import files_of
 
 
 def parse_pace(text: str) -> float | None:
@@ -35,17 +34,6 @@ def parse_pace(text: str) -> float | None:
 def new_session_name(now: datetime) -> Path:
     """``slipscope-YYYYmmdd-HHMMSS.h5`` in the current folder."""
     return Path(f"slipscope-{now:%Y%m%d-%H%M%S}.h5")
-
-
-def next_free(session: Path) -> Path:
-    """`session`, or the first of ``name-2``, ``name-3`` ... of which neither a session nor a
-    picture or journal exists.
-    """
-    candidate, number = session, 1
-    while any(path.exists() for path in files_of(candidate).values()):
-        number += 1
-        candidate = session.with_stem(f"{session.stem}-{number}")
-    return candidate
 
 
 def mark_of(path: Path) -> tuple[int, int, int] | None:

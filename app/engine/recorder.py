@@ -1,33 +1,63 @@
-"""The way to the disk: everything that was measured, in the order it came, through one bounded
-queue that never drops anything.
+"""The way to the disk: everything that was measured, in the order it came, through bounded queues
+that never drop anything.
+
+Forces and images have a queue and a thread each, so that neither waits for the other, and what
+brings them to the disk has threads of its own, so that a slow disk holds nobody up.
 """
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Protocol
 
 import psutil
 
 from app.engine.channels import ChannelClosed, ChannelFull, LosslessChannel
 from app.priority import give_way
-from app.records import Event, Gap, LostTrigger, ReceivedFrame, Record, Samples, Snapshot
+from app.records import (
+    ContactResult,
+    Event,
+    Gap,
+    LostTrigger,
+    ReceivedFrame,
+    Record,
+    Samples,
+    Snapshot,
+)
 
 LOG = logging.getLogger(__name__)
 
 POLL_S = 0.1
+SMALL_QUEUE_BYTES = 1 << 24  # minutes of forces
+# these go with the images, in their order
+WITH_IMAGES = (ReceivedFrame, LostTrigger, Snapshot, ContactResult)
 
 
-class SessionSink(Protocol):
-    """Where a run is recorded; called from one thread at a time."""
-
-    @property
-    def receipt(self) -> object: ...  # after `close`: what is there, as a sentence by str()
+class RecordSink(Protocol):
+    """Where records go."""
 
     def append(self, record: Record, /) -> None: ...
     def flush(self) -> None: ...
+
+
+class SessionSink(RecordSink, Protocol):
+    """Where a run is recorded. Images and results come from one thread, all else from another, and
+    each of `syncs` is called from its own.
+    """
+
+    @property
+    def path(self) -> Path: ...  # where it is
+    @property
+    def receipt(self) -> object: ...  # after `close`: what is there, as a sentence by str()
+    @property
+    def syncs(self) -> Sequence[Callable[[], None]]: ...  # each brings some of it to the disk
+
     def close(self) -> None: ...
 
 
@@ -48,7 +78,7 @@ def held_bytes(record: Record) -> int:
 
 
 class Recorder:
-    """Hands records from any thread to the sink, which only `work` touches.
+    """Hands records from any thread to the sink.
 
     Parameters
     ----------
@@ -57,9 +87,15 @@ class Recorder:
     sender_waits : bool
         True where the sources wait for the disk (free-running simulation).
     on_failure : callable
-        Called with one sentence when the sink can not be written any more, or when the queue is
-        full. It must stop what moves: after a full queue all senders wait for the disk, so that
-        whatever was measured until everything stood is recorded.
+        Called with one sentence when the sink can not be written any more, or when a queue is full.
+        It must stop what moves: after a full queue all senders wait for the disk, so that whatever
+        was measured until everything stood is recorded.
+
+    Attributes
+    ----------
+    frames_recorded, frames_refused : int
+        Frames that the sink has, and those that it did not take: these are recorded as lost, as
+        long as anything can be.
     """
 
     def __init__(
@@ -73,19 +109,23 @@ class Recorder:
         on_failure: Callable[[str], None],
     ) -> None:
         self.queue_s = queue_s
-        self.frames_recorded = 0
+        self.frames_recorded = self.frames_refused = 0
         self.peak_memory_bytes = 0
         self._sink = sink
         self._flush_interval_s = flush_interval_s
         self._on_failure = on_failure
-        self._queue: LosslessChannel[Record] = LosslessChannel(
+        self._images: LosslessChannel[Record] = LosslessChannel(
             int(queue_s * bytes_per_s), sender_waits=sender_waits
         )
+        self._small: LosslessChannel[Record] = LosslessChannel(
+            SMALL_QUEUE_BYTES, sender_waits=sender_waits
+        )
+        self._is_over = threading.Event()
 
     @property
     def fill(self) -> float:
-        """Share of the queue in use, 0 to 1."""
-        return self._queue.fill
+        """Share of the fuller queue in use, 0 to 1."""
+        return max(self._images.fill, self._small.fill)
 
     def append(self, record: Record) -> None:
         """Queue a record; where there is no room for it, report the failure and wait for the
@@ -93,54 +133,86 @@ class Recorder:
         """
         if isinstance(record, Event | Gap | LostTrigger):
             LOG.info("%s", record)
-        try:
+        queue = self._images if isinstance(record, WITH_IMAGES) else self._small
+        with contextlib.suppress(ChannelClosed):  # its failure was reported; the run is ending
             try:
-                self._queue.put(record, held_bytes(record))
+                queue.put(record, held_bytes(record))
             except ChannelFull:
                 self._on_failure(
                     f"recorder: the disk is slower than the data, {self.queue_s:g} s of it wait and"
                     " the queue holds no more; record to a faster disk, or fewer frames by a larger"
                     " camera.divisor; a larger recording.queue bridges longer pauses"
                 )
-                self._queue.sender_waits = True
-                self._queue.put(record, held_bytes(record))
-        except ChannelClosed:
-            pass  # the failure has been reported already; the run is ending
+                queue.sender_waits = True
+                queue.put(record, held_bytes(record))
+
+    def works(self) -> Iterator[tuple[str, Callable[[], None]]]:
+        """What the recorder does, by name, each for a thread of its own; all of it returns when
+        everything is written after `end`.
+        """
+        yield "recorder", self._write_images
+        yield "journal", self._write_small
+        for n, sync in enumerate(self._sink.syncs):
+            yield f"sync-{n}", partial(self._sync, sync)
 
     def end(self) -> None:
-        """Nothing more will come; `work` returns when everything is written."""
-        self._queue.end()
+        """Nothing more will come."""
+        self._images.end()
+        self._small.end()
+        self._is_over.set()
 
-    def work(self) -> None:
-        """Write until the end, flushing at the interval. A failure closes the queue and is
-        reported; what was flushed before is safe.
-
-        The interval runs from the beginning of a flush to the next, so that a slow flush costs no
-        safety; half of it is left to write in.
-        """
+    def _write_images(self) -> None:
         give_way(3)  # its queue can wait, a stop can not
         process = psutil.Process()
-        due = time.monotonic() + self._flush_interval_s
+        failure = ""
+        while not self._images.is_drained:
+            record = self._images.get(POLL_S)
+            if record is None:
+                continue
+            try:
+                if failure and isinstance(record, ReceivedFrame):
+                    raise OSError(failure)
+                self._sink.append(record)
+                self.frames_recorded += isinstance(record, ReceivedFrame)
+            except Exception as error:
+                if not failure:
+                    failure = str(error)
+                    self._fail(error)
+                if isinstance(record, ReceivedFrame):
+                    self.frames_refused += 1
+                    lost = LostTrigger(
+                        record.index, record.sample, "it could not be recorded", record.span
+                    )
+                    with contextlib.suppress(Exception):
+                        self._sink.append(lost)
+            if isinstance(record, ReceivedFrame):
+                self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
+
+    def _write_small(self) -> None:
         try:
-            while not self._queue.is_drained:
-                record = self._queue.get(POLL_S)
+            while not self._small.is_drained:
+                record = self._small.get(POLL_S)
                 if record is not None:
                     self._sink.append(record)
-                    self.frames_recorded += isinstance(record, ReceivedFrame)
-                began = time.monotonic()
-                if began >= due:
-                    self._sink.flush()
-                    if (took := time.monotonic() - began) > self._flush_interval_s:
-                        LOG.warning("a flush to the disk took %.2f s", took)
-                    due = max(
-                        began + self._flush_interval_s,
-                        time.monotonic() + self._flush_interval_s / 2,
-                    )
-                    self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
-            self._sink.flush()
         except Exception as error:
-            self._queue.break_off()
-            self._on_failure(
-                f"recorder: the session can not be written: {error}; everything flushed before is"
-                " safe"
-            )
+            self._small.break_off()
+            self._fail(error)
+
+    def _sync(self, sync: Callable[[], None]) -> None:
+        """Sync at the interval, from the beginning of one to that of the next, so that a slow disk
+        costs no safety; a failure is reported once.
+        """
+        give_way(3)
+        try:
+            while not self._is_over.is_set():
+                began = time.monotonic()
+                sync()
+                if (took := time.monotonic() - began) > self._flush_interval_s:
+                    LOG.warning("a flush to the disk took %.2f s", took)
+                self._is_over.wait(max(self._flush_interval_s - took, POLL_S))
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        LOG.debug("the session can not be written", exc_info=error)
+        self._on_failure(f"recorder: the session can not be written: {error}")

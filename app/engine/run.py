@@ -1,10 +1,10 @@
-"""One live run: four threads from the devices to the disk and the analysis, and a stop that comes
+"""One live run: the threads from the devices to the disk and the analysis, and a stop that comes
 first.
 
 control   reads the force blocks, decides the phases, commands the actuator, watches the limits
 camera    reads every trigger's fate (`receiver`)
 analysis  one pipeline step per frame (`analyst`)
-recorder  everything to the session, flushed at least twice a second (`recorder`)
+recorder  everything to the session, by threads of its own (`recorder`)
 
 States: idle -> armed -> running -> stopping -> done | failed. Whatever happens, in whichever
 thread, the actuator is stopped first, what was measured reaches the disk, and the run ends in a
@@ -220,6 +220,8 @@ class Run(Watched):
             self._finish(sink, outcome)
             if sink.receipt is not None:
                 resources["receipt"] = str(sink.receipt)
+            if sink.path != self.output:
+                resources["session"] = str(sink.path)
         self._ending.close()
         ended = self._outcome_now(outcome.summary, resources)
         LOG.info("%s; %s; %s", ended.state, ended.counts, resources)
@@ -246,11 +248,7 @@ class Run(Watched):
             )
 
     def _finish(self, sink: SessionSink, outcome: Outcome) -> None:
-        def write() -> None:
-            sink.append(outcome)
-            sink.flush()
-
-        self._ending.attempt("session", write)
+        self._ending.attempt("session", lambda: sink.append(outcome))
         self._ending.attempt("session", sink.close)
 
     def _summary(self) -> Summary | None:
@@ -298,7 +296,7 @@ class Run(Watched):
         )
         analyst = Analyst(self._analysis, recorder, self._to_analysis)
         self._workers = workers = _Workers(recorder, receiver, analyst)
-        recording = self._ending.spawn("recorder", recorder.work)
+        recording = [self._ending.spawn(name, work) for name, work in recorder.works()]
         others: list[threading.Thread] = []
         try:
             self._begin_phase(workers, self._experiment.phase, 0)
@@ -316,7 +314,8 @@ class Run(Watched):
         finally:
             self._wind_down(workers, others)
             recorder.end()
-            recording.join()
+            for thread in recording:
+                thread.join()
 
     def _measure(self, workers: _Workers) -> None:
         """Read, record, decide, until the experiment or somebody ends it."""
@@ -469,7 +468,7 @@ class Run(Watched):
             triggers=self._train.count_before(self._history.end),
             frames_received=workers.receiver.received if workers else 0,
             frames_recorded=workers.recorder.frames_recorded if workers else 0,
-            frames_lost=workers.receiver.lost if workers else 0,
+            frames_lost=(workers.receiver.lost + workers.recorder.frames_refused if workers else 0),
             frames_analysed=len(self._analysis.series),
             frames_skipped=self._to_analysis.skipped,
             samples=self._history.end - self._intake.samples_lost,

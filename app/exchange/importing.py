@@ -31,8 +31,8 @@ from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples,
 from app.offline.loop import Measurements, Trigger, record_analysis
 from app.records import Event, LostTrigger, Outcome, Phase, Position, ReceivedFrame
 from app.session.files import check_new_session
+from app.session.recorder import LONGEST_GAP_S
 from app.session.versions import versions
-from app.session.writer import LONGEST_GAP_S
 from app.settings import Config
 
 F64 = NDArray[np.float64]

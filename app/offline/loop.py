@@ -17,7 +17,7 @@ from analysis.calibration.forces import SensorChain
 from analysis.dic import compile_kernels
 from app.engine.analyst import Analysis
 from app.engine.history import History
-from app.engine.recorder import SessionSink
+from app.engine.recorder import RecordSink
 from app.engine.setup import sensor_chain
 from app.engine.usage import Usage
 from app.records import (
@@ -69,7 +69,7 @@ def analyse(
     analysis: Analysis,
     measured: Measurements,
     triggers: Iterable[Trigger],
-    sink: SessionSink,
+    sink: RecordSink,
     reason: Callable[[], str],
 ) -> Outcome:
     """How the analysis of a recorded experiment ended, after everything was handed to the sink.
@@ -80,7 +80,7 @@ def analyse(
         A new one; it is closed at the end.
     triggers : iterable
         In their order; its end ends the analysis.
-    sink : SessionSink
+    sink : RecordSink
         Where measurements and results go.
     reason : callable
         Says why the analysis ended, once it has.
@@ -154,11 +154,11 @@ def record_analysis(
         writer = SessionWriter.create(unfinished, header)
         try:
             outcome = analyse(analysis, measured, triggers, writer, reason)
-            writer.close()
+            receipt = writer.close()
         except BaseException:
             writer.discard()
             raise
-    return replace(outcome, resources=outcome.resources | {"receipt": str(writer.receipt)})
+    return replace(outcome, resources=outcome.resources | {"receipt": str(receipt)})
 
 
 def _samples(measured: Measurements, chain: SensorChain) -> Iterator[Samples]:

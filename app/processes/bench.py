@@ -24,6 +24,7 @@ from app.engine.run import Run
 from app.errors import UserError
 from app.processes.calls import Methods, Server
 from app.processes.folder import RunningBench, publish, shown_images
+from app.processes.making import made_in_a_process
 from app.processes.pipeline_process import PipelineProcess
 from app.processes.signals import acting_on_signals
 from app.processes.starting import payload, say_hello
@@ -76,6 +77,7 @@ class _Served:
             pipeline=self.pipeline,
             wrap=self.supervised,
             prepare_analysis=self.pipeline.wait,
+            make=made_in_a_process,
         )
         self._numbers: Iterator[int] = count()
 

@@ -4,7 +4,6 @@ whole or not at all.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,8 +15,7 @@ from app.records import Header
 from app.schema import TEXT, Column, values
 from app.session import layout
 from app.session.layout import CHUNK_ROWS, FORCES_CHUNK, GROWING, IMAGE
-
-GZIP_LEVEL = 1
+from app.session.recorder import GZIP_LEVEL
 
 
 def stored(*records: Any) -> dict[str, Any]:
@@ -89,29 +87,24 @@ def _lengthen(column: h5py.Dataset, start: int, end: int, blocks: list[Any]) -> 
     column[start:end] = block
 
 
-def append_image(images: h5py.Dataset, image: NDArray[Any]) -> tuple[int, NDArray[np.uint8]]:
-    """Row at which an image was added, written at once as one chunk, and the bytes of that chunk;
-    if it fails the image was not added.
-    """
-    _check_fits(images, image)
-    row, chunk = int(images.shape[0]), np.frombuffer(_chunk_of(images, image), np.uint8)
-    try:
-        images.resize(row + 1, axis=0)
-        images.id.write_direct_chunk((row, 0, 0), chunk)
-    except BaseException:
-        images.resize(row, axis=0)
-        raise
-    return row, chunk
+def append_chunk(images: h5py.Dataset, chunk: NDArray[np.uint8]) -> int:
+    """Row at which an image was added, as it lies in the file: one chunk."""
+    row = int(images.shape[0])
+    images.resize(row + 1, axis=0)
+    images.id.write_direct_chunk((row, 0, 0), chunk)
+    return row
 
 
-def _chunk_of(images: h5py.Dataset, image: NDArray[Any]) -> bytes | NDArray[Any]:
-    """An image as it lies in the file: as it is, or deflated where the dataset is compressed."""
-    if images.compression is None:
-        return image
-    # most of an image is noise, in which little repeats: searching it for repetitions takes longer
-    # than all the rest
-    deflate = zlib.compressobj(GZIP_LEVEL, strategy=zlib.Z_HUFFMAN_ONLY)
-    return deflate.compress(image.data) + deflate.flush()
+def place_images(file: h5py.File, header: Header, count: int) -> None:
+    """Make a dataset of images that nothing is written to: they lie where it begins already."""
+    created = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    created.set_layout(h5py.h5d.CONTIGUOUS)
+    created.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    created.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    kind = h5py.h5t.py_create(np.dtype(header.frame_dtype))
+    space = h5py.h5s.create_simple((count, *header.frame_shape))
+    group = file.create_group(layout.IMAGES.group)
+    h5py.h5d.create(group.id, layout.IMAGES.name.encode(), kind, space, created)
 
 
 def append_field(datasets: Mapping[str, h5py.Dataset], arrays: Mapping[str, NDArray[Any]]) -> int:
@@ -119,7 +112,7 @@ def append_field(datasets: Mapping[str, h5py.Dataset], arrays: Mapping[str, NDAr
     them fails none was added.
     """
     for path, dataset in datasets.items():
-        _check_fits(dataset, arrays[path])
+        check_fits(dataset, arrays[path])
     row = int(next(iter(datasets.values())).shape[0])
     try:
         for path, dataset in datasets.items():
@@ -132,7 +125,8 @@ def append_field(datasets: Mapping[str, h5py.Dataset], arrays: Mapping[str, NDAr
     return row
 
 
-def _check_fits(dataset: h5py.Dataset, array: NDArray[Any]) -> None:
+def check_fits(dataset: h5py.Dataset, array: NDArray[Any]) -> None:
+    """Refuse an array that is not a row of a dataset; ValueError."""
     if array.shape != dataset.shape[1:] or array.dtype != dataset.dtype:
         raise ValueError(
             f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but the array is"
@@ -148,7 +142,7 @@ def make_group(
     `header` is needed where the group has images or fields.
     """
     group = next(group for group in layout.GROUPS if group.path == path)
-    made = file.create_group(path)
+    made = file.require_group(path)
     made.attrs["NX_class"] = group.nx_class
     if group.signal:
         made.attrs["signal"] = group.signal
@@ -156,7 +150,9 @@ def make_group(
     if group.auxiliary_signals:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
     for column in layout.columns_in(path):
-        if GROWING.isdisjoint(column.shape):
+        if column.path in file:
+            dataset = file[column.path]  # images that lay there already
+        elif GROWING.isdisjoint(column.shape):
             dataset = _make_filled(file, column, values[column.path])
         else:
             dataset = _make_empty(file, column, header)

@@ -1,29 +1,19 @@
-"""The files of a session: where they may lie, and how session and journal are made together, and
-let go of where HDF5 can not go on.
-"""
+"""The files of a session: where they may lie, and which of them are somebody's at this moment."""
 
 from __future__ import annotations
 
-import errno
-import os
-import shutil
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
-from io import FileIO
+from contextlib import contextmanager
 from pathlib import Path
 
-import h5py
-
+from app.disk import is_locked
 from app.errors import UserError
 from app.outputs import check_output, new_file
-from app.session.journal import Journal, journal_of
+from app.session.journal import IMAGES_SUFFIX, RESULTS_SUFFIX, journal_of
 
-# no image goes into the last of the disk: HDF5 needs it to close the file whole, and breaks it if
-# it can not
+# what a disk must have left, beside room for what the journal and the results take once more in the
+# session, for the recording to go on
 RESERVE_BYTES = 32 << 20
-METADATA_BYTES = 1 << 19  # and no chunks: HDF5's caches would grow for the first hours of a run
-# checksummed headers, and no open-for-writing mark that would lock the file after a kill
-_LIBVER = ("v108", "v108")
 
 
 def picture_of(session: Path) -> Path:
@@ -31,13 +21,34 @@ def picture_of(session: Path) -> Path:
     return session.with_suffix(".png")
 
 
+def images_of(session: Path) -> Path:
+    """Where the images of a session lie while it is recorded."""
+    return session.with_name(session.name + IMAGES_SUFFIX)
+
+
+def results_of(session: Path) -> Path:
+    """Where the results of a session lie while it is recorded."""
+    return session.with_name(session.name + RESULTS_SUFFIX)
+
+
 def files_of(session: Path) -> dict[str, Path]:
     """The files that may belong to a session, by what they are."""
     return {
         "session": session,
         "journal of a session that was cut short": journal_of(session),
+        "images of a session that was cut short": images_of(session),
+        "results of a session that was cut short": results_of(session),
         "picture": picture_of(session),
     }
+
+
+def next_free(session: Path) -> Path:
+    """`session`, or the first of ``name-2``, ``name-3`` ... of which no file exists."""
+    candidate, number = session, 1
+    while any(path.exists() for path in files_of(candidate).values()):
+        number += 1
+        candidate = session.with_stem(f"{session.stem}-{number}")
+    return candidate
 
 
 def check_new_session(
@@ -57,6 +68,7 @@ def check_new_session(
     UserError
     """
     check_output(session, overwrite, what="session", inputs={"session": read})
+    check_not_recorded(session)
     if picture_of(session) == session:
         raise UserError(
             f"{session}: the session would have the name of its own picture; choose another ending,"
@@ -65,6 +77,15 @@ def check_new_session(
     for what, path in files_of(session).items():
         if has_picture or what != "picture":
             check_output(path, overwrite, what=what)
+
+
+def check_not_recorded(session: Path) -> None:
+    """Refuse a session that a program is recording at this moment; UserError."""
+    if is_locked(journal_of(session)):
+        raise UserError(
+            f"{session}: another program is recording this session; wait for its end or give"
+            " another name"
+        )
 
 
 @contextmanager
@@ -77,70 +98,10 @@ def new_session(path: Path, overwrite: bool) -> Iterator[Path]:
     Raises
     ------
     UserError
-        The session can not be written.
+        The session can not be written, or is being recorded by another program.
     """
     with new_file(path, overwrite) as unfinished:
-        try:
-            yield unfinished
-        finally:
-            journal_of(unfinished).unlink(missing_ok=True)
-        journal_of(path).unlink(missing_ok=True)  # of the session that is replaced
-
-
-def new_files(path: Path, overwrite: bool) -> tuple[Journal, h5py.File]:
-    """An empty journal and an empty session.
-
-    Raises
-    ------
-    UserError
-        One of that name exists and may not be overwritten, or they can not be made there.
-    """
-    if not overwrite:
-        for existing in (path, journal_of(path)):
-            if existing.exists():
-                raise UserError(
-                    f"{existing}: a session of that name exists; choose another name or ask to"
-                    " overwrite it"
-                )
-    try:
-        # first: refused while another program records
-        file = h5py.File(path, "w" if overwrite else "x", libver=_LIBVER, rdcc_nbytes=0)
-        try:
-            cache = file.id.get_mdc_config()
-            cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = (
-                True,
-                *3 * [METADATA_BYTES],
-            )
-            file.id.set_mdc_config(cache)
-            return Journal(journal_of(path), overwrite=overwrite), file
-        except BaseException:
-            file.close()
-            path.unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        cause = os.strerror(error.errno) if error.errno else str(error)
-        raise UserError(
-            f"{path}: the session can not be made there: {cause}; choose another folder or name"
-        ) from None
-
-
-def check_room(path: Path, nbytes: int) -> None:
-    """Refuse to write so much to the disk of a session where too little would be left to close it
-    whole; OSError.
-    """
-    free = shutil.disk_usage(path.absolute().parent).free
-    if free < RESERVE_BYTES + nbytes:
-        raise OSError(
-            errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room"
-        )
-
-
-def abandon(file: h5py.File, on_disk: FileIO, journal: Journal) -> None:
-    """Close a session as it is; what HDF5 still holds goes to nowhere: without room for it, its
-    close would end the whole program.
-    """
-    with suppress(Exception), open(os.devnull, "r+b") as nowhere:
-        os.dup2(nowhere.fileno(), file.id.get_vfd_handle())
-    for thing in (file, on_disk, journal):
-        with suppress(Exception):
-            thing.close()
+        yield unfinished
+        check_not_recorded(path)
+    for left in (journal_of(path), images_of(path), results_of(path)):
+        left.unlink(missing_ok=True)  # of the session that was replaced

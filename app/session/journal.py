@@ -1,52 +1,59 @@
-"""The journal beside a session while it is recorded: the records that the writer was given, in
-their order, each with its own checksum.
+"""The journal beside a session while it is recorded: the records that the recorder was given, in
+their order.
 
-It survives what HDF5 does not, a power cut in the middle of a write: the file only grows, and a
-torn record can only be its last. An image is named by its place in the session file and its CRC-32;
-force samples are held themselves. Results are not in it: the same analysis of the same images gives
-them again. A session that was closed and verified has no journal any more.
+The file only grows. Each record has a checksum, so that a damaged one is passed over and the next
+is found, and a hash over itself and the hash of the record before, so that none can be changed,
+left out or added unseen. What cannot be measured again is there twice: the header, and each trigger
+once more with the next. An image is named by its place in the file of images, its CRC-32 and its
+SHA-256; force samples are held themselves. Results are in a file of the same kind beside it.
 """
 
 from __future__ import annotations
 
-import errno
-import os
 import struct
+import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
-from io import FileIO
+from hashlib import blake2b
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, BinaryIO, cast, get_args
 from zlib import crc32
 
 import msgspec
 import numpy as np
 
+from app.disk import AppendedFile
 from app.errors import UserError
 from app.records import (
     Checksum,
+    ContactResult,
     Event,
     Gap,
     Header,
     Index,
     LostTrigger,
+    Outcome,
     Position,
     Samples,
-    SourceFrame,
+    Snapshot,
 )
 
-SUFFIX = ".journal"
-_MAGIC = b"SlipScope journal 2\n"
-_OLD_MAGIC = b"SlipScope journal 1\n"
-_MARK = b"\xb5rec"  # where a record begins
-_LONGEST = 1 << 24  # bytes of a payload other than samples; the header has a hundredth of it
-_HEAD = struct.Struct("<4sBII")  # mark, type, bytes of the payload, CRC-32 of the payload
+SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
+MAGIC = b"SlipScope journal 3\n"
+_EARLIER = (b"SlipScope journal 1\n", b"SlipScope journal 2\n")
+_MARK = b"\xb5re3"  # where a record begins
+_LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
+_LONGEST_ARRAYS = 1 << 28  # of one of arrays
+_MOST_DAMAGE = 1 << 26  # bytes in which the next record is looked for
+_HEAD = struct.Struct("<4sI")  # mark, CRC-32 of all that follows
+_ABOUT = struct.Struct("<BI16s")  # type, bytes of the payload, hash
 
 
 @dataclass(frozen=True, slots=True)
 class StoredFrame:
-    """The image of a trigger by its place in the session file, its bytes there, and the CRC-32 of
-    the image.
+    """The image of a trigger by its place and its bytes in the file of images, and the CRC-32 and
+    the SHA-256 of the image.
     """
 
     index: Index
@@ -54,32 +61,48 @@ class StoredFrame:
     place: Index
     nbytes: Index
     checksum: Checksum
+    digest: Annotated[bytes, msgspec.Meta(min_length=32, max_length=32)]
     span: tuple[Index, Index] | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Torn:
-    """Bytes of a journal that hold no record."""
+class Damage:
+    """Bytes of a journal that hold no record, or none that follows from the one before."""
 
     nbytes: int
 
 
-JournalRecord = Header | Samples | Gap | StoredFrame | SourceFrame | LostTrigger | Position | Event
+JournalRecord = (
+    Header
+    | Samples
+    | Gap
+    | StoredFrame
+    | LostTrigger
+    | Position
+    | Event
+    | Outcome
+    | Snapshot
+    | ContactResult
+)
 # the place of a type in this list is in the file
-_TYPES = (Header, Samples, Gap, StoredFrame, SourceFrame, LostTrigger, Position, Event)
+_TYPES = get_args(JournalRecord)
+_ARRAYS = (Samples, Snapshot)
+# what a record that no recorder has made may lead to
+_UNDECODABLE = (msgspec.MsgspecError, OverflowError, RecursionError)
 
 
 def _encoded(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return value.shape, value.astype("<f8").tobytes()
+        return value.shape, value.astype(value.dtype.newbyteorder("<"), copy=False).tobytes()
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"journal: a {type(value).__name__} can not be written")
+    return str(value)  # of an outcome's resources
 
 
-def _decoded(_kind: Any, value: Any) -> Any:
+def _decoded(kind: Any, value: Any) -> Any:
     shape, content = value
-    return np.frombuffer(content, "<f8").reshape(shape)
+    dtype = np.dtype(get_args(get_args(kind)[1])[0]).newbyteorder("<")
+    return np.frombuffer(content, dtype).reshape(shape)
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_encoded)
@@ -94,54 +117,50 @@ def journal_of(session: Path) -> Path:
 def has_journal(session: Path) -> bool:
     """Whether beside a session lies a journal that `slipscope repair` can begin with."""
     path = journal_of(session)
-    return path.is_file() and isinstance(next(read_journal(path), None), Header)
+    return path.is_file() and any(isinstance(r, Header) for r in read_journal(path))
+
+
+def encode(record: JournalRecord) -> bytes:
+    """A record as bytes; what UTF-8 can not hold is spelled out."""
+    try:
+        return _ENCODER.encode(record)
+    except UnicodeEncodeError:
+        return _ENCODER.encode(_spelled_out(record))
 
 
 class Journal:
-    """The journal of a session, open for more records.
+    """A file of records, open for more of them, from any thread.
 
-    Every record goes to the operating system at once, so that a program that is killed loses none;
-    `sync` brings them to the disk. A record that can not be written raises OSError and leaves the
-    journal as it was.
+    Every record goes to the operating system at once, so that a program that is killed loses none.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool) -> None:
-        self.path = path
-        self._file = FileIO(path, "w" if overwrite else "x")
-        self._end = 0
-        self._write(_MAGIC)
+    def __init__(self, file: AppendedFile) -> None:
+        self.file = file
+        self._chain = bytes(16)
+        self._lock = threading.Lock()
+        file.append(MAGIC)
 
     def append(self, record: JournalRecord) -> None:
-        """Add a record."""
-        try:
-            payload = _ENCODER.encode(record)
-        except UnicodeEncodeError:
-            payload = _ENCODER.encode(_spelled_out(record))
-        kind = _TYPES.index(type(record))
-        self._write(_HEAD.pack(_MARK, kind, len(payload), crc32(payload)) + payload)
+        """Add a record; OSError where it can not be written."""
+        payload, kind = encode(record), _TYPES.index(type(record))
+        with self._lock:
+            self._chain = _hashed(self._chain, kind, payload)
+            rest = _ABOUT.pack(kind, len(payload), self._chain) + payload
+            self.file.append(_HEAD.pack(_MARK, crc32(rest)) + rest)
 
-    def sync(self) -> None:
-        """Bring everything so far to the disk."""
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        """Let go of the file. May be called twice."""
-        self._file.close()
-
-    def _write(self, content: bytes) -> None:
-        try:
-            if self._file.write(content) != len(content):
-                raise OSError(errno.ENOSPC, f"{self.path}: the disk is full; make room")
-        except OSError:
-            self._file.truncate(self._end)
-            self._file.seek(self._end)
-            raise
-        self._end += len(content)
+    def move_to(self, path: Path) -> None:
+        """Go on in another file, which begins with all that is in this one."""
+        with self._lock:
+            self.file = self.file.copy_to(path)
 
 
-def read_journal(path: Path) -> Iterator[JournalRecord | Torn]:
-    """The records of a journal in their order, up to the first that is torn or is none; the bytes
-    from there on come last.
+def _hashed(chain: bytes, kind: int, payload: bytes) -> bytes:
+    return blake2b(chain + bytes([kind]) + payload, digest_size=16).digest()
+
+
+def read_journal(path: Path) -> Iterator[JournalRecord | Damage]:
+    """The records of a journal in their order, each as often as it is there, and between them what
+    is damaged.
 
     Raises
     ------
@@ -150,35 +169,66 @@ def read_journal(path: Path) -> Iterator[JournalRecord | Torn]:
     """
     size = path.stat().st_size
     with path.open("rb") as file:
-        magic = file.read(len(_MAGIC))
-        if magic == _OLD_MAGIC:
+        magic = file.read(len(MAGIC))
+        if magic in _EARLIER:
             raise UserError(
-                f"{path}: a journal of format 1, this SlipScope reads format 2; repair the session"
-                " with the SlipScope that recorded it, 0.1.0 of November 2026 or earlier"
+                f"{path}: a journal of format {magic[-2:-1].decode()}, this SlipScope reads format"
+                " 3; repair the session with the SlipScope that recorded it, 0.1.0 of November 2026"
+                " or earlier"
             )
-        at = len(_MAGIC) if magic == _MAGIC else size + 1
-        while at + _HEAD.size <= size:
-            mark, kind, length, checksum = _HEAD.unpack(file.read(_HEAD.size))
-            payload = file.read(length) if length <= size - at - _HEAD.size else b""
-            if (mark, crc32(payload)) != (_MARK, checksum):
-                break
-            record = _record(kind, payload)
+        at = len(MAGIC) if magic == MAGIC else 0
+        damaged, left = 0 if at else min(size, len(MAGIC)), _MOST_DAMAGE + 4 * size
+        chain: bytes | None = bytes(16)  # None: that of the record before is not known
+        while at < size and left > 0:
+            record, looked_at, kind, payload, its_chain = _record_at(file, at, size)
             if record is None:
-                break
+                left -= looked_at
+                following = _next_mark(file, at + 1, size)
+                damaged, chain, at = damaged + following - at, None, following
+                continue
+            if damaged or (chain is not None and its_chain != _hashed(chain, kind, payload)):
+                yield Damage(damaged)
             yield record
-            at += _HEAD.size + length
-    if rest := size - at if at <= size else size:
-        yield Torn(rest)
+            damaged, chain, at = 0, its_chain, at + looked_at
+        if damaged or at < size:
+            yield Damage(damaged + size - at)
 
 
-def _record(kind: int, payload: bytes) -> JournalRecord | None:
-    """The record of that type, None where it is none."""
-    if kind >= len(_TYPES) or (_TYPES[kind] is not Samples and len(payload) > _LONGEST):
-        return None
-    try:
-        return cast(JournalRecord, _DECODERS[kind].decode(payload))
-    except (msgspec.MsgspecError, OverflowError, RecursionError):
-        return None
+def _record_at(
+    file: BinaryIO, at: int, size: int
+) -> tuple[JournalRecord | None, int, int, bytes, bytes]:
+    """The record that begins at a place, None where there is none; the bytes that were looked at;
+    its type, payload and hash.
+    """
+    file.seek(at)
+    head = file.read(_HEAD.size + _ABOUT.size)
+    if len(head) < _HEAD.size + _ABOUT.size or not head.startswith(_MARK):
+        return None, len(head), 0, b"", b""
+    checksum = _HEAD.unpack_from(head)[1]
+    kind, length, chain = _ABOUT.unpack_from(head, _HEAD.size)
+    if kind >= len(_TYPES) or length > size - at - len(head):
+        return None, len(head), 0, b"", b""
+    if length > (_LONGEST_ARRAYS if _TYPES[kind] in _ARRAYS else _LONGEST):
+        return None, len(head), 0, b"", b""
+    payload, record = file.read(length), None
+    if crc32(payload, crc32(head[_HEAD.size :])) == checksum:
+        with suppress(*_UNDECODABLE):
+            record = cast(JournalRecord, _DECODERS[kind].decode(payload))
+    return record, len(head) + length, kind, payload, chain
+
+
+def _next_mark(file: BinaryIO, at: int, size: int) -> int:
+    """Where a record may begin next, at most `_MOST_DAMAGE` on; the end of the file where none
+    does.
+    """
+    file.seek(at)
+    before, end = b"", min(size, at + _MOST_DAMAGE)
+    while at < end and (block := file.read(1 << 16)):
+        place = (before + block).find(_MARK)
+        if place >= 0:
+            return at - len(before) + place
+        before, at = (before + block)[1 - len(_MARK) :], at + len(block)
+    return size
 
 
 def _spelled_out(value: Any) -> Any:
@@ -186,7 +236,9 @@ def _spelled_out(value: Any) -> Any:
     if isinstance(value, str):
         return value.encode("utf-8", "backslashreplace").decode()
     if isinstance(value, dict):
-        return {key: _spelled_out(item) for key, item in value.items()}
+        return {_spelled_out(key): _spelled_out(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return type(value)(map(_spelled_out, value))
     if is_dataclass(value) and not isinstance(value, type):
         held = {one.name: _spelled_out(getattr(value, one.name)) for one in fields(value)}
         return replace(value, **held)

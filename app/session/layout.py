@@ -24,7 +24,7 @@ from app.records import (
 )
 from app.schema import Column, column, columns_of, record
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
@@ -148,7 +148,7 @@ IMAGES = Column(
     ("frames", "rows", "columns"),
     IMAGE,
     "counts",
-    "raw images, one chunk each",
+    "raw images, one after the other, or one chunk each",
 )
 FIELD_FRAMES = Column(
     "/entry/fields/frame", ("fields",), "int64", "1", "trigger number of the frame"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
-import sys
+import struct
 import time
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from app.errors import UserError
 from app.records import Event, Gap, LostTrigger, Position, ReceivedFrame, Samples, SourceFrame
 from app.schema import TEXT
 from app.session.datasets import uncertain_triggers
-from app.session.journal import StoredFrame, read_journal
+from app.session.journal import StoredFrame
 from app.session.layout import GROUPS, GROWING, IMAGE, LATER, OPTIONAL, columns_in
 from app.session.reader import Altered, SessionReader
 
@@ -31,8 +32,9 @@ class NotAsRecordedError(UserError):
 class Receipt:
     """The account of a session that was read back to the last byte.
 
-    `checksum` is that of all images and forces together, the same at any later time; `seconds` is
-    how long the reading took. `checked` is False for a session of format 3 or older, which has no
+    `checksum` is a SHA-256, in 32 digits, of all that was measured, the same at any later time: who
+    has written it down can tell whether somebody changed the file. `seconds` is how long the
+    reading took. `checked` is False for a session of format 3 or older, which has no
     checksums to compare with. `uncertain` triggers may be others; `account` is the equality of
     triggers, exposures and images, if the camera's driver makes one.
     """
@@ -61,27 +63,31 @@ class Receipt:
 
 
 @dataclass
-class _Account:
-    """What a stream of records amounts to: the frames by trigger (CRC-32 of the image, None where
-    there is none), the number of everything else, and the bits of the forces.
-
-    Samples beyond number `most` are counted, but do not enter the bits.
+class Account:
+    """What a stream of records amounts to: the frames by trigger, the number of everything else,
+    and the bits of the forces.
     """
 
-    most: int = field(default=sys.maxsize - 1, compare=False)
     channels: int = 0  # beside the forces
-    frames: dict[int, int | None] = field(default_factory=dict)
+    frames: dict[int, int | None] = field(default_factory=dict)  # CRC-32, None where it was lost
+    digests: dict[int, bytes] = field(default_factory=dict)  # SHA-256, where it is known
     samples: int = 0
     gaps: int = 0
     positions: int = 0
     events: int = 0
-    forces: tuple[int, ...] = ()  # CRC-32 of the columns, those of the further channels last
 
     def __post_init__(self) -> None:
-        self.forces = (0,) * (4 + self.channels)
+        # of the columns of the forces, of the further channels, and of all that happened
+        self._columns = [hashlib.sha256() for _ in range(4 + self.channels)]
+        self._happened = hashlib.sha256()
+
+    @property
+    def forces(self) -> list[bytes]:
+        """SHA-256 of each column of the forces, and of the further channels."""
+        return [column.digest() for column in self._columns]
 
     def add(self, record: object) -> None:
-        """Count a record; one that is not of a session is passed over."""
+        """Count a record; one that is not measured is passed over."""
         match record:
             case Samples():
                 self._skip(record.first)
@@ -93,33 +99,47 @@ class _Account:
                 self._skip(record.first)
                 self._skip(record.first + record.count)
                 self.events += 1
-            case ReceivedFrame() | StoredFrame() | SourceFrame():
+            case ReceivedFrame(index, image=image):
+                content = np.ascontiguousarray(image).data
+                self.frames[index] = record.checksum or zlib.crc32(content)
+                self.digests[index] = hashlib.sha256(content).digest()
+            case StoredFrame():
+                self.frames[record.index] = record.checksum
+                self.digests[record.index] = record.digest
+            case SourceFrame():
                 self.frames[record.index] = record.checksum
             case LostTrigger():
                 self.frames[record.index] = None
             case Position():
                 self.positions += 1
+                self._happened.update(struct.pack("<qd", record.sample, record.position_m))
             case Event():
                 self.events += 1
+                self._happened.update(f"{record.sample} {record.kind} {record.text}\n".encode())
 
     def _add(self, columns: NDArray[np.float64]) -> None:
-        self.forces = tuple(
-            crc32(np.ascontiguousarray(column).data, was)
-            for column, was in zip(columns, self.forces, strict=True)
-        )
+        for column, bits in zip(columns, self._columns, strict=True):
+            bits.update(np.ascontiguousarray(column).data)
         self.samples += columns.shape[1]
 
     def _skip(self, end: int) -> None:
         """Count the samples before `end` as missing, if there are any."""
-        end = min(end, self.most + 1)
         if end > self.samples:
-            self._add(np.full((len(self.forces), end - self.samples), np.nan))
+            self._add(np.full((len(self._columns), end - self.samples), np.nan))
             self.gaps += 1
 
+    def checksum(self) -> str:
+        """Of everything."""
+        whole = hashlib.sha256(b"".join(self.forces) + self._happened.digest())
+        for index, crc in sorted(self.frames.items()):
+            whole.update(struct.pack("<qq", index, -1 if crc is None else crc))
+            whole.update(self.digests.get(index, b""))
+        return whole.hexdigest()[:32]
 
-def verify(session: Path, journal: Path | None = None) -> Receipt:
-    """Read a session back, every image and sample, and compare it with its checksums and, where it
-    is given, with the journal.
+
+def verify(session: Path, given: Account | None = None) -> Receipt:
+    """Read a session back, every image and sample, and compare it with its checksums and, where
+    they are given, with the records that it was made of.
 
     Raises
     ------
@@ -132,7 +152,7 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
     altered = []
     with SessionReader(session) as reader:
         channels = len(reader.header.auxiliary.name) if reader.header.auxiliary else 0
-        found = _Account(channels=channels)
+        found = Account(channels=channels)
         checked = _read_columns(reader)
         uncertain, account = len(uncertain_triggers(reader)), ""
         for record in reader.records():
@@ -147,24 +167,16 @@ def verify(session: Path, journal: Path | None = None) -> Receipt:
             f"{session}: {_numbered('image', altered)} not as recorded; `slipscope repair` makes a"
             " session of the others"
         )
-    if journal is not None:
-        given = _Account(found.samples, channels)
-        for entry in read_journal(journal):
-            given.add(entry)
-        if given != found:
-            raise NotAsRecordedError(
-                f"{session}: {_difference(found, given)}; the journal is kept, `slipscope repair`"
-                " makes a whole session of both"
-            )
+    if given is not None and (difference := _difference(found, given)):
+        raise NotAsRecordedError(f"{session}: {difference}")
     images = [checksum for checksum in found.frames.values() if checksum is not None]
-    bits = [*(checksum or 0 for checksum in found.frames.values()), *found.forces]
     return Receipt(
         frames=len(images),
         frames_lost=len(found.frames) - len(images),
         samples=found.samples,
         gaps=found.gaps,
         bytes=session.stat().st_size,
-        checksum=f"{crc32(np.array(bits, np.uint32).data):08x}",
+        checksum=found.checksum(),
         seconds=round(time.monotonic() - began, 2),
         checked=checked,
         uncertain=uncertain,
@@ -207,12 +219,15 @@ def _read_columns(reader: SessionReader) -> bool:
     return checked
 
 
-def _difference(found: _Account, given: _Account) -> str:
-    """The first difference between a session and its journal, in words."""
+def _difference(found: Account, given: Account) -> str:
+    """The first difference between what a session holds and what it was given, in words; empty
+    where there is none.
+    """
     wrong = [
         index
         for index in given.frames.keys() | found.frames.keys()
         if given.frames.get(index, -1) != found.frames.get(index, -1)
+        or given.digests.get(index) != found.digests.get(index)
     ]
     if wrong:
         return f"{_numbered('frame', sorted(wrong))} not as recorded"
@@ -220,7 +235,7 @@ def _difference(found: _Account, given: _Account) -> str:
         there, recorded = getattr(found, name), getattr(given, name)
         if there != recorded:
             return f"{recorded} {name} were recorded, {there} are in the file"
-    return "the forces are not as recorded"
+    return "" if found.forces == given.forces else "the forces are not as recorded"
 
 
 def _numbered(what: str, numbers: list[int]) -> str:

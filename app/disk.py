@@ -1,0 +1,274 @@
+"""Files that hold a recording: they only grow, belong to one program, and say by name when the disk
+does not take what it is given.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import sys
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+from app.errors import UserError
+
+COPY_BYTES = 1 << 22  # copied at a time
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(file: FileIO) -> None:
+        file.seek(1 << 60)  # beyond what others may read
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+else:
+    import fcntl
+
+    def _lock(file: FileIO) -> None:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a program holds the lock of a file; False where there is no such file."""
+    try:
+        with FileIO(path, "r+") as file:
+            _lock(file)
+    except BlockingIOError:
+        return True
+    except OSError as error:
+        return error.errno in (errno.EACCES, errno.EDEADLOCK) and sys.platform == "win32"
+    return False
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk, where the system can be asked to."""
+    if sys.platform != "win32":
+        opened = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(opened)
+        finally:
+            os.close(opened)
+
+
+def forget_cached(file: FileIO) -> None:
+    """Let what is read from a file, all of which was synced, come from the disk and not from
+    memory, where the system can be asked to.
+    """
+    if hasattr(os, "posix_fadvise"):
+        with contextlib.suppress(OSError):
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+class AppendedFile:
+    """A file that only grows, open for one thread that appends and one that syncs.
+
+    After a write that failed, nothing more is written, and each further one fails with the same
+    words. A sync that failed does not hinder the next, which may well pass though the data are lost
+    (a system reports such a loss once); so it is remembered.
+
+    Parameters
+    ----------
+    locked : bool
+        Whether the file is to be locked against other programs, before a byte of it is changed.
+
+    Attributes
+    ----------
+    failure : str
+        Why not all that was given is sure to be on the disk; empty where it is.
+
+    Raises
+    ------
+    FileExistsError
+        There is one, and it may not be overwritten.
+    UserError
+        Another program is writing to it.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool, locked: bool = False) -> None:
+        self.path, self.failure = path, ""
+        self.end = 0  # bytes in it
+        self._is_locked = locked
+        self._refused: OSError | None = None
+        # "a": every write goes to the end, and opening it changes nothing
+        self._file = FileIO(path, "a+" if overwrite else "x+")
+        try:
+            if locked:
+                self._take(path)
+            self._file.truncate(0)
+            self._file.seek(0)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _take(self, path: Path) -> None:
+        try:
+            _lock(self._file)
+        except OSError as error:
+            if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
+                return  # a file system without locks
+            raise UserError(
+                f"{path}: another program is recording this session; wait for its end or give"
+                " another name"
+            ) from None
+
+    @property
+    def is_in_place(self) -> bool:
+        """Whether the file is still the one at its path."""
+        try:
+            return os.path.samestat(self.path.stat(), os.fstat(self._file.fileno()))
+        except OSError:
+            return False
+
+    def append(self, content: Any) -> int:
+        """Where in the file the content was added; all of it or, with OSError, nothing."""
+        if self._refused is not None:
+            raise self._refused
+        view, written = memoryview(content).cast("B"), 0
+        try:
+            while written < len(view):
+                count = self._file.write(view[written:])
+                if not count:
+                    raise OSError(errno.ENOSPC, "the disk takes no more")
+                written += count
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.truncate(self.end)
+            self.failure = f"{self.path} can not be written: {error.strerror or error}"
+            self._refused = OSError(error.errno, self.failure)
+            raise self._refused from error
+        place, self.end = self.end, self.end + len(view)
+        return place
+
+    def sync(self) -> None:
+        """Bring everything so far to the disk.
+
+        Raises
+        ------
+        OSError
+            It may not be there, also if a later sync says nothing.
+        """
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self.failure = f"{self.path} can not be brought to the disk: {error.strerror or error}"
+            raise OSError(error.errno, self.failure) from error
+
+    def copy_to(self, path: Path) -> AppendedFile:
+        """A new file at another path with all that is in this one, whatever became of its name."""
+        new = AppendedFile(path, overwrite=False, locked=self._is_locked)
+        new.catch_up(self)
+        return new
+
+    def catch_up(self, former: AppendedFile) -> None:
+        """Add what a former file has beyond the end of this one."""
+        while self.end < former.end:
+            count = min(COPY_BYTES, former.end - self.end)
+            self.append(os.pread(former._file.fileno(), count, self.end))
+
+    def close(self) -> None:
+        """Let go of the file. May be called twice."""
+        self._file.close()
+
+    def unlink(self) -> None:
+        """Remove the file if it is still the one at its path."""
+        if self.is_in_place:
+            self.path.unlink(missing_ok=True)
+
+    def remove(self) -> None:
+        """Let go of the file and remove it, as `unlink`."""
+        if not self._file.closed:
+            with contextlib.suppress(OSError):
+                self.unlink()
+            self.close()
+
+
+class SparedFile(FileIO):
+    """A file for HDF5, which breaks the program if it goes on after a write that failed: it is not
+    told of one. The first failure is kept, nothing is written after it, and `check` raises it.
+
+    Parameters
+    ----------
+    is_blank : bool
+        Whether HDF5 makes a new file; what lies beyond what it writes stays as it is.
+    """
+
+    def __init__(self, path: Path, *, is_blank: bool) -> None:
+        super().__init__(path, "r+")
+        self._is_blank = is_blank
+        self._failure: OSError | None = None
+
+    def seek(self, place: int, whence: int = os.SEEK_SET) -> int:
+        """As of any file, but the end of a blank one is its beginning."""
+        if self._is_blank and whence == os.SEEK_END:
+            return super().seek(0)
+        return super().seek(place, whence)
+
+    def write(self, content: Any) -> int:
+        """The number of bytes given, also of those that were not written."""
+        view, written = memoryview(content).cast("B"), 0
+        self._is_blank = False
+        if self._failure is None:
+            try:
+                while written < len(view):
+                    written += super().write(view[written:]) or 0
+            except OSError as error:
+                self._failure = error
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """The size that was asked."""
+        if self._failure is None:
+            try:
+                return super().truncate(size)
+            except OSError as error:
+                self._failure = error
+        return size or 0
+
+    def spare(self) -> None:
+        """Write no more, whatever comes."""
+        self._failure = self._failure or OSError(errno.ECANCELED, "it was given up")
+
+    def check(self) -> None:
+        """Raise the first failure."""
+        if self._failure is not None:
+            raise OSError(
+                self._failure.errno,
+                f"{self.name}: it can not be written: {self._failure.strerror or self._failure}",
+            ) from self._failure
+
+    def sync(self) -> None:
+        """Bring everything to the disk, and let it be read from there."""
+        self.check()
+        os.fsync(self.fileno())
+        forget_cached(self)
+
+
+def take_place(new: Path, place: Path, overwrite: bool) -> None:
+    """Give a file its final name, and bring that to the disk.
+
+    Raises
+    ------
+    FileExistsError
+        Another file has that name, and may not be overwritten.
+    """
+    if overwrite:
+        new.replace(place)
+    else:
+        try:
+            os.link(new, place)
+        except FileExistsError:
+            raise
+        except (OSError, NotImplementedError):  # no hard links there
+            if place.exists():
+                raise FileExistsError(errno.EEXIST, "it exists", str(place)) from None
+            new.rename(place)
+        else:
+            new.unlink()
+    sync_folder(place.absolute().parent)
+
+
+def free_bytes(path: Path) -> int:
+    """Room on the disk of a file."""
+    return shutil.disk_usage(path.absolute().parent).free

@@ -1,0 +1,317 @@
+"""Makes a session of what was recorded: the file of images becomes the session, by what HDF5 writes
+before and behind the images. None of them is copied, unless they are compressed or few.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import BinaryIO
+from zlib import crc32
+
+import numpy as np
+
+from app.errors import UserError
+from app.records import (
+    ContactResult,
+    Gap,
+    Header,
+    LostTrigger,
+    Outcome,
+    Record,
+    Samples,
+    Snapshot,
+)
+from app.session.files import images_of, results_of
+from app.session.journal import (
+    Damage,
+    JournalRecord,
+    StoredFrame,
+    encode,
+    has_journal,
+    journal_of,
+    read_journal,
+)
+from app.session.reader import UNREADABLE_IMAGE
+from app.session.receipt import Account, Receipt
+from app.session.recorder import HEAD_BYTES
+from app.session.writer import ElsewhereError, SessionWriter
+
+LOG = logging.getLogger(__name__)
+FEWEST_BYTES = 1 << 16  # of images that stay where they are; HDF5 aligns no less
+FLUSH_EVERY = 256  # records; those of small tables wait in memory until then
+# samples that the gaps of a journal may have together, and triggers that damage may have taken: a
+# few bytes could ask for terabytes
+_MOST_MISSING, _MOST_TRIGGERS = 1 << 22, 1 << 16
+_DAMAGED = "its record in the journal is damaged"
+
+
+@dataclass
+class Found:
+    """What of a recording was found, and what was not.
+
+    Attributes
+    ----------
+    frames : int
+        Images that are there.
+    torn, unread : int
+        Frames and samples that were recorded and are not there.
+    damaged_bytes : int
+        Of journal and results, that hold no record.
+    altered : int
+        Records that do not follow from the one before: somebody has changed the journal.
+    results : int
+        Analysed frames whose results are there.
+    """
+
+    frames: int = 0
+    torn: int = 0
+    unread: int = 0
+    damaged_bytes: int = 0
+    altered: int = 0
+    results: int = 0
+    torn_frames: set[int] = field(default_factory=set)
+
+
+def make_session(session: Path) -> tuple[Path, Receipt]:
+    """Make a session of what was recorded for that path: the file in which it is, and what was read
+    back. The file of images becomes that file, if it can.
+
+    Raises
+    ------
+    UserError
+        What was read back is not what was recorded.
+    OSError
+        The session can not be written. Journal, images and results are as they were in both cases.
+    """
+    images, found = images_of(session), Found()
+    header, end = outline(session, images)
+    if is_in_place(header, end):
+        os.truncate(images, end)
+        with suppress(ElsewhereError):
+            return images, write(session, images, images, found, keep=True)
+        LOG.warning("%s: HDF5 does not leave the images where they are; they are copied", session)
+    output = images.with_name(f"{images.name}.made")
+    return output, write(session, images, output, found, copied=True)
+
+
+def outline(session: Path, images: Path) -> tuple[Header, int]:
+    """The header in the journal of a session, and where the last of its images ends that can be in
+    the file of images.
+
+    Raises
+    ------
+    UserError
+        There is none.
+    """
+    header, end, size = None, HEAD_BYTES, images.stat().st_size
+    for record in read_journal(journal_of(session)):
+        if isinstance(record, Header):
+            header = header or record
+        elif isinstance(record, StoredFrame) and record.place + record.nbytes <= size:
+            end = max(end, record.place + record.nbytes)
+    if header is None:
+        raise UserError(
+            f"{journal_of(session)}: a journal without a beginning, nothing can be made of it; use"
+            " a copy of it if there is one"
+        )
+    return header, end
+
+
+def account_of(session: Path) -> Account | None:
+    """What the journal beside a session says that the session was given; None where there is none,
+    or where it belongs to a recording that has not become a session.
+    """
+    if images_of(session).exists() or not has_journal(session):
+        return None
+    header, _ = outline(session, session)
+    given = Account(channels=len(header.auxiliary.name) if header.auxiliary else 0)
+    for record in recorded(session, Found()):
+        given.add(record)
+    return given
+
+
+def image_bytes(header: Header) -> int:
+    """Size of an image in memory."""
+    return math.prod(header.frame_shape) * np.dtype(header.frame_dtype).itemsize
+
+
+def is_in_place(header: Header, end: int) -> bool:
+    """Whether images that lie there can stay where they are in a session."""
+    return header.compression == "none" and end - HEAD_BYTES >= FEWEST_BYTES
+
+
+def write(
+    session: Path,
+    images: Path,
+    output: Path,
+    found: Found,
+    *,
+    copied: bool = False,
+    keep: bool = False,
+) -> Receipt:
+    """Write the session at `output`, of which the images are there already unless they are to be
+    `copied` from the file of images; what was read back.
+
+    `keep`: nothing is removed if it fails.
+    """
+    header, end = outline(session, images)
+    places = None if copied else (end - HEAD_BYTES) // image_bytes(header)
+    writer = SessionWriter.create(output, header, images_there=places, keep=keep)
+    outcome: Outcome | None = None
+    try:
+        with images.open("rb") as file:
+            for n, record in enumerate(recorded(session, found), 1):
+                match record:
+                    case Outcome():
+                        outcome = record
+                        continue
+                    case StoredFrame():
+                        _append_frame(writer, record, file if copied else None, header, found)
+                    case _:
+                        writer.append(record)
+                if n % FLUSH_EVERY == 0:
+                    writer.flush()
+        if outcome is None:
+            writer.explain(
+                f"the run was cut short; brought back from its journal, {found.frames} frames kept,"
+                f" {found.torn} images lost"
+            )
+        elif found.torn:
+            reason = f"{outcome.reason}; repaired, {found.torn} images were lost"
+            outcome = replace(outcome, reason=reason)
+        if outcome is not None:
+            writer.append(outcome)
+        return writer.close()
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def _append_frame(
+    writer: SessionWriter, frame: StoredFrame, file: BinaryIO | None, header: Header, found: Found
+) -> None:
+    content = None if file is None else image_at(file, frame, header)
+    if frame.index in found.torn_frames or (file is not None and content is None):
+        found.torn += 1
+        writer.append(LostTrigger(frame.index, frame.sample, UNREADABLE_IMAGE, frame.span))
+        return
+    found.frames += 1
+    row = (frame.place - HEAD_BYTES) // frame.nbytes if content is None else None
+    writer.append_stored(frame, row, content)
+
+
+def image_at(file: BinaryIO, frame: StoredFrame, header: Header) -> bytes | None:
+    """The bytes that were recorded for a frame; None where they are not there any more."""
+    longest = image_bytes(header)
+    if frame.nbytes > longest + (1 << 16):
+        return None
+    file.seek(frame.place)
+    content = file.read(frame.nbytes)
+    image = content
+    if header.compression == "gzip":
+        try:
+            image = zlib.decompressobj().decompress(content, longest)
+        except zlib.error:
+            return None
+    return content if len(image) == longest and crc32(image) == frame.checksum else None
+
+
+def recorded(session: Path, found: Found) -> Iterator[Record | StoredFrame]:
+    """What was recorded for a session, each record once but its header, measurements before
+    results. What is damaged is counted, and stands there as lost.
+
+    Raises
+    ------
+    ValueError
+        Records that no recorder has made.
+    """
+    reading = _Reading(found)
+    for record in read_journal(journal_of(session)):
+        yield from reading.of(record)
+    if results_of(session).is_file():
+        for record in read_journal(results_of(session)):
+            if isinstance(record, Damage):
+                found.damaged_bytes += record.nbytes
+            elif isinstance(record, ContactResult):
+                yield record
+            elif isinstance(record, Snapshot) and reading.has_image(record.frame):
+                found.results += 1
+                yield record
+
+
+class _Reading:
+    """The records of a journal, one after the other."""
+
+    def __init__(self, found: Found) -> None:
+        self._found = found
+        self._header: Header | None = None
+        self._triggers: set[int] = set()
+        self._frames: set[int] = set()
+        self._next_trigger = self._end = self._missing = 0
+        # damage since the last record of that kind
+        self._lacks_samples = self._lacks_triggers = False
+
+    def has_image(self, frame: int) -> bool:
+        """Whether the image of that trigger was recorded and is there."""
+        return frame in self._frames and frame not in self._found.torn_frames
+
+    def of(self, record: JournalRecord | Damage) -> Iterator[Record | StoredFrame]:
+        """What a record comes to."""
+        match record:
+            case Damage(nbytes):
+                self._found.damaged_bytes += nbytes
+                self._found.altered += nbytes == 0
+                self._lacks_samples = self._lacks_triggers = True
+            case Header():
+                self._header = self._header or record
+                if encode(record) != encode(self._header):
+                    raise ValueError("it begins twice")
+            case Samples(first, volts):
+                yield from self._up_to(first)
+                self._end = first + len(volts)
+                yield record
+            case Gap(first, count):
+                yield from self._up_to(first)
+                self._end = first + count
+                self._count_missing(count)
+                yield record
+            case StoredFrame(index) | LostTrigger(index):
+                if index not in self._triggers:
+                    yield from self._triggers_up_to(index)
+                    self._triggers.add(index)
+                    if isinstance(record, StoredFrame):
+                        self._frames.add(index)
+                    yield record
+            case _:
+                yield record
+
+    def _up_to(self, first: int) -> Iterator[Gap]:
+        """The gap before a sample, where damage has made it; any other is told by the samples."""
+        missing = first - self._end
+        self._count_missing(max(0, missing))
+        if self._lacks_samples and missing > 0:
+            self._found.unread += missing
+            yield Gap(self._end, missing, _DAMAGED)
+        self._lacks_samples = False
+
+    def _count_missing(self, count: int) -> None:
+        self._missing += count
+        if self._missing > _MOST_MISSING:
+            raise ValueError(f"{self._missing} samples are missing")
+
+    def _triggers_up_to(self, index: int) -> Iterator[LostTrigger]:
+        """The triggers before that one of which damage has taken all records."""
+        header, missing = self._header, range(self._next_trigger, index)
+        if self._lacks_triggers and header is not None and len(missing) < _MOST_TRIGGERS:
+            for lost in missing:
+                self._found.torn += 1
+                sample = header.first_trigger + lost * header.divisor
+                yield LostTrigger(lost, sample, _DAMAGED)
+        self._lacks_triggers, self._next_trigger = False, index + 1

@@ -1,0 +1,362 @@
+"""Records a session while it happens, in three files that only grow: images, journal, results.
+
+Nothing that can break a program touches them: HDF5 comes at the close, when `completing` makes the
+session of them, and in another process if there is one. A program that is killed loses nothing that
+it was given; what a power cut takes is what was not synced yet. `slipscope repair` makes the same
+session of the three files as the close does.
+"""
+
+from __future__ import annotations
+
+import datetime
+import errno
+import logging
+import threading
+import zlib
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.disk import AppendedFile, free_bytes, sync_folder, take_place
+from app.errors import UserError
+from app.records import (
+    ContactResult,
+    Event,
+    Gap,
+    Header,
+    LostTrigger,
+    Outcome,
+    Position,
+    ReceivedFrame,
+    Record,
+    Samples,
+    Snapshot,
+)
+from app.session.files import RESERVE_BYTES, images_of, next_free, results_of
+from app.session.journal import Journal, StoredFrame, journal_of
+
+if TYPE_CHECKING:
+    from app.session.receipt import Receipt
+
+LOG = logging.getLogger(__name__)
+HEAD_BYTES = 1 << 14  # before the images: there HDF5 begins
+GZIP_LEVEL = 1
+# missing samples are written as NaN; more than this is a wrong sample number, not a gap
+LONGEST_GAP_S = 3600.0
+
+
+def make_session(session: Path) -> tuple[Path, Receipt]:
+    """As `completing.make_session`, in this process."""
+    from app.session.completing import make_session as made
+
+    return made(session)
+
+
+class SessionRecorder:
+    """One session being recorded; made by `create`. Images and results come from one thread, all
+    else from another; each of `syncs` may have its own.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the session of the files that were recorded, for its path; the file in which it is.
+
+    Attributes
+    ----------
+    path : Path
+        Where the session will be. It is another than was asked where that was taken away, or taken
+        by another file, during the run.
+    receipt : Receipt or None
+        After `close`: what was read back.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        header: Header,
+        files: tuple[AppendedFile, AppendedFile, AppendedFile],
+        *,
+        overwrite: bool,
+        make: Callable[[Path], tuple[Path, Receipt]],
+    ) -> None:
+        self.path = path
+        self.receipt: Receipt | None = None
+        self._header, self._overwrite, self._make = header, overwrite, make
+        journal, self._images, results = files
+        self._journal, self._results = Journal(journal), Journal(results)
+        self._trigger: StoredFrame | LostTrigger | None = None  # the last, not yet there twice
+        self._received: set[int] = set()
+        self._samples = 0
+        self._is_open = True
+        self._former: list[AppendedFile] = []  # whose names were taken away
+        self._switching = threading.Lock()
+        self._images.append(bytes(HEAD_BYTES))
+        for _ in range(2):
+            self._journal.append(header)
+        for sync in self.syncs:
+            sync()
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        header: Header,
+        *,
+        overwrite: bool = False,
+        make: Callable[[Path], tuple[Path, Receipt]] = make_session,
+    ) -> Self:
+        """A new session at `path`, ready to record. What is there now stays until it is complete.
+
+        Raises
+        ------
+        UserError
+            There is one and it may not be overwritten, another program is recording it, or the
+            files can not be made there.
+        """
+        header = header if header.started else replace(header, started=_now())
+        if path.exists() and not overwrite:
+            raise _exists(path)
+        made: list[AppendedFile] = []
+        try:
+            for place in (journal_of(path), images_of(path), results_of(path)):
+                made.append(AppendedFile(place, overwrite=overwrite, locked=not made))
+            journal, images, results = made
+            return cls(path, header, (journal, images, results), overwrite=overwrite, make=make)
+        except BaseException as error:
+            for file in made:
+                file.remove()
+            if isinstance(error, FileExistsError):
+                raise _exists(Path(error.filename)) from None
+            if isinstance(error, OSError):
+                raise UserError(
+                    f"{path}: the session can not be made there: {error.strerror or error}; choose"
+                    " another folder or name"
+                ) from None
+            raise
+
+    # ------------------------------------------------------------------ records
+
+    def append(self, record: Record) -> None:
+        """Record something; it is with the operating system when this returns.
+
+        Samples missing before a block of samples are a gap. A snapshot comes after the frame of
+        which it is the result; an outcome ends the record.
+
+        Raises
+        ------
+        ValueError
+            The record can not belong to this session: samples that were recorded already or lie
+            absurdly far ahead, an image of another shape or type, results of a frame that is not
+            here.
+        OSError
+            It could not be written, or the disk is all but full. What was recorded before is as it
+            was.
+        """
+        match record:
+            case ReceivedFrame():
+                with self._switching:
+                    stored = self._stored(record)
+                self._append_trigger(stored)
+            case LostTrigger():
+                self._append_trigger(record)
+            case Snapshot():
+                if record.frame not in self._received:
+                    raise ValueError(
+                        f"session: frame {record.frame} has results, but it was not recorded"
+                    )
+                with self._switching:
+                    self._results.append(replace(record, stress_field_pa=None))
+            case ContactResult():
+                with self._switching:
+                    self._results.append(record)
+            case Samples():
+                self._check_place(record.first)
+                self._journal.append(record)
+                self._samples = record.first + len(record.volts)
+            case Gap():
+                self._check_place(record.first)
+                self._check_place(record.first + record.count)
+                self._journal.append(record)
+                self._samples = record.first + record.count
+            case Position() | Event() | Outcome():
+                self._journal.append(record)
+            case _:
+                raise ValueError(f"session: a {type(record).__name__} is not recorded live")
+
+    def _check_place(self, sample: int) -> None:
+        if not 0 <= sample - self._samples <= LONGEST_GAP_S * self._header.sample_rate_hz:
+            raise ValueError(
+                f"session: samples from {sample} on can not be placed, the next one is"
+                f" {self._samples}"
+            )
+
+    def _stored(self, frame: ReceivedFrame) -> StoredFrame:
+        """The frame, once its image is in the file of images."""
+        image = np.ascontiguousarray(frame.image)
+        wanted = (self._header.frame_shape, self._header.frame_dtype)
+        if (image.shape, str(image.dtype)) != wanted:
+            raise ValueError(
+                f"session: images are {wanted[0]} {wanted[1]}, but this one is {image.shape}"
+                f" {image.dtype}"
+            )
+        self._check_room(image.nbytes)
+        checksum = crc32(image.data) if frame.checksum is None else frame.checksum
+        digest = sha256(image.data).digest()
+        content = deflated(image) if self._header.compression == "gzip" else image.data
+        place = self._images.append(content)
+        nbytes = self._images.end - place
+        return StoredFrame(frame.index, frame.sample, place, nbytes, checksum, digest, frame.span)
+
+    def _append_trigger(self, record: StoredFrame | LostTrigger) -> None:
+        """Add the last trigger once more, and then this one: damage to one record loses none."""
+        if self._trigger is not None:
+            self._journal.append(self._trigger)
+        self._journal.append(record)
+        self._trigger = record
+        if isinstance(record, StoredFrame):
+            self._received.add(record.index)
+
+    def _check_room(self, nbytes: int) -> None:
+        """Refuse an image where too little would be left to make a session of the rest; OSError."""
+        free = free_bytes(self.path)
+        tables = self._journal.file.end + self._results.file.end
+        needed = RESERVE_BYTES + nbytes + tables
+        if self._header.compression != "none":
+            needed += self._images.end  # they are copied
+        if free < needed:
+            raise OSError(
+                errno.ENOSPC,
+                f"{self.path}: the disk is full, {free / 1e6:.0f} MB are left; make room",
+            )
+
+    # ------------------------------------------------------------------ the disk
+
+    @property
+    def syncs(self) -> Sequence[Callable[[], None]]:
+        """Each brings some of what was recorded to the disk, for a thread of its own: forces never
+        wait behind images.
+        """
+        return self._sync_journal, self._sync_images
+
+    def flush(self) -> None:
+        """Bring everything recorded so far to the disk; OSError where it may not be there."""
+        for sync in self.syncs:
+            sync()
+
+    def _sync_journal(self) -> None:
+        if not all(file.is_in_place for file in self._files):
+            self._go_on_beside()
+        self._journal.file.sync()
+
+    def _sync_images(self) -> None:
+        self._images.sync()
+        self._results.file.sync()
+
+    @property
+    def _files(self) -> tuple[AppendedFile, AppendedFile, AppendedFile]:
+        return self._journal.file, self._images, self._results.file
+
+    def _go_on_beside(self) -> None:
+        """Record on under another name: somebody has removed, renamed or replaced a file of this
+        session. What is in it can still be read, as long as it is open.
+        """
+        missing = ", ".join(file.path.name for file in self._files if not file.is_in_place)
+        self._former += self._files
+        with suppress(OSError):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        path = next_free(self.path)
+        journal, images = journal_of(path), images_of(path)
+        begun = self._images.copy_to(images)
+        with self._switching:
+            begun.catch_up(self._images)
+            self._images = begun
+            self._results.move_to(results_of(path))
+        self._journal.move_to(journal)
+        for file in self._former:
+            file.unlink()
+        self.path, self._overwrite = path, False
+        text = f"{missing} was removed, renamed or replaced; the recording goes on in {path}"
+        LOG.warning("%s", text)
+        self._journal.append(Event(self._samples, "recording", text))
+
+    # ------------------------------------------------------------------ the end
+
+    def close(self) -> None:
+        """Make the session of what was recorded, let go of it and remove the rest. May be called
+        twice.
+
+        Raises
+        ------
+        OSError
+            Not all that was recorded is sure to be on the disk.
+        UserError
+            What was read back is not what was recorded, or the session can not be made. What was
+            recorded stays as it is in both cases, and `slipscope repair` can be asked.
+        """
+        if not self._is_open:
+            return
+        self._is_open = False
+        with ExitStack() as closing:
+            for file in (*self._files, *self._former):
+                closing.callback(file.close)
+            if self._trigger is not None:
+                self._journal.append(self._trigger)
+            try:
+                self.flush()
+                if failure := next((file.failure for file in self._files if file.failure), ""):
+                    raise OSError(errno.EIO, failure)
+                self._images.close()
+                made, self.receipt = self._make(self.path)
+                self._take_place(made, self.receipt)
+            except OSError as error:
+                raise OSError(
+                    error.errno,
+                    f"{error.strerror or error}; what was recorded lies beside {self.path},"
+                    f" `slipscope repair {self.path} -o REPAIRED.h5` makes a session of it",
+                ) from error
+        LOG.info("%s: %s", self.path.name, self.receipt)
+
+    def _take_place(self, made: Path, receipt: Receipt) -> None:
+        """Give the session its name, and remove what it was made of."""
+        recorded = self.path
+        try:
+            take_place(made, self.path, self._overwrite)
+        except FileExistsError:
+            self.path = next_free(self.path)
+            take_place(made, self.path, overwrite=False)
+            LOG.warning("%s is another file now; the session is %s", recorded, self.path)
+        del receipt
+        for left in (images_of(recorded), results_of(recorded), journal_of(recorded)):
+            left.unlink(missing_ok=True)
+        sync_folder(self.path.absolute().parent)
+
+    def discard(self) -> None:
+        """Let go of the session and remove its files; what was there before stays."""
+        self._is_open = False
+        for file in (*self._files, *self._former):
+            file.remove()
+
+
+def deflated(image: NDArray[Any]) -> bytes:
+    """An image as HDF5 can inflate it."""
+    # most of an image is noise, in which little repeats: searching it for repetitions takes longer
+    # than all the rest
+    deflate = zlib.compressobj(GZIP_LEVEL, strategy=zlib.Z_HUFFMAN_ONLY)
+    return deflate.compress(image.data) + deflate.flush()
+
+
+def _exists(path: Path) -> UserError:
+    return UserError(
+        f"{path}: a session of that name exists; choose another name or ask to overwrite it"
+    )
+
+
+def _now() -> str:
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
