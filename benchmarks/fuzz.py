@@ -35,7 +35,7 @@ from benchmarks.report import ROOT, Report
 
 sys.path += [str(ROOT / "tests"), str(ROOT / "tests/session")]
 
-from session_material import CONTACT, OUTCOME, record
+from session_material import CONTACT, OUTCOME, copy_recording, record
 from spoiled import ask, spoil
 from spoiled_inputs import spoil_journal, spoil_table
 from spoiled_settings import VALUES, spoil_settings
@@ -47,7 +47,6 @@ from app.errors import UserError
 from app.exchange.frames import Sources
 from app.exchange.importing import import_files
 from app.session.fields import FieldsWriter, is_session, read_fields_file
-from app.session.journal import journal_of
 from app.session.repair import repair
 
 SUBJECT = "Damaged input"
@@ -139,8 +138,7 @@ def make_whole(folder: Path) -> None:
     """
     writer, _ = record(folder / "whole.h5")
     writer.append(CONTACT)
-    shutil.copy(folder / "whole.h5", folder / "cut.h5")
-    shutil.copy(journal_of(folder / "whole.h5"), journal_of(folder / "cut.h5"))
+    copy_recording(folder / "whole.h5", folder / "cut.h5")
     writer.append(OUTCOME)
     writer.close()
     (folder / "images").mkdir(exist_ok=True)

@@ -111,16 +111,21 @@ def outline(session: Path, images: Path) -> tuple[Header, int]:
         There is none.
     """
     header, end, size = None, HEAD_BYTES, images.stat().st_size
+    room, frames = size, set()
     for record in read_journal(journal_of(session)):
         if isinstance(record, Header):
             header = header or record
         elif isinstance(record, StoredFrame) and record.place + record.nbytes <= size:
             end = max(end, record.place + record.nbytes)
+            room -= 0 if record.index in frames else record.nbytes
+            frames.add(record.index)
     if header is None:
         raise UserError(
             f"{journal_of(session)}: a journal without a beginning, nothing can be made of it; use"
             " a copy of it if there is one"
         )
+    if room < 0:
+        raise ValueError("it names more images than there is room for")
     return header, end
 
 
@@ -200,6 +205,7 @@ def _append_frame(
     content = None if file is None else image_at(file, frame, header)
     if frame.index in found.torn_frames or (file is not None and content is None):
         found.torn += 1
+        found.torn_frames.add(frame.index)
         writer.append(LostTrigger(frame.index, frame.sample, UNREADABLE_IMAGE, frame.span))
         return
     found.frames += 1

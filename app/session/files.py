@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.disk import is_locked
+from app.disk import free_bytes, is_locked
 from app.errors import UserError
 from app.outputs import check_output, new_file
 from app.session.journal import IMAGES_SUFFIX, RESULTS_SUFFIX, journal_of
@@ -40,6 +41,15 @@ def files_of(session: Path) -> dict[str, Path]:
         "results of a session that was cut short": results_of(session),
         "picture": picture_of(session),
     }
+
+
+def check_room(path: Path, nbytes: int) -> None:
+    """Refuse to write so much to a disk that needs what it has left; OSError."""
+    free = free_bytes(path)
+    if free < RESERVE_BYTES + nbytes:
+        raise OSError(
+            errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room"
+        )
 
 
 def next_free(session: Path) -> Path:

@@ -177,7 +177,7 @@ def read_journal(path: Path) -> Iterator[JournalRecord | Damage]:
                 " or earlier"
             )
         at = len(MAGIC) if magic == MAGIC else 0
-        damaged, left = 0 if at else min(size, len(MAGIC)), _MOST_DAMAGE + 4 * size
+        damaged, left = 0, _MOST_DAMAGE + 4 * size
         chain: bytes | None = bytes(16)  # None: that of the record before is not known
         while at < size and left > 0:
             record, looked_at, kind, payload, its_chain = _record_at(file, at, size)

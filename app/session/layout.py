@@ -24,7 +24,7 @@ from app.records import (
 )
 from app.schema import Column, column, columns_of, record
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 4
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type

@@ -24,7 +24,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from app.disk import AppendedFile, free_bytes, sync_folder, take_place
+from app.disk import AppendedFile, sync_folder, take_place
 from app.errors import UserError
 from app.records import (
     ContactResult,
@@ -39,7 +39,7 @@ from app.records import (
     Samples,
     Snapshot,
 )
-from app.session.files import RESERVE_BYTES, images_of, next_free, results_of
+from app.session.files import check_room, images_of, next_free, results_of
 from app.session.journal import Journal, StoredFrame, journal_of
 
 if TYPE_CHECKING:
@@ -121,6 +121,10 @@ class SessionRecorder:
             files can not be made there.
         """
         header = header if header.started else replace(header, started=_now())
+        if path.is_dir():
+            raise UserError(
+                f"{path}: the session can not be made there: it is a folder; add a name"
+            )
         if path.exists() and not overwrite:
             raise _exists(path)
         made: list[AppendedFile] = []
@@ -225,16 +229,9 @@ class SessionRecorder:
 
     def _check_room(self, nbytes: int) -> None:
         """Refuse an image where too little would be left to make a session of the rest; OSError."""
-        free = free_bytes(self.path)
         tables = self._journal.file.end + self._results.file.end
-        needed = RESERVE_BYTES + nbytes + tables
-        if self._header.compression != "none":
-            needed += self._images.end  # they are copied
-        if free < needed:
-            raise OSError(
-                errno.ENOSPC,
-                f"{self.path}: the disk is full, {free / 1e6:.0f} MB are left; make room",
-            )
+        copied = 0 if self._header.compression == "none" else self._images.end
+        check_room(self.path, nbytes + tables + copied)
 
     # ------------------------------------------------------------------ the disk
 

@@ -55,8 +55,9 @@ class Repaired:
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing that was recorded is missing."""
-        return not (self.found.torn or self.found.unread or self.found.altered)
+        """Whether it is sure that nothing that was recorded is missing."""
+        found = self.found
+        return not (found.torn or found.unread or found.damaged_bytes or found.altered)
 
     def __str__(self) -> str:
         """One sentence."""

@@ -53,6 +53,7 @@ from app.session.columns import (
     storable,
     stored,
 )
+from app.session.files import check_room
 from app.session.journal import StoredFrame
 from app.session.layout import LATER, NO_ROW, ResultRow, Texts, TriggerRow, Versions
 from app.session.receipt import Account, Receipt, verify
@@ -300,13 +301,16 @@ class SessionWriter:
         self._write_text("run/reason", reason)
 
     def flush(self) -> None:
-        """Write the rows that wait; OSError where anything so far could not be written."""
+        """Write the rows that wait; OSError where anything so far could not be written, or the disk
+        is all but full.
+        """
         for table in self._tables.values():
             table.flush()
         if self._analysed:
             self._file["/entry/triggers/analysed"][sorted(self._analysed)] = 1
             self._analysed.clear()
         self._disk.check()
+        check_room(self._path, 0)
 
     def close(self) -> Receipt:
         """Write the rest, bring it to the disk and read it back.

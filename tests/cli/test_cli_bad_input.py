@@ -12,7 +12,8 @@ import pytest
 from PIL import Image
 from typer.testing import Result
 
-from app.commands.names import next_free, parse_pace
+from app.commands.names import parse_pace
+from app.session.files import next_free
 
 Command = Callable[..., Result]
 

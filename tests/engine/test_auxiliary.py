@@ -17,9 +17,8 @@ from app.exchange.exporting import export
 from app.offline.reanalysis import Reanalysis
 from app.records import Gap, Samples
 from app.session import Session
-from app.session.files import abandon
+from app.session.recorder import SessionRecorder
 from app.session.repair import repair
-from app.session.writer import SessionWriter
 from drivers.clock import SampleClock
 from drivers.emulators.ni import EmulatedNiForces
 from drivers.protocols import TriggerTrain
@@ -91,13 +90,14 @@ def test_a_further_analysis_leaves_them_where_they_are(session):
 
 def test_a_cut_short_session_has_them_back(tmp_path):
     header = live.header_of(load(None, [*SMALL, SETTING]), {})
-    writer = SessionWriter.create(tmp_path / "cut.h5", header)
+    writer = SessionRecorder.create(tmp_path / "cut.h5", header)
     values = np.arange(40.0).reshape(20, 2)
     plain = np.zeros((20, 2))
     writer.append(Samples(0, plain, plain, values))
     writer.append(Gap(20, 5, "lost"))
     writer.append(Samples(25, plain, plain, -values))
-    abandon(writer._file, writer._on_disk, writer._journal)  # as a kill leaves it
+    for file in writer._files:
+        file.close()  # as a kill leaves it
     repaired = repair(tmp_path / "cut.h5", tmp_path / "whole.h5")
     assert repaired.source == "journal"
     with Session(tmp_path / "whole.h5") as s:

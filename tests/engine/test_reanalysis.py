@@ -5,7 +5,6 @@ tells where it comes from.
 import hashlib
 import math
 import shutil
-import threading
 
 import h5py
 import numpy as np
@@ -18,10 +17,8 @@ from app.offline.reanalysis import Reanalysis
 from app.offline.replay import Replay, difference
 from app.session import Session
 from app.session.files import RESERVE_BYTES
-from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.receipt import verify
-from app.session.repair import repair
 from app.session.writer import SessionWriter
 
 SMALL = (
@@ -297,25 +294,4 @@ def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
     outcome, _ = analysed(session, "b.h5")
     assert outcome.state == "failed"
     assert "the disk is full" in outcome.reason
-    assert outcome.counts.frames_analysed == 30
     assert sorted(p.name for p in session.parent.iterdir()) == ["a.h5"]
-
-
-def test_one_that_was_killed_is_repaired_from_what_lies_beside(session, monkeypatch):
-    """A program that is killed leaves the file that it had not finished, with its journal."""
-    cut = session.with_name("cut.h5")
-
-    def kill(writer, outcome):
-        writer.flush()
-        shutil.copy(writer._path, cut)
-        shutil.copy(journal_of(writer._path), journal_of(cut))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(SessionWriter, "_finish", kill)
-    monkeypatch.setattr(threading, "excepthook", lambda _: None)
-    outcome, path = analysed(session, "b.h5")
-    monkeypatch.undo()
-    assert (outcome.state, path.exists()) == ("failed", False)
-    repaired = repair(cut, session.with_name("c.h5"))
-    assert (repaired.source, repaired.torn) == ("journal", 0)
-    assert replayed(session.with_name("c.h5")).all_identical

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from app.engine.recorder import Recorder
 from app.records import Header, ReceivedFrame, Samples
 from app.session.reader import SessionReader
+from app.session.recorder import SessionRecorder
 from app.session.repair import repair
-from app.session.writer import SessionWriter
 
 DIVISOR = 42  # samples from one frame to the next
 QUEUE_S, FLUSH_S = 4.0, 0.4  # as by default
@@ -54,16 +54,17 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
         grid_y_px=np.arange(3.0),
         versions={},
     )
-    writer = SessionWriter.create(path, header)
+    sink = SessionRecorder.create(path, header)
     recorder = Recorder(
-        writer,
+        sink,
         QUEUE_S,
         rate * shape[0] * shape[1],
         FLUSH_S,
         sender_waits=False,
         on_failure=sys.exit,
     )
-    threading.Thread(target=recorder.work, daemon=True).start()
+    for _, work in recorder.works():
+        threading.Thread(target=work, daemon=True).start()
     began = time.monotonic()
     for n in range(1 << 30):
         image, forces = image_of(n, shape), forces_of(n)

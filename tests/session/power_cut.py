@@ -1,6 +1,6 @@
 """What a power cut leaves of the files that a program was writing.
 
-Every write of a session and its journal is kept in order, with the moments at which the program had
+Every write of a recording is kept in order, with the moments at which the program had
 a file brought to the disk. A cut leaves all that was brought there, and of the rest each page of 4
 KiB as it was at any moment since then; a file may be shorter than it was.
 """
@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
-import h5py
 import numpy as np
 
-from app.session import files, journal
+from app import disk as disk_module
 
 PAGE = 4096
 
@@ -44,7 +42,8 @@ class Disk:
                 disk._places[path.name] = path
 
             def write(self, data: Any) -> int:
-                disk.events.append((self.called, "write", self.tell(), bytes(data)))
+                place = os.fstat(self.fileno()).st_size
+                disk.events.append((self.called, "write", place, bytes(data)))
                 return super().write(data)
 
             def truncate(self, size: int | None = None) -> int:
@@ -60,13 +59,7 @@ class Disk:
             ]
             self.events.append((name, "sync", 0, b""))
 
-        def open_file(path: Path, mode: str, **how: Any) -> h5py.File:
-            return h5py.File(patches.enter_context(Traced(path, "x+")), "w", **how)
-
-        with ExitStack() as patches:
-            patches.enter_context(patch.object(files, "h5py", SimpleNamespace(File=open_file)))
-            patches.enter_context(patch.object(journal, "FileIO", Traced))
-            patches.enter_context(patch.object(os, "fsync", sync))
+        with patch.object(disk_module, "FileIO", Traced), patch.object(os, "fsync", sync):
             yield
 
     def left_by_cut(self, instant: int, rng: np.random.Generator, folder: Path) -> None:

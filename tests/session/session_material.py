@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,8 @@ from app.records import (
     Summary,
     Traction,
 )
-from app.session.writer import SessionWriter
+from app.session.files import files_of
+from app.session.recorder import SessionRecorder
 
 SHAPE = (12, 16)
 GRID_X, GRID_Y = np.array([4.5, 8.5, 12.5]), np.array([3.5, 7.5])
@@ -85,9 +87,9 @@ def make_header(**changed: Any) -> Header:
     return Header(**(header | changed))
 
 
-def make_writer(path: Path, *, overwrite: bool = False, **changed: Any) -> SessionWriter:
+def make_writer(path: Path, *, overwrite: bool = False, **changed: Any) -> SessionRecorder:
     """A writer of small images, with anything of its header changed by name."""
-    return SessionWriter.create(path, make_header(**changed), overwrite=overwrite)
+    return SessionRecorder.create(path, make_header(**changed), overwrite=overwrite)
 
 
 def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot:
@@ -136,7 +138,7 @@ class Session:
     positions: list[tuple[int, float]]
 
 
-def record(path: Path, *, flush_each: bool = True) -> tuple[SessionWriter, Session]:
+def record(path: Path, *, flush_each: bool = True) -> tuple[SessionRecorder, Session]:
     """A session of 8 triggers (3 is lost), 1000 samples with 3 missing, results of 6 frames, not
     yet finished.
     """
@@ -166,6 +168,13 @@ def record(path: Path, *, flush_each: bool = True) -> tuple[SessionWriter, Sessi
         if flush_each:
             writer.flush()
     return writer, written
+
+
+def copy_recording(path: Path, to: Path) -> None:
+    """Copy the files of a session that is being recorded, as a kill would leave them."""
+    for file in files_of(path).values():
+        if file.exists():
+            shutil.copy(file, to.with_name(file.name.replace(path.name, to.name)))
 
 
 def alter(path: Path, dataset: str, row: int) -> None:

@@ -14,7 +14,8 @@ from zlib import crc32
 import msgspec
 from spoiled import BYTES
 
-from app.session.journal import _HEAD, _MARK, journal_of
+from app.session.files import images_of, results_of
+from app.session.journal import _ABOUT, _HEAD, _MARK, _hashed, journal_of
 
 _NUMBERS = [
     0,
@@ -109,11 +110,13 @@ _CHANCE = [name for name in BYTES if name != "forged header"]
 
 
 def spoil_journal(whole: Path, path: Path, seed: int) -> str:
-    """Write a copy of a session that was cut short and of its journal, one or both spoiled; the
-    name of what was done to the journal.
+    """Write a copy of a session that was cut short, some of its files spoiled; the name of what was
+    done to the journal.
     """
     rng = random.Random(seed)
-    session, journal = (bytearray(file.read_bytes()) for file in (whole, journal_of(whole)))
+    session, journal, results = (
+        bytearray(file(whole).read_bytes()) for file in (images_of, journal_of, results_of)
+    )
     how = rng.choice([*_CHANCE, *RECORDS, *RECORDS])
     if how in BYTES:
         BYTES[how](journal, rng)
@@ -121,23 +124,34 @@ def spoil_journal(whole: Path, path: Path, seed: int) -> str:
         records = _records(bytes(journal))
         for _ in range(rng.choice([1, 1, 2, 10])):
             RECORDS[how](records, rng)
-        journal[journal.index(b"\n") + 1 :] = b"".join(
-            _HEAD.pack(_MARK, kind, len(held), crc32(held)) + held for kind, held in records
-        )
-    if rng.random() < 0.4:
-        BYTES[rng.choice(_CHANCE)](session, rng)
-    path.write_bytes(session)
+        journal[journal.index(b"\n") + 1 :] = _written(records)
+    for other in (session, results):
+        if rng.random() < 0.3:
+            BYTES[rng.choice(_CHANCE)](other, rng)
+    images_of(path).write_bytes(session)
     journal_of(path).write_bytes(journal)
+    results_of(path).write_bytes(results)
     return how
+
+
+def _written(records: list[tuple[int, bytes]]) -> bytes:
+    """Records with the checksums and hashes that a journal has."""
+    written, chain = b"", bytes(16)
+    for kind, held in records:
+        chain = _hashed(chain, kind % 256, held)
+        rest = _ABOUT.pack(kind % 256, len(held), chain) + held
+        written += _HEAD.pack(_MARK, crc32(rest)) + rest
+    return written
 
 
 def _records(journal: bytes) -> list[tuple[int, bytes]]:
     """Type and payload of each record."""
     at, found = journal.index(b"\n") + 1, []
     while at < len(journal):
-        _, kind, length, _ = _HEAD.unpack_from(journal, at)
-        found.append((kind, journal[at + _HEAD.size : at + _HEAD.size + length]))
-        at += _HEAD.size + length
+        kind, length, _ = _ABOUT.unpack_from(journal, at + _HEAD.size)
+        at += _HEAD.size + _ABOUT.size
+        found.append((kind, journal[at : at + length]))
+        at += length
     return found
 
 

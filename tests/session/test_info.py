@@ -10,11 +10,10 @@ from pathlib import Path
 
 import h5py
 import pytest
-from session_material import Session, alter, record
+from session_material import Session, alter, copy_recording, record
 
 from app.commands.inspect import info
 from app.errors import UserError
-from app.session.journal import journal_of
 from app.session.reader import SessionReader
 
 Capture = pytest.CaptureFixture[str]
@@ -92,18 +91,19 @@ def test_older_session_has_nothing_to_be_held_against(session: Session, capsys: 
     assert "read back without checksums to hold them against" in capsys.readouterr().out
 
 
-def test_unfinished_session_is_held_against_its_journal(tmp_path: Path, capsys: Capture) -> None:
-    writer, written = record(tmp_path / "open.h5", flush_each=False)
-    path = tmp_path / "cut.h5"
-    shutil.copy(written.path, path)
-    shutil.copy(journal_of(written.path), journal_of(path))
-    writer.discard()
-    assert info(path, as_json=False, verify=True) == 1
-    said = capsys.readouterr()
-    assert (
-        f"`slipscope repair {path} -o REPAIRED.h5` brings back what its journal holds" in said.out
-    )
-    assert "frames 0, 1, 2, 3, 4 and 3 more are not as recorded; the journal is kept" in said.err
+def test_a_session_is_held_against_the_journal_beside_it(tmp_path: Path, capsys: Capture) -> None:
+    """As a kill between the last two steps of a close leaves it, with a force changed since."""
+    writer, written = record(tmp_path / "a.h5")
+    copy_recording(written.path, tmp_path / "b.h5")
+    writer.close()
+    shutil.copy(tmp_path / "b.h5.journal", tmp_path / "a.h5.journal")
+    assert info(written.path, as_json=False, verify=True) == 0
+    said = capsys.readouterr().out
+    assert f"`slipscope repair {written.path} -o REPAIRED.h5` brings back what its" in said
+    with h5py.File(written.path, "r+") as file:
+        file["/entry/forces/shear_force"][7] += 1e-9
+    assert info(written.path, as_json=False, verify=True) == 1
+    assert "the forces are not as recorded" in capsys.readouterr().err
 
 
 def test_what_can_not_be_read_is_not_as_recorded(session: Session, capsys: Capture) -> None:

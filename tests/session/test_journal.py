@@ -1,10 +1,13 @@
-"""The journal holds what the writer was given, to the bit, and ends where it is torn."""
+"""The journal holds what the recorder was given, to the bit, whatever is damaged beside it."""
 
 from __future__ import annotations
 
 import dataclasses
 import errno
+import os
+import time
 from io import FileIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -13,8 +16,20 @@ import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from session_material import COUNTS, NAN, OUTCOME, SHAPE, make_header, make_writer, record
+from session_material import (
+    CONTACT,
+    COUNTS,
+    NAN,
+    OUTCOME,
+    SHAPE,
+    make_header,
+    make_snapshot,
+    make_writer,
+    record,
+)
 
+from app import disk
+from app.disk import AppendedFile
 from app.errors import UserError
 from app.records import (
     Event,
@@ -25,37 +40,41 @@ from app.records import (
     ReceivedFrame,
     Samples,
     Source,
-    SourceFrame,
 )
 from app.session import journal as journal_module
-from app.session.journal import Journal, StoredFrame, Torn, journal_of, read_journal
+from app.session.columns import Table
+from app.session.journal import Damage, Journal, StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.receipt import verify
+from app.session.repair import repair
 
 SAMPLES = np.array([[0.1, NAN], [-0.0, 1e300]])
 RECORDS = (
     Event(5, "phase", "µ\0\n力"),
     Position(3, 1.1e-3),
     Position(4, NAN),
-    StoredFrame(0, 0, 1 << 40, 9, 0xFFFFFFFF),
-    SourceFrame(1, 125, 7, 1),
+    StoredFrame(0, 0, 1 << 40, 9, 0xFFFFFFFF, bytes(range(32)), (0, 2)),
     LostTrigger(2, 250, "late"),
     Gap(2, 3, "overflow"),
     Samples(0, SAMPLES, -SAMPLES),
     Samples(5, SAMPLES[:0], SAMPLES[:0]),
     make_header(source=Source("a.h5", "2026"), compression="gzip"),
+    OUTCOME,
+    CONTACT,
+    make_snapshot(7),
+    make_snapshot(8, field=False),
 )
 
 
 def make_journal(path: Path) -> list[int]:
     """A journal of some records; where each of them ends."""
-    journal = Journal(path, overwrite=False)
-    ends = []
+    file = AppendedFile(path, overwrite=False)
+    journal, ends = Journal(file), []
     for one in RECORDS:
         journal.append(one)
-        ends.append(path.stat().st_size)
-    journal.sync()
-    journal.close()
+        ends.append(file.end)
+    file.sync()
+    file.close()
     return ends
 
 
@@ -63,88 +82,125 @@ def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
     make_journal(tmp_path / "j")
     for found, given in zip(read_journal(tmp_path / "j"), RECORDS, strict=True):
         assert type(found) is type(given)
+        assert_same(found, given)
+
+
+def assert_same(found: Any, given: Any) -> None:
+    """Two records are equal to the bit."""
+    if dataclasses.is_dataclass(given):
         for field in dataclasses.fields(given):
-            a, b = getattr(found, field.name), getattr(given, field.name)
-            np.testing.assert_equal(a, b)
-            if isinstance(a, np.ndarray):
-                assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+            assert_same(getattr(found, field.name), getattr(given, field.name))
+    elif isinstance(given, np.ndarray):
+        assert (found.dtype, found.shape, found.tobytes()) == (
+            given.dtype,
+            given.shape,
+            given.tobytes(),
+        )
+    else:
+        np.testing.assert_equal(found, given)
 
 
 def test_texts_that_utf8_can_not_hold_are_spelled_out(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "j", overwrite=False)
+    file = AppendedFile(tmp_path / "j", overwrite=False)
+    journal = Journal(file)
     journal.append(make_header(config_toml="\ud800", versions={"a": "\udc00"}))
     journal.append(Event(0, "error", "reply '\ud800'"))
-    journal.close()
+    file.close()
     header, event = read_journal(tmp_path / "j")
     assert (header.config_toml, header.versions) == ("\\ud800", {"a": "\\udc00"})
     assert event.text == "reply '\\ud800'"
 
 
-def test_places_are_those_that_hdf5_tells(tmp_path: Path) -> None:
-    writer, written = record(tmp_path / "a.h5")
-    for n in range(30):
-        writer.append(ReceivedFrame(100 + n, 12505 + 125 * n, np.full(SHAPE, n, np.uint8)))
-        if n % 7 == 0:
-            writer.flush()
-    journal = read_journal(journal_of(written.path))
-    places = [one.place for one in journal if isinstance(one, StoredFrame)]
-    chunks = [writer._images.id.get_chunk_info_by_coord((row, 0, 0)) for row in range(len(places))]
-    assert places == [chunk.byte_offset for chunk in chunks]
-    # also where it does not lie at the end
-    assert writer._place_of(3, np.ones(chunks[3].size, np.uint8), 0) == places[3]
-    writer.discard()
-
-
-def test_torn_tail_is_found_and_cut_at_every_byte(tmp_path: Path) -> None:
+def test_torn_tail_is_found_at_every_byte(tmp_path: Path) -> None:
     ends = make_journal(tmp_path / "j")
     content = (tmp_path / "j").read_bytes()
-    for length in range(len(content) + 1):
+    for length in range(0, len(content) + 1, 3):
         (tmp_path / "torn").write_bytes(content[:length])
         found = list(read_journal(tmp_path / "torn"))
         torn = length - max((end for end in (20, *ends) if end <= length), default=0)
-        assert found[sum(end <= length for end in ends) :] == ([Torn(torn)] if torn else [])
+        assert found[sum(end <= length for end in ends) :] == ([Damage(torn)] if torn else [])
 
 
-def test_altered_byte_ends_the_journal_there(tmp_path: Path) -> None:
+def test_altered_byte_costs_the_record_that_it_is_in_and_no_other(tmp_path: Path) -> None:
     ends = make_journal(tmp_path / "j")
     content = (tmp_path / "j").read_bytes()
-    for place in range(20, len(content)):
+    for place in range(0, len(content), 3):
         altered = bytearray(content)
         altered[place] ^= 0x10
         (tmp_path / "altered").write_bytes(altered)
-        *found, torn = read_journal(tmp_path / "altered")
-        assert isinstance(torn, Torn)
-        assert len(found) == sum(end <= place for end in ends), place
+        found = list(read_journal(tmp_path / "altered"))
+        lost = sum(end <= place for end in ends)
+        if place < 20:
+            assert found[0] == Damage(20)
+            lost = -1
+        else:
+            first = ([20, *ends])[lost]
+            assert found.pop(lost) == Damage(ends[lost] - first)
+        assert [type(one) for one in found if type(one) is not Damage] == [
+            type(one) for n, one in enumerate(RECORDS) if n != lost
+        ]
 
 
-class _SmallDisk(FileIO):
-    """A file on a disk on which `room` bytes are left."""
+@pytest.mark.parametrize("change", ["left out", "repeated", "exchanged"])
+def test_a_record_that_does_not_follow_from_the_one_before_is_told(
+    tmp_path: Path, change: str
+) -> None:
+    ends = make_journal(tmp_path / "j")
+    content = (tmp_path / "j").read_bytes()
+    parts = [content[a:b] for a, b in pairwise([0, 20, *ends])]
+    if change == "left out":
+        del parts[4]
+    elif change == "repeated":
+        parts.insert(4, parts[4])
+    else:
+        parts[4], parts[5] = parts[5], parts[4]
+    (tmp_path / "changed").write_bytes(b"".join(parts))
+    damage = [one for one in read_journal(tmp_path / "changed") if isinstance(one, Damage)]
+    assert len(damage) >= 1
+    assert all(one.nbytes == 0 for one in damage)
 
-    room = 1 << 20
 
-    def write(self, data: Any) -> int:
-        if len(data) > _SmallDisk.room:
-            super().write(data[: _SmallDisk.room])
-            raise OSError(errno.ENOSPC, "No space left on device")
-        _SmallDisk.room -= len(data)
-        return super().write(data)
+def test_a_journal_of_false_beginnings_takes_no_time(tmp_path: Path) -> None:
+    """Each promises a record of all that is left; looking at all of them would take days."""
+    about = journal_module._ABOUT.pack(1, 1 << 22, bytes(16))
+    (tmp_path / "false").write_bytes(journal_module._HEAD.pack(journal_module._MARK, 0) + about)
+    (tmp_path / "false").write_bytes((tmp_path / "false").read_bytes() * 200_000)
+    began = time.process_time()
+    assert list(read_journal(tmp_path / "false")) == [Damage((tmp_path / "false").stat().st_size)]
+    assert time.process_time() - began < 10
 
 
-def test_full_disk_leaves_no_half_record_and_no_phantom(
+def test_full_disk_leaves_no_half_record_and_is_not_asked_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(journal_module, "FileIO", _SmallDisk)
+    class SmallDisk(FileIO):
+        room = 1 << 20
+
+        def write(self, data: Any) -> int:
+            if len(data) > SmallDisk.room:
+                if SmallDisk.room == 0:
+                    raise OSError(errno.ENOSPC, "No space left on device")
+                data, SmallDisk.room = data[: SmallDisk.room], 0
+                return super().write(data)
+            SmallDisk.room -= len(data)
+            return super().write(data)
+
+    monkeypatch.setattr(disk, "FileIO", SmallDisk)
     writer, written = record(tmp_path / "full.h5")
-    monkeypatch.setattr(_SmallDisk, "room", 10)
-    size = journal_of(written.path).stat().st_size
-    with pytest.raises(OSError, match="No space left"):
+    sizes = [file.path.stat().st_size for file in writer._files]
+    monkeypatch.setattr(SmallDisk, "room", 100)
+    with pytest.raises(OSError, match=r"full\.h5\.images can not be written: No space left"):
         writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
-    with pytest.raises(OSError, match="No space left"):
-        writer.append(Samples(1003, np.zeros((9, 2)), np.zeros((9, 2))))
-    assert journal_of(written.path).stat().st_size == size
+    monkeypatch.setattr(SmallDisk, "room", 1 << 20)
+    with pytest.raises(OSError, match=r"full\.h5\.images can not be written: No space left"):
+        writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+    assert [file.path.stat().st_size for file in writer._files] == sizes
     writer.append(Outcome("failed", "the disk is full", COUNTS, None))
-    writer.close()
-    with SessionReader(written.path) as read:
+    with pytest.raises(OSError, match=r"No space left on device; what was recorded lies beside"):
+        writer.close()
+    assert not written.path.exists()
+    assert repair(written.path, tmp_path / "repaired.h5").is_whole
+    with SessionReader(tmp_path / "repaired.h5") as read:
         assert (read.outcome.state, read.outcome.counts, len(read.triggers())) == (
             "failed",
             COUNTS,
@@ -186,40 +242,55 @@ def test_gap_that_was_told_is_verified_too(tmp_path: Path) -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (StoredFrame(8, 1005, 0, 192, 1), "frame 8 is not as recorded"),
-        (StoredFrame(2, 255, 0, 192, 1), "frame 2 is not as recorded"),
-        (Samples(1003, SAMPLES, SAMPLES), "1005 samples were recorded, 1003 are in the file"),
-        (Event(1, "stop", "x"), "8 events were recorded, 7 are in the file"),
-    ],
-)
-def test_file_that_is_not_what_was_recorded_keeps_its_journal(
-    tmp_path: Path, more: Any, words: str
+def test_session_that_is_not_what_was_recorded_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Whatever HDF5 makes of the numbers."""
+    extend = Table.extend
+
+    def changed(self: Table, block: Any) -> None:
+        if "/entry/forces/shear_force" in block:
+            block = block | {"/entry/forces/shear_force": block["/entry/forces/shear_force"] + 1e-9}
+        extend(self, block)
+
     writer, written = record(tmp_path / "other.h5")
-    writer._journal.append(more)
-    with pytest.raises(UserError, match=words):
-        writer.close()
-    assert journal_of(written.path).exists()
-    assert writer.receipt is None
-    writer.close()
-
-
-def test_altered_force_is_found(tmp_path: Path) -> None:
-    writer, _ = record(tmp_path / "force.h5")
-    writer.flush()
-    writer._file["/entry/forces/shear_force"][17] += 1e-12
+    monkeypatch.setattr(Table, "extend", changed)
     with pytest.raises(UserError, match="the forces are not as recorded"):
         writer.close()
+    assert writer.receipt is None
+    assert not written.path.exists()
+    monkeypatch.undo()
+    assert repair(written.path, tmp_path / "repaired.h5").is_whole
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_failed_sync_is_final(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, which: int
+) -> None:
+    """The next one may well say nothing, though the data are lost."""
+    writer, written = record(tmp_path / "sync.h5")
+    with monkeypatch.context() as patch:
+
+        def fail(_: int) -> None:
+            raise OSError(errno.EIO, "Input/output error")
+
+        patch.setattr(os, "fsync", fail)
+        with pytest.raises(OSError, match="can not be brought to the disk"):
+            writer.syncs[which]()
+    for sync in writer.syncs:
+        sync()
+    writer.append(OUTCOME)
+    with pytest.raises(OSError, match=r"Input/output error; what was recorded lies beside"):
+        writer.close()
+    assert (writer.receipt, written.path.exists()) == (None, False)
+    assert repair(written.path, tmp_path / "repaired.h5").receipt.frames == 7
 
 
 def test_journal_of_a_lost_session_is_not_overwritten_unasked(tmp_path: Path) -> None:
     journal_of(tmp_path / "new.h5").write_bytes(b"all that is left")
     with pytest.raises(UserError, match=r"new\.h5\.journal: a session of that name exists"):
         make_writer(tmp_path / "new.h5")
-    assert not (tmp_path / "new.h5").exists()
+    assert [file.name for file in tmp_path.iterdir()] == ["new.h5.journal"]
     make_writer(tmp_path / "new.h5", overwrite=True).close()
 
 
@@ -238,13 +309,14 @@ NONE += [
 
 
 @pytest.mark.parametrize("payload", NONE, ids=range(len(NONE)))
-@pytest.mark.parametrize("kind", [1, 7, 8, 255])
-def test_record_with_the_right_checksum_that_is_none_ends_the_journal(
+@pytest.mark.parametrize("kind", [1, 6, 8, 255])
+def test_record_with_the_right_checksum_that_is_none_is_passed_over(
     tmp_path: Path, kind: int, payload: bytes
 ) -> None:
     make_journal(tmp_path / "j")
-    head = journal_module._HEAD.pack(journal_module._MARK, kind, len(payload), crc32(payload))
-    with (tmp_path / "j").open("ab") as file:
-        file.write(head + payload)
-    *found, torn = read_journal(tmp_path / "j")
-    assert (len(found), torn) == (len(RECORDS), Torn(len(head + payload)))
+    rest = journal_module._ABOUT.pack(kind, len(payload), bytes(16)) + payload
+    false = journal_module._HEAD.pack(journal_module._MARK, crc32(rest)) + rest
+    whole = (tmp_path / "j").read_bytes()
+    (tmp_path / "j").write_bytes(whole[:20] + false + whole[20:])
+    damage, *found = read_journal(tmp_path / "j")
+    assert (len(found), damage) == (len(RECORDS), Damage(len(false)))

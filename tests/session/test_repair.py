@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -20,28 +21,28 @@ from session_material import (
     OUTCOME,
     Session,
     alter,
+    copy_recording,
     make_header,
     make_writer,
     record,
 )
 
+from app.disk import AppendedFile
 from app.errors import UserError
 from app.offline.replay import difference
 from app.records import Gap, Samples
 from app.session import journal
+from app.session.files import images_of
 from app.session.journal import Journal, StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.repair import repair
 
 
 def cut_short(folder: Path) -> Session:
-    """A session as a kill before its first flush leaves it: the file is empty but for the images,
-    the journal has everything.
-    """
+    """A session as a kill before its first flush leaves it."""
     writer, written = record(folder / "open.h5", flush_each=False)
     path = folder / "cut.h5"
-    shutil.copy(written.path, path)
-    shutil.copy(journal_of(written.path), journal_of(path))
+    copy_recording(written.path, path)
     writer.discard()
     written.path = path
     return written
@@ -77,40 +78,34 @@ def test_kill_at_any_instant_loses_nothing_but_the_last_half_second(
     assert kill.lost_s <= 0.5
 
 
-@pytest.mark.parametrize("damage", ["none", "not HDF5", "empty tables"])
-def test_all_comes_back_from_the_journal(tmp_path: Path, damage: str) -> None:
+def test_all_comes_back_from_the_journal(tmp_path: Path) -> None:
     written = cut_short(tmp_path)
-    if damage == "not HDF5":
-        with written.path.open("r+b") as file:
-            file.write(bytes(2048))
-    before = written.path.read_bytes(), journal_of(written.path).read_bytes()
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
     repaired = repair(written.path, tmp_path / "repaired.h5")
-    assert (written.path.read_bytes(), journal_of(written.path).read_bytes()) == before
-    assert (repaired.source, repaired.torn, repaired.cut_bytes, repaired.receipt.frames) == (
-        "journal",
-        0,
-        0,
-        7,
-    )
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    assert (repaired.source, repaired.is_whole, repaired.receipt.frames) == ("journal", True, 7)
     assert_same(tmp_path / "repaired.h5", written)
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert (read.outcome.state, read.outcome.counts.frames_lost) == ("unfinished", 1)
         assert (
             read.outcome.reason
-            == "the run was cut short; repaired from cut.h5, 7 frames kept, 0 images lost"
+            == "the run was cut short; brought back from its journal, 7 frames kept, 0 images lost"
         )
     assert not journal_of(tmp_path / "repaired.h5").exists()
 
 
 def test_torn_image_is_a_lost_frame_with_that_reason(tmp_path: Path) -> None:
     written = cut_short(tmp_path)
-    content = bytearray(written.path.read_bytes())
+    content = bytearray(images_of(written.path).read_bytes())
     content[content.index(written.images[4].tobytes())] ^= 1
     end = content.index(written.images[7].tobytes())
-    written.path.write_bytes(content[: end + 5])
+    images_of(written.path).write_bytes(content[: end + 5])
     repaired = repair(written.path, tmp_path / "repaired.h5")
-    assert repaired.torn == 2
-    assert "; 2 images and 0 samples could not be read; no results" in str(repaired)
+    assert (repaired.found.torn, repaired.is_whole) == (2, False)
+    assert (
+        "; 2 of 7 recorded images and 0 samples could not be brought back; results of 4 frames"
+        in str(repaired)
+    )
     assert_same(tmp_path / "repaired.h5", written, lost=(4, 7))
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.lost_frames()[1:] == [
@@ -128,10 +123,9 @@ def test_results_come_along_where_they_can_be_read(tmp_path: Path) -> None:
     writer.append(CONTACT)
     writer.flush()
     copied = tmp_path / "cut.h5"
-    shutil.copy(written.path, copied)
-    shutil.copy(journal_of(written.path), journal_of(copied))
+    copy_recording(written.path, copied)
     writer.discard()
-    assert repair(copied, tmp_path / "repaired.h5").results == 6
+    assert repair(copied, tmp_path / "repaired.h5").found.results == 6
     with SessionReader(tmp_path / "repaired.h5") as read:
         for found, snapshot in zip(read.snapshots(), written.snapshots, strict=True):
             assert difference(found, snapshot) == ""
@@ -162,7 +156,7 @@ def test_damaged_session_without_a_journal_gives_what_can_be_read(
         else:
             file["/entry/triggers/image"][6] = 99
     repaired = repair(session.path, tmp_path / "repaired.h5")
-    assert (repaired.source, repaired.torn, repaired.results) == ("file", 1, 5)
+    assert (repaired.source, repaired.found.torn, repaired.found.results) == ("file", 1, 5)
     assert_same(tmp_path / "repaired.h5", session, lost=(6,))
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert (read.outcome.state, read.outcome.reason) == (
@@ -185,8 +179,9 @@ def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
     writer.close()
     alter(tmp_path / "altered.h5", "/entry/forces/shear_sensor", 5000)
     repaired = repair(tmp_path / "altered.h5", tmp_path / "repaired.h5")
-    assert (repaired.source, repaired.unread, repaired.receipt.samples) == ("file", 4082, 9000)
-    assert "0 images and 4082 samples could not be read" in str(repaired)
+    assert (repaired.source, repaired.found.unread) == ("file", 4082)
+    assert repaired.receipt.samples == 9000
+    assert "0 of 0 recorded images and 4082 samples could not be brought back" in str(repaired)
     volts[4090:8192] = forces[4090:8192] = volts[8990:] = forces[8990:] = np.nan
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.gaps() == [(4090, 20), (4110, 4082), (8990, 10)]
@@ -199,16 +194,15 @@ def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
 
 def test_what_can_not_be_repaired_says_why(tmp_path: Path) -> None:
     written = cut_short(tmp_path)
-    with pytest.raises(
-        UserError, match=r"cut\.h5: this is the session itself, which is never changed"
-    ):
+    with pytest.raises(UserError, match=r"cut\.h5\.journal: a journal of a session that was cut"):
         repair(written.path, written.path)
     with pytest.raises(UserError, match="there is no such session"):
         repair(tmp_path / "absent.h5", tmp_path / "repaired.h5")
     (tmp_path / "repaired.h5").write_bytes(b"mine")
     with pytest.raises(UserError, match="a session of that name exists"):
         repair(written.path, tmp_path / "repaired.h5")
-    journal_of(written.path).unlink()
+    for file in tmp_path.glob("cut*"):
+        file.unlink()
     written.path.write_bytes(bytes(5000))
     with pytest.raises(UserError, match="not an HDF5 file"):
         repair(written.path, tmp_path / "other.h5")
@@ -219,7 +213,7 @@ IMPOSSIBLE = [
     Samples(10**15, np.empty((0, 2)), np.empty((0, 2))),
     Gap(0, 10**15, "x"),
     Gap(10**15, 1, "x"),
-    make_header(),
+    make_header(divisor=126),
 ]
 
 
@@ -245,16 +239,18 @@ ODD = [
 
 
 @pytest.mark.parametrize("event", ODD, ids=range(len(ODD)))
-def test_record_that_is_none_ends_the_journal_and_what_came_before_is_brought_back(
+def test_record_that_is_none_is_passed_over_and_all_others_are_brought_back(
     tmp_path: Path, event: object
 ) -> None:
     written = cut_short(tmp_path)
     content = msgspec.msgpack.encode(event)
-    with journal_of(written.path).open("ab") as file:
-        file.write(journal._HEAD.pack(journal._MARK, 7, len(content), crc32(content)) + content)
+    whole = journal_of(written.path).read_bytes()
+    middle = whole.rindex(journal._MARK)
+    odd = forged(6, content)
+    journal_of(written.path).write_bytes(whole[:middle] + odd + whole[middle:])
     repaired = repair(written.path, tmp_path / "repaired.h5")
-    assert repaired.cut_bytes == journal._HEAD.size + len(content)
-    assert "; what came after the torn end of the journal is lost" in str(repaired)
+    assert repaired.found.damaged_bytes == len(odd)
+    assert f"; {len(odd)} bytes of the journal are damaged" in str(repaired)
     assert_same(tmp_path / "repaired.h5", written)
 
 
@@ -275,7 +271,7 @@ def test_journal_can_not_ask_for_more_than_there_was(tmp_path: Path) -> None:
         ([Gap(1003, 3_000_000, "x"), Gap(3_001_003, 3_000_000, "x")], "6000003 samples"),
         (
             [replace(image, index=n) for n in range(8, 5000)],
-            "more images than the session has room",
+            "more images than there is room",
         ),
     ):
         journal_of(path).write_bytes(content)
@@ -288,36 +284,94 @@ def test_journal_can_not_ask_for_more_than_there_was(tmp_path: Path) -> None:
 
 def add(path: Path, record_: Any) -> None:
     """Add a record to a journal."""
-    writing = Journal(path.with_name("added"), overwrite=True)
-    began = writing._end
-    writing.append(record_)
+    writing = AppendedFile(path.with_name("added"), overwrite=True)
+    Journal(writing).append(record_)
     writing.close()
     with path.open("ab") as file:
-        file.write(writing.path.read_bytes()[began:])
+        file.write(writing.path.read_bytes()[len(journal.MAGIC) :])
 
 
-def test_results_that_do_not_fit_do_not_keep_the_images_from_coming_back(tmp_path: Path) -> None:
-    writer, written = record(tmp_path / "open.h5")
-    writer.flush()
-    path = tmp_path / "cut.h5"
-    shutil.copy(written.path, path)
-    shutil.copy(journal_of(written.path), journal_of(path))
-    writer.discard()
-    with h5py.File(path, "r+") as file:
+def forged(kind: int, payload: bytes) -> bytes:
+    """A record of a journal with its checksum, whatever it holds."""
+    rest = journal._ABOUT.pack(kind, len(payload), bytes(16)) + payload
+    return journal._HEAD.pack(journal._MARK, crc32(rest)) + rest
+
+
+def test_results_that_do_not_fit_do_not_keep_the_images_from_coming_back(
+    session: Session, tmp_path: Path
+) -> None:
+    with h5py.File(session.path, "r+") as file:
+        file["/entry/instrument/camera/data"][5, 3, 3] ^= 1
         for name in ("ux", "uy", "ux_errors", "uy_errors", "zncc", "status"):
             kind = file[f"/entry/fields/{name}"].dtype
             del file[f"/entry/fields/{name}"]
             file.create_dataset(f"/entry/fields/{name}", (6, 3, 3), kind)
-    repaired = repair(path, tmp_path / "repaired.h5")
+    repaired = repair(session.path, tmp_path / "repaired.h5")
     # those before the reference have no field
-    assert (repaired.receipt.frames, repaired.results) == (7, 2)
+    assert (repaired.receipt.frames, repaired.found.results) == (6, 2)
 
 
-def test_failed_repair_leaves_no_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_repair_leaves_no_output_and_the_earlier_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     written = cut_short(tmp_path)
-    monkeypatch.setattr(
-        "app.session.files.shutil.disk_usage", lambda _: type("usage", (), {"free": 0})
-    )
-    with pytest.raises(UserError, match=r"repaired\.h5: it can not be written: the disk is full"):
-        repair(written.path, tmp_path / "repaired.h5")
-    assert not list(tmp_path.glob("repaired*"))
+    (tmp_path / "repaired.h5").write_bytes(b"earlier")
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("app.disk.SparedFile.sync", full)
+    with pytest.raises(UserError, match=r"repaired\.h5: it can not be written: No space left"):
+        repair(written.path, tmp_path / "repaired.h5", overwrite=True)
+    assert [file.name for file in tmp_path.glob("*repaired*")] == ["repaired.h5"]
+    assert (tmp_path / "repaired.h5").read_bytes() == b"earlier"
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_flipped_bit_of_the_journal_costs_no_image_and_one_block_of_samples_at_most(
+    cut_once: Path, tmp_path: Path, seed: int
+) -> None:
+    path = tmp_path / "cut.h5"
+    copy_recording(cut_once, path)
+    content = bytearray(journal_of(path).read_bytes())
+    bit = int(np.random.default_rng(seed).integers(8 * len(content)))
+    content[bit // 8] ^= 1 << bit % 8
+    journal_of(path).write_bytes(content)
+    repaired = repair(path, tmp_path / "repaired.h5")
+    assert (repaired.receipt.frames, repaired.found.torn, repaired.found.results) == (7, 0, 6)
+    assert repaired.receipt.samples - repaired.found.unread >= 750
+    assert repaired.found.damaged_bytes > 0
+    assert not repaired.is_whole
+
+
+@pytest.fixture(scope="module")
+def cut_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session that was cut short, to be copied."""
+    return cut_short(tmp_path_factory.mktemp("cut")).path
+
+
+def test_a_record_that_somebody_changed_is_told(tmp_path: Path) -> None:
+    """With its checksum made right; only the chain shows it."""
+    written = cut_short(tmp_path)
+    content = bytearray(journal_of(written.path).read_bytes())
+    at = content.index(b"phase 2") - 64
+    at = content.index(journal._MARK, at)
+    while b"phase 2" not in content[at : content.index(journal._MARK, at + 1)]:
+        at = content.index(journal._MARK, at + 1)
+    end = content.index(journal._MARK, at + 1)
+    content[content.index(b"phase 2") + 6] = ord("9")
+    content[at + 4 : at + 8] = crc32(content[at + 8 : end]).to_bytes(4, "little")
+    journal_of(written.path).write_bytes(content)
+    repaired = repair(written.path, tmp_path / "repaired.h5")
+    assert (repaired.found.altered, repaired.is_whole) == (1, False)
+    assert "somebody has changed it" in str(repaired)
+
+
+def test_a_session_that_was_given_its_name_but_kept_its_journal_is_whole(tmp_path: Path) -> None:
+    """As a kill between the last two steps of a close leaves it."""
+    writer, written = record(tmp_path / "a.h5")
+    copy_recording(written.path, tmp_path / "b.h5")
+    writer.append(OUTCOME)
+    writer.close()
+    shutil.copy(tmp_path / "b.h5.journal", tmp_path / "a.h5.journal")
+    assert repair(written.path, tmp_path / "repaired.h5").output is None

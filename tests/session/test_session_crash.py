@@ -1,31 +1,32 @@
-"""A session whose program was killed, or whose disk was full, has everything up to its last flush
-and no phantom rows.
+"""A recording whose program was killed, whose disk was full or whose files were taken away has
+everything that it was given.
 """
 
 from __future__ import annotations
 
-import errno
 import os
+import shutil
 import subprocess
 import sys
 import threading
 from collections import namedtuple
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from session_material import COUNTS, SHAPE, make_snapshot, make_writer, record
+from session_material import COUNTS, OUTCOME, SHAPE, copy_recording, make_writer, record
 
+from app import disk
 from app.engine.recorder import Recorder
 from app.errors import UserError
 from app.offline.replay import difference
-from app.records import UNFINISHED, LostTrigger, Outcome, ReceivedFrame
-from app.session import columns, files
-from app.session.journal import journal_of
+from app.records import UNFINISHED, Outcome, ReceivedFrame, Samples
+from app.session import files
+from app.session.files import check_new_session, images_of
 from app.session.reader import SessionReader
+from app.session.recorder import HEAD_BYTES
 from app.session.repair import repair
 
 KILLED = """
@@ -48,7 +49,7 @@ sys.stdin.read()
 
 
 @pytest.mark.parametrize("end", ["exit", "kill"])
-def test_killed_program_leaves_everything_flushed(tmp_path: Path, end: str) -> None:
+def test_killed_program_leaves_everything_that_it_was_given(tmp_path: Path, end: str) -> None:
     path = tmp_path / "killed.h5"
     root = Path(__file__).parents[2]
     environment = os.environ | {
@@ -61,20 +62,27 @@ def test_killed_program_leaves_everything_flushed(tmp_path: Path, end: str) -> N
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
         if end == "kill":
-            with pytest.raises(UserError, match=r"killed\.h5: "):
-                SessionReader(path)  # it is being recorded
+            for refused in (
+                lambda: repair(path, tmp_path / "repaired.h5"),
+                lambda: make_writer(path, overwrite=True),
+                lambda: check_new_session(path, overwrite=True),
+            ):
+                with pytest.raises(UserError, match="another program is recording this session"):
+                    refused()
             child.kill()
         assert child.wait(400) != 0
     writer, written = record(tmp_path / "same.h5")
     writer.close()
-    with SessionReader(path) as read:
+    repaired = repair(path, tmp_path / "repaired.h5")
+    assert (repaired.is_whole, repaired.receipt.frames, repaired.found.results) == (True, 39, 38)
+    with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.outcome.state == UNFINISHED
-        assert read.outcome.counts == COUNTS
-        assert_array_equal(read.forces().volts, written.volts)
+        assert_array_equal(read.forces().volts[:1003], written.volts)
+        assert len(read.forces().volts) == 1003 + 32 * 50
         assert read.events() == written.events
-        for index, _, image in read.frames():
-            assert_array_equal(image, written.images[index])
-        for found, snapshot in zip(read.snapshots(), written.snapshots, strict=True):
+        for index, image in written.images.items():
+            assert_array_equal(read.frame(index)[2], image)
+        for found, snapshot in zip(read.snapshots(), written.snapshots, strict=False):
             assert difference(found, snapshot) == ""
 
 
@@ -90,88 +98,13 @@ def test_columns_of_unequal_length_are_cut_to_the_shortest(tmp_path: Path) -> No
         assert len(read.forces().volts) == 900
 
 
-class _FullDisk:
-    """A dataset that is real but for its writes, which fail as those to a full disk do."""
-
-    def __init__(self, real: h5py.Dataset) -> None:
-        self._real = real
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._real, name)
-
-    @property
-    def id(self) -> _FullDisk:
-        return self
-
-    def write_direct_chunk(self, *_: Any) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    __setitem__ = write_direct_chunk
-
-
-def test_failed_chunk_leaves_no_phantom(tmp_path: Path) -> None:
-    """An image that can not be written, and a field of which the second quantity can not."""
-    writer, written = record(tmp_path / "full.h5")
-    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
-    writer._images = _FullDisk(writer._images)
-    uy = "/entry/fields/uy"
-    writer._fields[uy] = _FullDisk(writer._fields[uy])
-    with pytest.raises(OSError, match="No space left"):
-        writer.append(ReceivedFrame(9, 1130, np.ones(SHAPE, np.uint8)))
-    with pytest.raises(OSError, match="No space left"):
-        writer.append(make_snapshot(8))
-    writer.append(Outcome("failed", "disk full", COUNTS, None))
-    writer.close()
-    with SessionReader(written.path) as read:
-        assert [index for index, _, _ in read.frames()] == [0, 1, 2, 4, 5, 6, 7, 8]
-        assert len(list(read.snapshots())) == 6
-        assert read.triggers()["analysed"].tolist()[-2:] == [True, False]
-        assert read.outcome.state == "failed"
-    with h5py.File(written.path, "r") as file:
-        assert file["/entry/instrument/camera/data"].shape[0] == 8
-        assert {
-            file[f"/entry/fields/{name}"].shape[0]
-            for name in ("frame", "ux", "uy", "ux_errors", "uy_errors", "zncc", "status")
-        } == {4}
-
-
-def test_failed_flush_closes_the_session_and_everything_comes_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writer, written = record(tmp_path / "flush.h5")
-    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
-    writer.append(LostTrigger(9, 1130, "late"))
-    lengthen = columns._lengthen
-
-    def full_disk(column: h5py.Dataset, *rest: Any) -> None:
-        lengthen(column, *rest)
-        if column.name == "/entry/triggers/reason":
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(columns, "_lengthen", full_disk)
-        with pytest.raises(
-            OSError,
-            match=r"flush\.h5: it can not be written: .*No space left.*; `slipscope repair`",
-        ):
-            writer.flush()
-    with pytest.raises(OSError, match="it could not be written to its end"):
-        writer.append(Outcome("failed", "the disk is full", COUNTS, None))
-    writer.close()
-    assert writer.receipt is None
-    repair(written.path, tmp_path / "repaired.h5")
-    with SessionReader(tmp_path / "repaired.h5") as read:
-        assert read.triggers()["index"].tolist() == list(range(10))
-        assert read.lost_frames()[-1] == (9, 1130, "late")
-
-
 def test_last_of_the_disk_is_left_to_close_the_session(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer, written = record(tmp_path / "last.h5")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(
-        files.shutil, "disk_usage", lambda _: usage(10**9, 10**9, files.RESERVE_BYTES)
+        disk.shutil, "disk_usage", lambda _: usage(10**9, 10**9, files.RESERVE_BYTES)
     )
     with pytest.raises(OSError, match="the disk is full, 34 MB are left"):
         writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
@@ -188,56 +121,58 @@ def image_of(frame: int) -> np.ndarray:
     return image
 
 
-def test_disk_that_stands_still_ends_the_run_by_name_and_loses_nothing_before(
+def test_a_disk_that_stands_still_holds_up_nothing_but_its_sync(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Whatever was handed over is with the system long before; a kill would lose none of it."""
     writer = make_writer(tmp_path / "still.h5")
     goes_on, sync = threading.Event(), os.fsync
     monkeypatch.setattr(os, "fsync", lambda number: (goes_on.wait(60), sync(number)))
     failures: list[str] = []
-    recorder = Recorder(
-        writer,
-        1.0,
-        50 * 12 * 16,
-        1e-6,
-        sender_waits=False,
-        on_failure=lambda reason: (failures.append(reason), goes_on.set()),
-    )
-    thread = threading.Thread(target=recorder.work)
-    thread.start()
-    sent = 0
-    while not failures and sent < 60_000:
-        recorder.append(ReceivedFrame(sent, sent, image_of(sent)))
-        sent += 1
+    recorder = Recorder(writer, 1.0, 1 << 24, 0.1, sender_waits=False, on_failure=failures.append)
+    threads = [threading.Thread(target=work) for _, work in recorder.works()]
+    for thread in threads:
+        thread.start()
+    for n in range(100):
+        recorder.append(ReceivedFrame(n, n, image_of(n)))
+        recorder.append(Samples(n, np.full((1, 2), n), np.full((1, 2), -n)))
     recorder.end()
-    thread.join()
+    for thread in threads[:2]:
+        thread.join()
+    copy_recording(writer.path, tmp_path / "killed.h5")
+    goes_on.set()
+    for thread in threads:
+        thread.join()
     writer.close()
-    assert failures[0].startswith("recorder: the disk is slower than the data, 1 s of it wait")
-    assert sent == recorder.frames_recorded > 50
-    with SessionReader(tmp_path / "still.h5") as read:
-        assert [np.array_equal(image, image_of(index)) for index, _, image in read.frames()] == [
-            True
-        ] * sent
+    assert failures == []
+    found = repair(tmp_path / "killed.h5", tmp_path / "repaired.h5")
+    assert (found.is_whole, found.receipt.frames, found.receipt.samples) == (True, 100, 100)
 
 
 FULL = """
-import resource, sys
+import resource, signal, sys, threading
 from pathlib import Path
 import numpy as np
+from app import disk
 from app.engine.recorder import Recorder
 from app.records import Outcome, ReceivedFrame, Samples
 from session_material import COUNTS, SHAPE, make_writer
 from test_session_crash import image_of
 writer = make_writer(Path(sys.argv[1]))
 failures = []
-recorder = Recorder(writer, 1.0, 1 << 30, 0.001, sender_waits=True, on_failure=failures.append)
+recorder = Recorder(writer, 1.0, 1 << 30, 0.4, sender_waits=True, on_failure=failures.append)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
 for n in range(2000):
     recorder.append(ReceivedFrame(n, n, image_of(n)))
     recorder.append(Samples(n, np.full((1, 2), n), np.full((1, 2), -n)))
+threads = [threading.Thread(target=work) for _, work in recorder.works()]
+for thread in threads:
+    thread.start()
 recorder.end()
-recorder.work()
-print(recorder.frames_recorded, *failures, flush=True)
+for thread in threads:
+    thread.join()
+print(recorder.frames_recorded, recorder.frames_refused, *failures[:1], flush=True)
 ended = Outcome("failed", "the disk is full", COUNTS, None)
 for step in (lambda: writer.append(ended), writer.close):
     try:
@@ -248,12 +183,11 @@ for step in (lambda: writer.append(ended), writer.close):
 
 
 @pytest.mark.parametrize("most", [100_000, 250_001])
-def test_no_room_at_all_even_to_close_the_file_loses_nothing(tmp_path: Path, most: int) -> None:
-    """The system lets no file grow beyond `most` bytes, so HDF5 can not write its indexes; the
-    journal and the images are there.
-
-    HDF5 2.0 may crash such a program at its very end, after all was said: the exit code is not
-    looked at.
+def test_a_disk_that_takes_no_more_ends_by_name_and_loses_nothing(
+    tmp_path: Path, most: int
+) -> None:
+    """The system lets no file grow beyond `most` bytes, whatever room there is: HDF5 would break
+    the program.
     """
     pytest.importorskip("resource")
     path = tmp_path / "full.h5"
@@ -265,14 +199,80 @@ def test_no_room_at_all_even_to_close_the_file_loses_nothing(tmp_path: Path, mos
     done = subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=400, check=False
     )
-    recorded, _, failure = done.stdout.splitlines()[0].partition(" ")
+    assert (done.returncode, done.stderr) == (0, "")
+    recorded, refused, failure = done.stdout.splitlines()[0].split(" ", 2)
     assert failure.startswith("recorder: the session can not be written: ")
-    assert "full.h5: it can" in done.stdout
-    assert journal_of(path).exists()
+    assert int(recorded) + int(refused) == 2000
+    assert "`slipscope repair" in done.stdout.splitlines()[-1]
     repaired = repair(path, tmp_path / "repaired.h5")
-    assert (repaired.receipt.frames, repaired.torn) == (int(recorded), 0)
+    assert (repaired.receipt.frames, repaired.found.torn) == (int(recorded), 0)
     assert int(recorded) > 0
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert all(np.array_equal(image, image_of(index)) for index, _, image in read.frames())
         assert_array_equal(read.forces().volts[:, 0], np.arange(repaired.receipt.samples))
-        assert repaired.receipt.samples >= int(recorded) - 1
+
+
+@pytest.mark.parametrize("fate", ["removed", "renamed", "replaced", "folder removed"])
+def test_a_file_that_is_taken_away_is_noticed_and_the_recording_goes_on_beside(
+    tmp_path: Path, fate: str
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    writer, written = record(folder / "a.h5")
+    images = images_of(written.path)
+    if fate == "removed":
+        images.unlink()
+    elif fate == "renamed":
+        images.rename(folder / "elsewhere")
+    elif fate == "replaced":
+        (folder / "other").write_bytes(b"precious")
+        (folder / "other").replace(images)
+    else:
+        shutil.rmtree(folder)
+    writer.flush()
+    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+    writer.append(OUTCOME)
+    writer.close()
+    assert writer.path == folder / ("a.h5" if fate == "folder removed" else "a-2.h5")
+    with SessionReader(writer.path) as read:
+        assert_array_equal(read.forces().volts, written.volts)
+        assert [index for index, _, _ in read.frames()] == [*written.images, 8]
+        assert len(list(read.snapshots())) == len(written.snapshots)
+        (event,) = [event for event in read.events() if event.kind == "recording"]
+        assert "removed, renamed or replaced; the recording goes on in" in event.text
+    if fate == "replaced":
+        assert images.read_bytes() == b"precious"
+
+
+def test_a_session_that_appeared_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    writer, written = record(tmp_path / "a.h5")
+    written.path.write_bytes(b"precious")
+    writer.append(OUTCOME)
+    writer.close()
+    assert written.path.read_bytes() == b"precious"
+    assert writer.path == tmp_path / "a-2.h5"
+    with SessionReader(writer.path) as read:
+        assert read.outcome.state == "done"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a-2.h5", "a.h5"]
+
+
+@pytest.mark.parametrize("compression", ["none", "gzip"])
+@pytest.mark.parametrize("count", [1, 40])
+def test_the_images_are_not_copied_where_they_can_stay(
+    tmp_path: Path, compression: str, count: int
+) -> None:
+    shape, path = (120, 160), tmp_path / "large.h5"
+    pictures = np.random.default_rng(1).integers(0, 256, (count, *shape), np.uint8)
+    writer = make_writer(path, frame_shape=shape, compression=compression)
+    inode = images_of(path).stat().st_ino
+    for n, picture in enumerate(pictures):
+        writer.append(ReceivedFrame(n, 5 + 125 * n, picture))
+    writer.append(OUTCOME)
+    writer.close()
+    stays = compression == "none" and count == 40
+    assert (path.stat().st_ino == inode) == stays
+    with h5py.File(path) as file:
+        images = file["entry/instrument/camera/data"]
+        assert_array_equal(images[...], pictures)
+        assert (images.id.get_offset() == HEAD_BYTES) == stays
+    assert list(tmp_path.iterdir()) == [path]
