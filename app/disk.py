@@ -9,6 +9,7 @@ import errno
 import os
 import shutil
 import sys
+import threading
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,13 @@ def forget_cached(file: FileIO) -> None:
             os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
+class DiskError(OSError):
+    """The disk did not take what it was given; as a sentence."""
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
 class AppendedFile:
     """A file that only grows, open for one thread that appends and one that syncs.
 
@@ -75,6 +83,8 @@ class AppendedFile:
 
     Attributes
     ----------
+    lock : threading.Lock
+        For who adds several things that belong together.
     failure : str
         Why not all that was given is sure to be on the disk; empty where it is.
 
@@ -90,7 +100,8 @@ class AppendedFile:
         self.path, self.failure = path, ""
         self.end = 0  # bytes in it
         self._is_locked = locked
-        self._refused: OSError | None = None
+        self.lock = threading.Lock()
+        self._refused: DiskError | None = None
         # "a": every write goes to the end, and opening it changes nothing
         self._file = FileIO(path, "a+" if overwrite else "x+")
         try:
@@ -136,7 +147,7 @@ class AppendedFile:
             with contextlib.suppress(OSError):
                 self._file.truncate(self.end)
             self.failure = f"{self.path} can not be written: {error.strerror or error}"
-            self._refused = OSError(error.errno, self.failure)
+            self._refused = DiskError(error.errno, self.failure)
             raise self._refused from error
         place, self.end = self.end, self.end + len(view)
         return place
@@ -153,7 +164,7 @@ class AppendedFile:
             os.fsync(self._file.fileno())
         except OSError as error:
             self.failure = f"{self.path} can not be brought to the disk: {error.strerror or error}"
-            raise OSError(error.errno, self.failure) from error
+            raise DiskError(error.errno, self.failure) from error
 
     def copy_to(self, path: Path) -> AppendedFile:
         """A new file at another path with all that is in this one, whatever became of its name."""
@@ -233,7 +244,7 @@ class SparedFile(FileIO):
     def check(self) -> None:
         """Raise the first failure."""
         if self._failure is not None:
-            raise OSError(
+            raise DiskError(
                 self._failure.errno,
                 f"{self.name}: it can not be written: {self._failure.strerror or self._failure}",
             ) from self._failure

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import glob
 import os
+import platform
 import re
 import shutil
 import tempfile
@@ -10,6 +12,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import psutil
+
+from app.disk import sync_folder
 from app.errors import UserError
 
 
@@ -111,6 +116,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
         yield unfinished
         check_output(path, overwrite)
         unfinished.replace(path)
+        sync_folder(path.absolute().parent)
 
 
 @contextmanager
@@ -139,13 +145,22 @@ def new_folder(path: Path, overwrite: bool, ours: re.Pattern[str]) -> Iterator[P
 
 @contextmanager
 def _unfinished(path: Path) -> Iterator[Path]:
-    unfinished = path.with_name(f"{path.stem}.{os.getpid()}.part{path.suffix}")
+    computer = f"{path.stem}.{re.sub('[^a-zA-Z0-9]', '', platform.node())}-"
+    for left in path.parent.glob(f"{glob.escape(computer)}*.part{glob.escape(path.suffix)}"):
+        writer = left.name[len(computer) :].partition(".")[0]
+        if writer.isdecimal() and not psutil.pid_exists(int(writer)):  # it was killed
+            _remove(left)
+    unfinished = path.with_name(f"{computer}{os.getpid()}.part{path.suffix}")
     try:
         yield unfinished
     except OSError as error:
         reason = str(error.strerror or error).removeprefix(f"{unfinished}: ")
         raise UserError(f"{path}: it can not be written: {reason}; choose another place") from None
     finally:
-        if unfinished.is_dir():
-            shutil.rmtree(unfinished)
-        unfinished.unlink(missing_ok=True)
+        _remove(unfinished)
+
+
+def _remove(unfinished: Path) -> None:
+    if unfinished.is_dir():
+        shutil.rmtree(unfinished)
+    unfinished.unlink(missing_ok=True)

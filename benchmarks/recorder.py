@@ -1,7 +1,7 @@
 """Cost of recording at full rate: a recorder as in a run, in real time, with 1600 x 1200 images at
-23.8 frames/s, forces at 1 kHz, a field of 159 x 119 boxes for every frame, the journal, and a flush
-to the disk every 0.4 s. Then the close, which reads everything back, and a repair of the same
-session as a kill leaves it.
+23.8 frames/s, forces at 1 kHz, a field of 159 x 119 boxes for every frame, and a sync to the disk
+every 0.4 s. Then the close, which makes the session and reads everything back, and a repair of the
+same session as a kill leaves it.
 
     python -m benchmarks recorder [--folder FOLDER] [--seconds 20] [--compression none|gzip]
 """
@@ -14,8 +14,10 @@ import shutil
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated
 
 import cv2
@@ -36,9 +38,11 @@ from app.records import (
     Snapshot,
     Stick,
 )
+from app.session.files import images_of, results_of
 from app.session.journal import journal_of
+from app.session.receipt import verify
+from app.session.recorder import SessionRecorder
 from app.session.repair import repair
-from app.session.writer import SessionWriter
 from benchmarks.report import Report
 
 SUBJECT = "Recording"
@@ -61,7 +65,7 @@ def snapshot(frame: int) -> Snapshot:
     )
 
 
-def create(path: Path, compression: str) -> SessionWriter:
+def create(path: Path, compression: str) -> SessionRecorder:
     """An empty session."""
     header = Header(
         frame_shape=SHAPE,
@@ -77,15 +81,15 @@ def create(path: Path, compression: str) -> SessionWriter:
         grid_y_px=np.arange(GRID[0], dtype=float),
         compression="gzip" if compression == "gzip" else "none",
     )
-    return SessionWriter.create(path, header, overwrite=True)
+    return SessionRecorder.create(path, header, overwrite=True)
 
 
 class Measured:
-    """The thread of a recorder, its processor time, and the times of the writer's flushes."""
+    """The threads of a recorder, their processor time, and the times of the syncs."""
 
-    def __init__(self, writer: SessionWriter) -> None:
+    def __init__(self, writer: SessionRecorder) -> None:
         self.cpu_s = 0.0
-        self.flushes: list[tuple[float, float]] = []
+        self.syncs: list[list[tuple[float, float]]] = []
         self.failures: list[str] = []
         self.recorder = Recorder(
             writer,
@@ -95,21 +99,30 @@ class Measured:
             sender_waits=False,
             on_failure=self.failures.append,
         )
-        self._flush = writer.flush
-        writer.flush = self._timed_flush  # type: ignore[method-assign]
-        self.thread = threading.Thread(target=self._work)
-        self.thread.start()
+        timed = tuple(map(self._timed, writer.syncs))
+        self.recorder._sink = SimpleNamespace(append=writer.append, syncs=timed)  # type: ignore[assignment]
+        self.threads = [
+            threading.Thread(target=self._work, args=[work]) for _, work in self.recorder.works()
+        ]
+        for thread in self.threads:
+            thread.start()
 
-    def _timed_flush(self) -> None:
-        began = time.monotonic()
-        self._flush()
-        self.flushes.append((began, time.monotonic()))
+    def _timed(self, sync: Callable[[], None]) -> Callable[[], None]:
+        times: list[tuple[float, float]] = []
+        self.syncs.append(times)
 
-    def _work(self) -> None:
+        def timed() -> None:
+            began = time.monotonic()
+            sync()
+            times.append((began, time.monotonic()))
+
+        return timed
+
+    def _work(self, work: Callable[[], None]) -> None:
         before = resource.getrusage(resource.RUSAGE_THREAD)
-        self.recorder.work()
+        work()
         after = resource.getrusage(resource.RUSAGE_THREAD)
-        self.cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        self.cpu_s += after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
     def record(self, images: list[NDArray[np.uint8]], frames: int) -> float:
         """Send frames, samples and results in real time, and end; the largest share of the queue
@@ -123,7 +136,8 @@ class Measured:
             self.recorder.append(snapshot(n))
             fullest = max(fullest, self.recorder.fill)
         self.recorder.end()
-        self.thread.join()
+        for thread in self.threads:
+            thread.join()
         return fullest
 
 
@@ -138,14 +152,13 @@ def speckle(seed: int) -> NDArray[np.uint8]:
 
 
 def copy_as_killed(path: Path, cut: Path) -> float:
-    """Copy a session that was not closed, with its journal; seconds of the copy to the disk."""
+    """Copy the files of a session that was not closed; seconds of the copy to the disk."""
     began = time.monotonic()
-    shutil.copyfile(path, cut)
-    with cut.open("r+b") as file:
-        os.fsync(file.fileno())
-    seconds = time.monotonic() - began
-    shutil.copy(journal_of(path), journal_of(cut))
-    return seconds
+    for file in (images_of, journal_of, results_of):
+        shutil.copyfile(file(path), file(cut))
+        with file(cut).open("r+b") as copy:
+            os.fsync(copy.fileno())
+    return time.monotonic() - began
 
 
 def measure(
@@ -163,7 +176,6 @@ def measure(
         writer = create(path, compression)
         measured = Measured(writer)
         fullest = measured.record(images, frames)
-        flushes = measured.flushes.copy()
         copying = copy_as_killed(path, cut)
         closing = time.monotonic()
         writer.close()
@@ -171,23 +183,31 @@ def measure(
         megabytes = path.stat().st_size / 1e6
         with h5py.File(path) as file:
             stored = file["entry/instrument/camera/data"].id.get_storage_size()
+        verifying = time.monotonic()
+        with path.open("rb") as held:
+            os.posix_fadvise(held.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        verify(path)
+        verifying = time.monotonic() - verifying
         path.unlink()
         repairing = time.monotonic()
         repair(cut, path)
         repairing = time.monotonic() - repairing
     report.add("frames", frames)
     report.add("failures", "; ".join(measured.failures) or "none")
-    report.add("recorder", 100 * measured.cpu_s / seconds, "% of a core", at_most=20)
+    report.add("recorder", 100 * measured.cpu_s / seconds, "% of a core", at_most=15)
     report.add("recorder, each frame with samples and results", 1e3 * measured.cpu_s / frames, "ms")
-    flush_ms = [1e3 * (end - start) for start, end in flushes]
-    report.add("flush to the disk, median", np.median(flush_ms), "ms")
-    report.add("flush to the disk, longest", max(flush_ms), "ms")
-    between = max(after[1] - before[0] for before, after in pairwise(flushes))
-    report.add("from the start of a flush to the end of the next", between, "s", at_most=0.5)
+    for what, times in zip(("forces", "images"), measured.syncs, strict=True):
+        report.add(
+            f"sync of the {what}, median", np.median([1e3 * (b - a) for a, b in times]), "ms"
+        )
+        between = max(after[1] - before[0] for before, after in pairwise(times))
+        report.add(f"from the start of one to the end of the next, {what}", between, "s")
     report.add("fullest queue", 100 * fullest, "%")
     report.add("images in the file", 100 * stored / (frames * raw), "% of their size in memory")
     report.add("session", megabytes, "MB")
     report.add("close, with reading back", megabytes / closing, "MB/s")
+    report.add("close, with reading back, time", closing, "s")
+    report.add("`info --verify`", megabytes / verifying, "MB/s")
     report.add("plain copy to the disk", megabytes / copying, "MB/s")
     report.add("repair, with reading back", megabytes / repairing, "MB/s")
     report.add("time of a repair over that of a plain copy", repairing / copying, at_most=1)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -115,3 +118,19 @@ def test_of_a_folder_only_our_own_files_are_replaced(tmp_path: Path) -> None:
     assert contents(target) == {"2.txt": "new", "notes.md": "mine"}
     with pytest.raises(UserError, match="a file of that name exists"):
         check_output_folder(target / "2.txt", overwrite=True)
+
+
+def test_what_a_killed_program_left_goes_with_the_next(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    with new_file(tmp_path / "b.csv", overwrite=False) as unfinished:
+        mine = unfinished.name.replace("b.", "a.", 1)
+        unfinished.write_text("whole")
+    left = mine.replace(str(os.getpid()), str(dead.pid))
+    others = {left.replace("a.", "b.", 1), f"elsewhere{left}", left.replace("a.", "a.elsewhere")}
+    for name in {left, *others}:
+        (tmp_path / name).write_text("half")
+    with new_file(tmp_path / "a.csv", overwrite=False) as unfinished:
+        assert unfinished.name == mine
+        unfinished.write_text("whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "b.csv", *others}

@@ -8,6 +8,7 @@ import logging
 import threading
 from collections.abc import Callable
 
+from app.disk import DiskError
 from app.engine.experiment import ExperimentFailed
 from app.errors import UserError
 from drivers.errors import DeviceError
@@ -19,7 +20,7 @@ def sentence(who: str, error: Exception) -> str:
     """The reason a run ends with: what was meant for people as it is, anything else with its
     kind.
     """
-    if isinstance(error, DeviceError | ExperimentFailed | UserError):
+    if isinstance(error, DeviceError | ExperimentFailed | UserError | DiskError):
         return str(error)
     return f"{who}: {type(error).__name__}: {error}"
 

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.disk import DiskError
 from app.errors import UserError
 from app.processes.starting import ProcessFailed, hello_of, payload, say_hello, started
 from app.session.recorder import make_session
@@ -22,7 +23,7 @@ def made_in_a_process(session: Path) -> tuple[Path, Receipt]:
     try:
         answer = hello_of(process)
     except ProcessFailed as error:
-        raise OSError(0, f"{session}: the session could not be made: {error}") from error
+        raise DiskError(0, f"{session}: the session could not be made: {error}") from error
     finally:
         process.communicate()
     if isinstance(answer, OSError):

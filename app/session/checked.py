@@ -44,7 +44,8 @@ class CheckedFile:
     def __init__(self, path: Path, what: str) -> None:
         self.path, self._what = path, what
         if not path.is_file():
-            raise UserError(f"{path}: there is no such {what} to read; check the name")
+            found = _remedy(path, "check the name")
+            raise UserError(f"{path}: there is no such {what} to read; {found}")
         try:
             self._contents = vetted(path)
             self._file = path.open("rb")

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.disk import free_bytes, is_locked
+from app.disk import DiskError, free_bytes, is_locked
 from app.errors import UserError
 from app.outputs import check_output, new_file
+from app.session import trust
 from app.session.journal import IMAGES_SUFFIX, RESULTS_SUFFIX, journal_of
 
 # what a disk must have left, beside room for what the journal and the results take once more in the
@@ -47,7 +48,7 @@ def check_room(path: Path, nbytes: int) -> None:
     """Refuse to write so much to a disk that needs what it has left; OSError."""
     free = free_bytes(path)
     if free < RESERVE_BYTES + nbytes:
-        raise OSError(
+        raise DiskError(
             errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room"
         )
 
@@ -113,5 +114,8 @@ def new_session(path: Path, overwrite: bool) -> Iterator[Path]:
     with new_file(path, overwrite) as unfinished:
         yield unfinished
         check_not_recorded(path)
+        checksum = trust.checksum_of(unfinished)
+    if checksum is not None:
+        trust.remember(path, checksum)
     for left in (journal_of(path), images_of(path), results_of(path)):
         left.unlink(missing_ok=True)  # of the session that was replaced

@@ -11,7 +11,6 @@ SHA-256; force samples are held themselves. Results are in a file of the same ki
 from __future__ import annotations
 
 import struct
-import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -87,22 +86,27 @@ JournalRecord = (
 # the place of a type in this list is in the file
 _TYPES = get_args(JournalRecord)
 _ARRAYS = (Samples, Snapshot)
+_NUMBERS = ("<f8", "<f4", "|u1")
 # what a record that no recorder has made may lead to
 _UNDECODABLE = (msgspec.MsgspecError, OverflowError, RecursionError)
 
 
 def _encoded(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return value.shape, value.astype(value.dtype.newbyteorder("<"), copy=False).tobytes()
+        dtype = value.dtype.newbyteorder("<").str
+        dtype = dtype if dtype in _NUMBERS else "<f8"
+        return dtype, value.shape, value.astype(dtype, copy=False).tobytes()
     if isinstance(value, np.generic):
         return value.item()
     return str(value)  # of an outcome's resources
 
 
 def _decoded(kind: Any, value: Any) -> Any:
-    shape, content = value
-    dtype = np.dtype(get_args(get_args(kind)[1])[0]).newbyteorder("<")
-    return np.frombuffer(content, dtype).reshape(shape)
+    dtype, shape, content = value
+    if dtype not in _NUMBERS:
+        raise ValueError(f"an array of {dtype}")
+    wanted = get_args(get_args(kind)[1])[0]
+    return np.frombuffer(content, dtype).reshape(shape).astype(wanted, copy=False)
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_encoded)
@@ -137,7 +141,7 @@ class Journal:
     def __init__(self, file: AppendedFile) -> None:
         self.file = file
         self._chain = bytes(16)
-        self._lock = threading.Lock()
+        self._lock = file.lock
         file.append(MAGIC)
 
     def append(self, record: JournalRecord) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import datetime
 import errno
 import logging
-import threading
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
@@ -24,7 +23,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from app.disk import AppendedFile, sync_folder, take_place
+from app.disk import AppendedFile, DiskError, sync_folder, take_place
 from app.errors import UserError
 from app.records import (
     ContactResult,
@@ -39,6 +38,7 @@ from app.records import (
     Samples,
     Snapshot,
 )
+from app.session import trust
 from app.session.files import check_room, images_of, next_free, results_of
 from app.session.journal import Journal, StoredFrame, journal_of
 
@@ -96,7 +96,7 @@ class SessionRecorder:
         self._samples = 0
         self._is_open = True
         self._former: list[AppendedFile] = []  # whose names were taken away
-        self._switching = threading.Lock()
+        self._switching = self._images.lock
         self._images.append(bytes(HEAD_BYTES))
         for _ in range(2):
             self._journal.append(header)
@@ -303,17 +303,17 @@ class SessionRecorder:
         with ExitStack() as closing:
             for file in (*self._files, *self._former):
                 closing.callback(file.close)
-            if self._trigger is not None:
-                self._journal.append(self._trigger)
             try:
+                if self._trigger is not None:
+                    self._journal.append(self._trigger)
                 self.flush()
                 if failure := next((file.failure for file in self._files if file.failure), ""):
-                    raise OSError(errno.EIO, failure)
+                    raise DiskError(errno.EIO, failure)
                 self._images.close()
                 made, self.receipt = self._make(self.path)
                 self._take_place(made, self.receipt)
             except OSError as error:
-                raise OSError(
+                raise DiskError(
                     error.errno,
                     f"{error.strerror or error}; what was recorded lies beside {self.path},"
                     f" `slipscope repair {self.path} -o REPAIRED.h5` makes a session of it",
@@ -329,7 +329,7 @@ class SessionRecorder:
             self.path = next_free(self.path)
             take_place(made, self.path, overwrite=False)
             LOG.warning("%s is another file now; the session is %s", recorded, self.path)
-        del receipt
+        trust.remember(self.path, receipt.checksum)
         for left in (images_of(recorded), results_of(recorded), journal_of(recorded)):
             left.unlink(missing_ok=True)
         sync_folder(self.path.absolute().parent)

@@ -4,6 +4,7 @@ numbers.
 
 from __future__ import annotations
 
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ from app.session.reader import SessionReader
 
 
 class SessionRecording:
-    """The readings of a session, see `drivers.stored.Recording`; its file stays open until the
-    program ends or `close`.
+    """The readings of a session, see `drivers.stored.Recording`; its file stays open as long as
+    anybody may ask for images, or until `close`.
     """
 
     def __init__(self, path: Path, pace: float | None) -> None:
         self._session = session = SessionReader(path)
+        weakref.finalize(self, session.close)
         self.name, self.pace = path.name, pace
         self.volts = session.forces().volts
         self.sample_rate_hz = session.header.sample_rate_hz

@@ -288,7 +288,7 @@ def test_a_full_disk_fails_by_name_and_leaves_nothing(session, monkeypatch):
 
 
 def test_the_last_of_the_disk_is_left_alone(session, monkeypatch):
-    free = iter([1 << 40] * 30 + [RESERVE_BYTES - 1] * 10**6)
+    free = iter([1 << 40] * 2 + [RESERVE_BYTES - 1] * 10**6)
     usage = shutil.disk_usage(session.parent)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=next(free)))
     outcome, _ = analysed(session, "b.h5")

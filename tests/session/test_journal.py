@@ -300,9 +300,10 @@ NONE += [
     for odd in (
         {"sample": 1},
         {"sample": "1", "kind": "", "text": ""},
-        {"first": 0, "volts": [[1, 2], b""], "forces": [[1, 2], b""]},
-        {"first": 0, "volts": [[2**62, 2], bytes(32)], "forces": [[2, 2], bytes(32)]},
-        {"first": 0, "volts": [[2], bytes(16)], "forces": [[2], bytes(16)]},
+        {"first": 0, "volts": ["<f8", [1, 2], b""], "forces": ["<f8", [1, 2], b""]},
+        {"first": 0, "volts": ["<f8", [2**62, 2], bytes(32)], "forces": ["<f8", [2, 2], bytes(32)]},
+        {"first": 0, "volts": ["<f8", [2], bytes(16)], "forces": ["<f8", [2], bytes(16)]},
+        {"first": 0, "volts": ["O", [2, 2], bytes(32)], "forces": ["<f8", [2, 2], bytes(32)]},
         {"first": 0, "volts": 7, "forces": None},
     )
 ]
