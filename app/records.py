@@ -24,7 +24,7 @@ F64 = NDArray[np.float64]
 Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
 Count = Annotated[int, Meta(ge=1, lt=1 << 62)]
 Checksum = Annotated[int, Meta(ge=0, lt=1 << 32)]  # CRC-32
-Positive = Annotated[float, Meta(gt=0, le=1e300)]
+Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
 NAN = math.nan
 UNFINISHED = "unfinished"  # state of a session that was cut short
@@ -404,18 +404,18 @@ class Summary:
 class Counts:
     """The account of a run: every trigger has a fate, every sample is there."""
 
-    triggers: int = column("triggers", "1", "triggers sent", default=0)
-    frames_received: int = column("frames_received", "1", "frames that came", default=0)
-    frames_recorded: int = column("frames_recorded", "1", "frames in this file", default=0)
-    frames_lost: int = column("frames_lost", "1", "triggers without a frame", default=0)
-    frames_analysed: int = column(
+    triggers: Index = column("triggers", "1", "triggers sent", default=0)
+    frames_received: Index = column("frames_received", "1", "frames that came", default=0)
+    frames_recorded: Index = column("frames_recorded", "1", "frames in this file", default=0)
+    frames_lost: Index = column("frames_lost", "1", "triggers without a frame", default=0)
+    frames_analysed: Index = column(
         "frames_analysed", "1", "frames analysed during the run", default=0
     )
-    frames_skipped: int = column(
+    frames_skipped: Index = column(
         "frames_skipped", "1", "frames recorded but not analysed during the run", default=0
     )
-    samples: int = column("samples", "1", "force samples that came", default=0)
-    samples_lost: int = column("samples_lost", "1", "force samples that did not", default=0)
+    samples: Index = column("samples", "1", "force samples that came", default=0)
+    samples_lost: Index = column("samples_lost", "1", "force samples that did not", default=0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,15 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, field, fields
 from enum import Enum
-from typing import Any, TypeVar, dataclass_transform, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    TypeVar,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import msgspec
 import numpy as np
@@ -20,6 +28,7 @@ T = TypeVar("T")
 Shape = tuple[str | int, ...]
 
 TEXT = "text"  # variable-length UTF-8
+LARGEST = 1e30  # of what is measured or computed, in any unit of a session
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +86,22 @@ class Column:
         if value is None:
             return () if len(self.shape) > 1 else math.nan
         return value
+
+    def check(self, values: Any) -> None:
+        """Refuse values of the dataset that the field can not have: beyond its limits, or an
+        uncertainty below 0; ValueError.
+        """
+        found = np.asarray(values)
+        if not found.size or found.dtype.kind not in "iuf":
+            return
+        is_uncertainty = self.name.endswith("_errors") and len(self.shape) < 2
+        # NaN, which is "not measured", does not count
+        for end in (np.fmin.reduce(found, axis=None), np.fmax.reduce(found, axis=None)):
+            if found.dtype.kind != "f":
+                if get_origin(self.kind) is Annotated:
+                    self.restored(end)
+            elif abs(end) > LARGEST or (end < 0 and is_uncertainty):
+                raise ValueError(f"it is {end:g}")
 
     def restored(self, value: Any) -> Any:
         """A dataset's value as the field holds it.

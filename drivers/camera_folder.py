@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import cast
 
-import cv2
 import numpy as np
 
 from drivers.clock import SampleClock
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.image_files import decoded
 from drivers.protocols import Found, Frame, Image, LostFrame, TriggerTrain
 from drivers.settings import CameraSettings
 
@@ -147,13 +148,11 @@ class FolderCamera:
 
     def _load(self, path: Path) -> Image | str:
         """The image in a file, or why it can not be used."""
+        most = 8 * math.prod(self.shape) * np.dtype(self.dtype).itemsize + (1 << 20)
         try:
-            # imread fails on some file names on Windows
-            image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-        except (OSError, cv2.error):
-            image = None
-        if image is None:
-            return f"'{path.name}' can not be read as an image"
+            image = decoded(path, most)
+        except (OSError, ValueError) as error:
+            return f"'{path.name}': {error}"
         if image.shape != self.shape or image.dtype != self.dtype:
             size = " x ".join(str(n) for n in (image.shape[1], image.shape[0], *image.shape[2:]))
             return (

@@ -27,7 +27,9 @@ def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[st
 def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
     """As of a run; a picture that exists is kept, since it shows the same results."""
     comparison, session = replay.comparison(), replay.path
-    picture = picture_of(session) if picture_of(session).exists() else _draw(session, as_json)
+    picture: Path | None = picture_of(session)
+    if not picture_of(session).exists():
+        picture = None if replay.is_refused else _draw(session, as_json)
     data = {
         "frames": comparison.frames,
         "identical": comparison.identical,
@@ -37,7 +39,8 @@ def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
         same = "{identical} of {frames} frames gave the recorded results to the bit".format(**data)
         unlike = comparison.first_difference
         output().print(same + (f"; first difference: {unlike}" if unlike else ""))
-    return _report("replay", replay.outcome(), session, picture, as_json, {"comparison": data})
+    more = {"comparison": data, "refused": replay.is_refused}
+    return _report("replay", replay.outcome(), session, picture, as_json, more)
 
 
 def report_analysis(analysis: Any, as_json: bool) -> dict[str, Any]:
@@ -51,6 +54,7 @@ def report_analysis(analysis: Any, as_json: bool) -> dict[str, Any]:
         title = f"{analysis.path.name} and {analysis.output.name}"
         print_rows(title, compared_rows(before, outcome.summary))
     more = {"source": str(analysis.path), "recorded": plain(before)}
+    more["refused"] = analysis.is_refused
     return _report("analysis", outcome, made, picture, as_json, more)
 
 

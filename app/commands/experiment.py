@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
 from app.commands.names import mark_of, new_session_name, parse_pace
-from app.commands.terminal import DONE, FAILED, Bar, print_json, say
+from app.commands.terminal import BAD_INPUT, DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
 from app.records import Health, Outcome
@@ -251,6 +251,8 @@ def _conduct(
     ended = reports.of_all()
     if as_json:
         print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
+    if ended and ended[-1].get("refused"):
+        return BAD_INPUT
     return FAILED if ended and ended[-1]["state"] == "failed" else DONE
 
 

@@ -21,6 +21,7 @@ from drivers.camera_folder import SUFFIXES, images_of, in_order_of_numbers
 
 # times as many frames as there are images: more, and their numbers count something else
 MOST_LOST = 10
+LIKE_THE_FIRST = 8  # times the bytes of the first image that another can take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,7 +219,7 @@ def image_or_reason(trigger: ImportedTrigger, first: NDArray[Any]) -> NDArray[An
     if trigger.path is None:
         return trigger.reason
     try:
-        image = read_image(trigger.path)
+        image = read_image(trigger.path, LIKE_THE_FIRST * first.nbytes + (1 << 20))
     except UserError as error:
         return str(error)
     if image.shape != first.shape or image.dtype != first.dtype:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
+from drivers.image_files import MOST_BYTES, decoded
 
 
-def read_image(path: Path) -> NDArray[Any]:
+def read_image(path: Path, most_bytes: int = MOST_BYTES) -> NDArray[Any]:
     """The grey levels of an image file, shape (rows, columns), as stored: 8 or 16 bit, or 32-bit
     floats.
 
@@ -21,20 +21,17 @@ def read_image(path: Path) -> NDArray[Any]:
     Raises
     ------
     UserError
-        The file is missing, is not an image, or holds several images or colours.
+        The file is missing, is not an image, holds several images or colours, or takes more than
+        `most_bytes` of memory.
     """
     try:
-        data = np.fromfile(path, np.uint8)  # OpenCV itself opens only some paths on Windows
+        image = decoded(path, most_bytes)
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from None
     except OSError as error:
         raise UserError(
             f"{path}: the file can not be read ({error.strerror or error}); check the name"
         ) from None
-    pages = _decoded(data)
-    if not pages:
-        raise UserError(f"{path}: not an image that can be read; give a PNG or TIFF file")
-    if len(pages) > 1:
-        raise UserError(f"{path}: {len(pages)} images in one file; save each as a file of its own")
-    image: NDArray[Any] = np.asarray(pages[0])
     if image.ndim == 3 and image.shape[2] == 3 and (image == image[..., :1]).all():
         image = image[..., 0]
     if image.ndim != 2:
@@ -48,19 +45,3 @@ def size_text(image: NDArray[Any]) -> str:
     """Width, height and pixel type of an image, for a message: ``1600 x 1200 uint8``."""
     rows, columns = image.shape
     return f"{columns} x {rows} {image.dtype}"
-
-
-def _decoded(data: NDArray[np.uint8]) -> list[NDArray[Any]]:
-    """The images in an encoded file; none if it can not be decoded.
-
-    OpenCV's own messages about damaged files are kept off the terminal.
-    """
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        is_decoded, pages = cv2.imdecodemulti(data, cv2.IMREAD_UNCHANGED)
-        return list(pages) if is_decoded else []
-    except cv2.error:
-        return []
-    finally:
-        cv2.utils.logging.setLogLevel(level)

@@ -20,11 +20,12 @@ from app.engine.watched import Watched
 from app.errors import UserError
 from app.offline.loop import Measurements, Trigger, analyse
 from app.offline.playback import Browser, Playback
-from app.records import Counts, Health, Outcome, Position, ReceivedFrame, Record, Snapshot
+from app.records import Counts, Health, Outcome, Phase, Position, ReceivedFrame, Record, Snapshot
 from app.schema import values
 from app.session.datasets import span_of
 from app.session.layout import FORMAT_VERSION
 from app.session.reader import SessionReader
+from app.settings import Config
 
 
 def difference(a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION) -> str:
@@ -101,6 +102,7 @@ class Replay(Watched):
     def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
             recorded = from_record(session.header.config_toml, f"{path}: settings")
+            _check_agree(session, recorded)
             config = revised(recorded, overrides)
             super().__init__(config, f"replay of {path.name}", Pipeline(config))
             self._recorded_counts = session.outcome.counts
@@ -111,6 +113,7 @@ class Replay(Watched):
         self._comparison = Comparison()
         self._phase = self._reason = self._preparing = ""
         self._latest_image: NDArray[Any] | None = None
+        self.is_refused = False  # whether it failed because the session can not be read
 
     def start(self) -> None:
         """Begin to play; returns at once.
@@ -205,6 +208,8 @@ class Replay(Watched):
             self._preparing = "compiling the image correlation"
             with SessionReader(self.path) as session:
                 outcome = self._analyse(session)
+        except UserError as error:
+            self.is_refused, self._reason = True, str(error)
         except Exception as error:
             self._reason = f"replay of {self.path.name}: {error}"
         finally:
@@ -263,3 +268,32 @@ class Replay(Watched):
         """Let the window see a frame that has been analysed."""
         self._latest_image = image
         self._phase = str(self._analysis.history.phase_at(sample))
+
+
+def _check_agree(session: SessionReader, config: Config) -> None:
+    """Refuse a session whose settings, clock, images and phases do not agree: it was changed after
+    it was recorded, and could ask for more memory than there is.
+
+    Raises
+    ------
+    UserError
+    """
+    header, camera = session.header, config.camera
+    for what, said, held in (
+        ("images (rows, columns)", camera.shape, header.frame_shape),
+        ("pixels", str(camera.dtype), header.frame_dtype),
+        ("sample rate", config.forces.sample_rate, header.sample_rate_hz),
+        ("divisor", camera.divisor, header.divisor),
+        ("exposure in samples", config.exposure_samples, header.exposure_samples),
+    ):
+        if said != held:
+            raise UserError(
+                f"{session.path}: its {what} are {held}, but {said} by its own settings; somebody"
+                " changed it, use a copy of it if there is one"
+            )
+    phases = {event.text for event in session.events() if event.kind == "phase"}
+    if not phases or not phases <= {*Phase}:
+        raise UserError(
+            f"{session.path}: its events name no phases, or others than an experiment has;"
+            " somebody changed it, use a copy of it if there is one"
+        )

@@ -109,6 +109,13 @@ class SessionReader:
     def header(self) -> Header:
         """What was known of the session from its beginning."""
         images = self.dataset(layout.IMAGES.path)
+        for path, side in (
+            ("/entry/fields/x", images.shape[2]),
+            ("/entry/fields/y", images.shape[1]),
+        ):
+            grid = self._read(path)
+            if not ((np.diff(grid) > 0).all() and (grid >= 0).all() and (grid < side).all()):
+                raise self._damaged(path, f"it is no grid of boxes in an image of {side} px")
         names, versions = (self._read(f"/entry/versions/{name}") for name in ("name", "version"))
         return self._single(
             Header,
@@ -191,6 +198,8 @@ class SessionReader:
     def _block(self, first: int, end: int) -> Samples:
         with self.file.reading("/entry/forces"):
             block = {name: column[first:end] for name, column in self._force_columns().items()}
+            for column in columns_of(Samples):
+                column.check(block[column.name])
         return samples_of(first, block, self._auxiliary(first, end))
 
     def _auxiliary(self, first: int, end: int) -> NDArray[np.float64] | None:
@@ -315,7 +324,9 @@ class SessionReader:
     def _field(self, row: int) -> DisplacementField | None:
         if row == NO_ROW:
             return None
-        shape = self.dataset("/entry/fields/ux").shape[1:]
+        header, shape = self.header, self.dataset("/entry/fields/ux").shape[1:]
+        if shape != (len(header.grid_y_px), len(header.grid_x_px)):
+            raise self._damaged("/entry/fields/ux", f"its fields are {shape}, the grid is not")
         return build(
             DisplacementField,
             lambda column: (
@@ -457,7 +468,10 @@ class SessionReader:
         return version
 
     def _read(self, path: str) -> Any:
-        return self.file.read(self.dataset(path))
+        values = self.file.read(self.dataset(path))
+        with self.file.reading(path):
+            layout.BY_PATH[path].check(values)
+        return values
 
     def _single(self, kind: type[T], **others: Any) -> T:
         """The record of a type of which a session has one."""
@@ -476,6 +490,7 @@ class SessionReader:
             raise self._damaged(path, f"row {row} is needed, it has {dataset.shape[0]}")
         with self.file.reading(path):
             values: NDArray[Any] = dataset[row]
+            layout.BY_PATH[path].check(values)
             return values
 
     def _table(self, group: str) -> dict[str, NDArray[Any]]:

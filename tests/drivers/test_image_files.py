@@ -1,0 +1,96 @@
+"""A small image file can not take more memory than is allowed."""
+
+from __future__ import annotations
+
+import io
+import struct
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from PIL import Image
+
+from app.errors import UserError
+from app.exchange.images import read_image
+from drivers.image_files import MOST_BYTES, decoded
+
+
+def png_bomb(width: int, height: int, bits: int = 16, colour: int = 6) -> bytes:
+    """A PNG of zeros: a thousandth of what it holds."""
+    line = 1 + width * bits // 8 * (4 if colour == 6 else 1)
+    deflate = zlib.compressobj(1)
+    parts = [deflate.compress(bytes(line)) for _ in range(height)]
+    header = struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        tail = struct.pack(">I", zlib.crc32(kind + content))
+        return struct.pack(">I", len(content)) + kind + content + tail
+
+    data = chunk(b"IDAT", b"".join(parts) + deflate.flush())
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + data + chunk(b"IEND", b"")
+
+
+def tiff(**changed: int) -> bytes:
+    """A grey TIFF of 8 x 8 pixels, with some of its tags changed."""
+    tags = {"256": 8, "257": 8, "258": 8, "259": 1, "262": 1, "273": 200, "277": 1, "278": 8}
+    held = {int(tag): value for tag, value in (tags | {"279": 64} | changed).items()}
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, held[tag]) for tag in sorted(held))
+    directory = struct.pack("<H", len(held)) + entries + bytes(4)
+    return (b"II*\0" + struct.pack("<I", 8) + directory).ljust(200, b"\0") + bytes(range(64))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        png_bomb(9000, 9000),
+        tiff(**{"256": 60000, "257": 60000}),
+        tiff(**{"322": 60000, "323": 60000, "324": 200, "325": 64}),
+        tiff(**{"258": 64, "277": 60000, "256": 512, "257": 512}),
+    ],
+    ids=["png", "tiff", "tile", "samples"],
+)
+def test_a_bomb_is_refused_by_its_header(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "bomb.png"
+    path.write_bytes(content)
+    before, began = psutil.Process().memory_info().rss, time.monotonic()
+    with pytest.raises(UserError, match=r"bomb\.png: an image of \d+ x \d+ px, which takes .* MB"):
+        read_image(path)
+    assert psutil.Process().memory_info().rss - before < MOST_BYTES / 4
+    assert time.monotonic() - began < 5
+
+
+def test_what_is_like_the_first_image_is_read_and_nothing_larger(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(png_bomb(1000, 1000, 8, 0))
+    assert decoded(path, 10**6).shape == (1000, 1000)
+    with pytest.raises(ValueError, match="more than the 1 MB that are read"):
+        decoded(path, 10**6 - 1)
+
+
+def test_a_plain_tiff_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiff())
+    np.testing.assert_array_equal(decoded(path), np.arange(64).reshape(8, 8))
+
+
+@pytest.mark.parametrize("kind", ["png", "tiff"])
+def test_several_pictures_are_not_decoded(kind: str, tmp_path: Path) -> None:
+    pictures = [Image.new("L", (8, 8), n) for n in range(3)]
+    held = io.BytesIO()
+    pictures[0].save(held, kind, save_all=True, append_images=pictures[1:])
+    (tmp_path / "a").write_bytes(held.getvalue())
+    with pytest.raises(ValueError, match="several images in one file"):
+        decoded(tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"II*\0", b"MM\0*\xff\xff\xff\xff", b"\x89PNG\r\n\x1a\n", tiff()[:90], b"BM" + bytes(99)],
+)
+def test_what_is_none_is_told(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(content)
+    with pytest.raises(ValueError, match="not an image that can be read"):
+        decoded(tmp_path / "a")
