@@ -6,6 +6,7 @@ it is taken, and whatever is wrong is a sentence.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +53,7 @@ class CheckedFile:
         except Refused as refused:
             found, otherwise = (part.replace("{}", what) for part in refused.args)
             raise UserError(f"{path}: {found}; {_remedy(path, otherwise)}") from None
+        weakref.finalize(self, self._file.close)  # for a bench, which plays it to its very end
         self._bytes = path.stat().st_size
         self._datasets: dict[str, Dataset] = {}
 

@@ -109,11 +109,8 @@ class SessionReader:
     def header(self) -> Header:
         """What was known of the session from its beginning."""
         images = self.dataset(layout.IMAGES.path)
-        for path, side in (
-            ("/entry/fields/x", images.shape[2]),
-            ("/entry/fields/y", images.shape[1]),
-        ):
-            grid = self._read(path)
+        for axis, side in zip("yx", images.shape[1:], strict=True):
+            grid = self._read(path := f"/entry/fields/{axis}")
             if not ((np.diff(grid) > 0).all() and (grid >= 0).all() and (grid < side).all()):
                 raise self._damaged(path, f"it is no grid of boxes in an image of {side} px")
         names, versions = (self._read(f"/entry/versions/{name}") for name in ("name", "version"))
@@ -155,12 +152,8 @@ class SessionReader:
     def events(self) -> list[Event]:
         """What happened, in order."""
         table = self._table("/entry/events")
-        return [
-            Event(sample, kind, text)
-            for sample, kind, text in zip(
-                *(table[name].tolist() for name in ("sample", "kind", "text")), strict=True
-            )
-        ]
+        columns = (table[name].tolist() for name in ("sample", "kind", "text"))
+        return [Event(*row) for row in zip(*columns, strict=True)]
 
     def positions(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Samples at which the stage was read, and its positions in metres."""
@@ -212,8 +205,7 @@ class SessionReader:
         if found != {channels} or channels > MOST_CHANNELS:
             raise self._damaged(path, f"{dataset.shape[1]} channels, {channels} have a name")
         with self.file.reading(path):
-            self.file.check_claim(dataset, dataset.shape)
-            held = np.asarray(dataset[first:end], np.float64)
+            held = dataset[first:end]
         return np.concatenate([held, np.full((end - first - len(held), channels), np.nan)])
 
     def _force_columns(self) -> dict[str, Dataset]:
@@ -238,9 +230,8 @@ class SessionReader:
     def lost_frames(self) -> list[tuple[int, int, str]]:
         """Index, sample and reason of each trigger without an image."""
         lost = self.triggers()[self._triggers["image"] == NO_ROW]
-        return list(
-            zip(*(lost[name].tolist() for name in ("index", "sample", "reason")), strict=True)
-        )
+        rows: list[tuple[int, int, str]] = lost[["index", "sample", "reason"]].tolist()
+        return rows
 
     def frames(self) -> Iterator[tuple[int, int, NDArray[Any]]]:
         """Index, sample and image of each frame received, in the order of the triggers."""
@@ -310,10 +301,11 @@ class SessionReader:
                 f"{self.path}: there is no result {i} in this session; it has {n}, counted from 0"
             )
         row = {name: column[i].item() for name, column in self._results.items()}
-        numbers = {}
-        for column in NUMBERS.values():
-            with self.file.reading(column.path):
-                numbers[column.attribute] = column.restored(row.get(column.name, math.nan))
+        with self.file.reading("/entry/results"):
+            numbers = {
+                column.attribute: column.restored(row.get(column.name, math.nan))
+                for column in NUMBERS.values()
+            }
         return replace(
             snapshot_of(numbers),
             field=self._field(row["field"]),
@@ -364,9 +356,7 @@ class SessionReader:
                 yield self._fate(index, sample, doubt)
             else:
                 yield LostTrigger(index, sample, reason, doubt)
-        yield from (
-            Position(*row) for row in zip(*(c.tolist() for c in self.positions()), strict=True)
-        )
+        yield from map(Position, *(column.tolist() for column in self.positions()))
         yield from self.events()
 
     def _fate(
@@ -413,13 +403,10 @@ class SessionReader:
                 f"{self.path}: its images are in {path.name}, which does not lie beside it; put"
                 " both into one folder"
             )
-        held = SessionReader(path)
-        known = (held.header.source, held.header.started)
-        images = (held.header.frame_shape, held.header.frame_dtype)
-        if known != (None, source.started) or images != (
-            self.header.frame_shape,
-            self.header.frame_dtype,
-        ):
+        held, own = SessionReader(path), self.header
+        its = held.header
+        known = (its.source, its.started, its.frame_shape, its.frame_dtype)
+        if known != (None, source.started, own.frame_shape, own.frame_dtype):
             held.close()
             raise UserError(
                 f"{self.path}: {path.name} is not the session that was analysed; put that one"
