@@ -4,6 +4,7 @@ session.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,15 +31,28 @@ def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
     picture: Path | None = picture_of(session)
     if not picture_of(session).exists():
         picture = None if replay.is_refused else _draw(session, as_json)
+    verdict, share = comparison.verdict, comparison.share
     data = {
+        "verdict": verdict if comparison.frames else None,
+        "agrees": comparison.agrees,
         "frames": comparison.frames,
         "identical": comparison.identical,
         "first_difference": comparison.first_difference,
+        "largest_difference": comparison.largest_difference,
+        "uncertainty_share": share if math.isfinite(share) else None,
+        "recorded_on": comparison.recorded_on,
+        "replayed_on": comparison.replayed_on,
     }
     if not as_json:
         same = "{identical} of {frames} frames gave the recorded results to the bit".format(**data)
-        unlike = comparison.first_difference
-        output().print(same + (f"; first difference: {unlike}" if unlike else ""))
+        if comparison.frames:
+            output().print(f"the replay {verdict}: {same}")
+        if comparison.first_difference:
+            of = f", {share:.2g} of its standard uncertainty" if math.isfinite(share) else ""
+            output().print(f"first difference: {comparison.first_difference}")
+            output().print(f"largest difference: {comparison.largest_difference}{of}")
+            output().print(f"recorded on: {comparison.recorded_on}")
+            output().print(f"replayed on: {comparison.replayed_on}")
     more = {"comparison": data, "refused": replay.is_refused}
     return _report("replay", replay.outcome(), session, picture, as_json, more)
 

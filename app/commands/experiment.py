@@ -251,9 +251,11 @@ def _conduct(
     ended = reports.of_all()
     if as_json:
         print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
-    if ended and ended[-1].get("refused"):
+    last: dict[str, Any] = ended[-1] if ended else {"state": "done"}
+    if last.get("refused"):
         return BAD_INPUT
-    return FAILED if ended and ended[-1]["state"] == "failed" else DONE
+    agrees = last.get("comparison", {}).get("agrees", True)
+    return DONE if agrees and last["state"] != "failed" else FAILED
 
 
 def _let_end(source: Source) -> None:

@@ -11,76 +11,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from app.config import from_record, revised
 from app.engine.pipeline import Pipeline
 from app.engine.watched import Watched
 from app.errors import UserError
+from app.offline.comparison import Comparison, difference
 from app.offline.loop import Measurements, Trigger, analyse
 from app.offline.playback import Browser, Playback
-from app.records import Counts, Health, Outcome, Phase, Position, ReceivedFrame, Record, Snapshot
-from app.schema import values
+from app.records import Counts, Health, Outcome, Phase, Position, ReceivedFrame, Snapshot
 from app.session.datasets import span_of
-from app.session.layout import FORMAT_VERSION
 from app.session.reader import SessionReader
 from app.settings import Config
 
-
-def difference(a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION) -> str:
-    """The first dataset in which two snapshots differ by a bit, of those that a session of that
-    version of the format has; empty where there is none.
-    """
-    for (column, x), (_, y) in zip(values(a), values(b), strict=True):
-        same = np.array_equal(column.stored(x), column.stored(y), equal_nan=True)
-        if column.since <= version and not same:
-            return column.path.removeprefix("/entry/")
-    return ""
-
-
-class Comparison:
-    """Takes the results of a replay and compares them, bit for bit, with those that were recorded.
-
-    Attributes
-    ----------
-    frames, identical : int
-        Replayed frames, and those of them that gave the recorded results.
-    first_difference : str
-        The first frame and quantity that differ; empty if none do.
-    """
-
-    receipt = None
-
-    def __init__(self) -> None:
-        self.frames = self.identical = 0
-        self.first_difference = ""
-        self._recorded: Iterator[Snapshot] = iter(())
-        self._format = FORMAT_VERSION
-
-    @property
-    def all_identical(self) -> bool:
-        """Whether every replayed frame gave the recorded results."""
-        return self.frames == self.identical
-
-    def begin(self, session: SessionReader) -> None:
-        """Compare with the results in this session, which must stay open."""
-        self._recorded, self._format = session.snapshots(), session.format
-
-    def append(self, record: Record, /) -> None:
-        """Compare a snapshot with the next one that was recorded; other records do not matter."""
-        if isinstance(record, Snapshot):
-            unlike = difference(record, next(self._recorded), self._format)
-            self.frames += 1
-            self.identical += not unlike
-            if unlike and not self.first_difference:
-                self.first_difference = f"frame {record.frame}: {unlike}"
-
-    def flush(self) -> None:
-        """Do nothing: nothing is written."""
-
-    def close(self) -> None:
-        """Do nothing: nothing is open."""
+__all__ = ["Comparison", "Replay", "difference"]
 
 
 class Replay(Watched):

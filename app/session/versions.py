@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
+from functools import cache
 from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PROCESSOR = ("processor", "instructions")  # by which results may differ in their last bits
+_VECTORS = ("avx", "f16c", "fma", "neon", "sse4", "sve")
 
 
 def versions() -> dict[str, str]:
@@ -14,8 +22,37 @@ def versions() -> dict[str, str]:
     packages = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
     computer = {
         "computer": platform.node(),
-        "processor": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+        "processor": f"{_model()}, {os.cpu_count()} cores",
+        "instructions": _instructions(),
         "platform": platform.platform(),
         "python": platform.python_version(),
     }
     return computer | {name: metadata.version(name) for name in packages}
+
+
+def _model() -> str:
+    """What the maker calls the processor, where the system says so."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []  # no Linux
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return next(iter(named), platform.processor() or platform.machine())
+
+
+@cache
+def _instructions() -> str:
+    """The processor that numba compiles for and the vectors that it and numpy use, which their
+    environment variables can narrow.
+    """
+    from llvmlite import binding
+
+    name = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES")
+    if features is None:
+        features = binding.get_host_cpu_features().flatten()
+    vectors = sorted(f[1:] for f in features.split(",") if f[:1] == "+")
+    used = [f for f in vectors if f.startswith(_VECTORS)]
+    extensions: Any = np.show_config(mode="dicts")["SIMD Extensions"]
+    found = [*extensions.get("baseline", []), *extensions.get("found", [])]
+    return f"{' '.join([name, *used])}; numpy {' '.join(found)}"

@@ -67,6 +67,19 @@ def test_a_run_without_a_display_says_why_and_goes_on(
     assert opened.stderr.startswith("slipscope: no window: there is no screen")
 
 
+def test_a_replay_that_differs_fails_and_says_by_how_much(
+    slipscope: Command, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.engine.pipeline.CENTRE_SHARE", 0.9)
+    result = slipscope("replay", session, "--headless")
+    assert result.exit_code == 1, result.output
+    assert "the replay differs: " in result.stdout
+    assert " m in results/centre_ux of frame " in result.stdout
+    assert "recorded on: " in result.stdout
+    data = json.loads(slipscope("replay", session, "--headless", "--json").stdout)
+    assert not data["comparison"]["agrees"]
+
+
 def test_replay_gives_the_recorded_results_to_the_bit_and_leaves_the_session_alone(
     slipscope: Command, session: Path
 ) -> None:

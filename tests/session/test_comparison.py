@@ -1,0 +1,129 @@
+"""The three verdicts of a replay: to the bit, within the uncertainty on another processor, and
+different; and what it says of both processors.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from session_material import make_snapshot
+from short_run import SHORT
+
+from app import config, live
+from app.offline.comparison import Comparison, processor_of
+from app.session.layout import FORMAT_VERSION
+from app.session.versions import PROCESSOR, versions
+
+ROOT = Path(__file__).parents[2]
+
+
+def compared(*pairs):
+    comparison = Comparison()
+    recorded, replayed = zip(*pairs, strict=True)
+    session = SimpleNamespace(
+        snapshots=lambda: iter(recorded),
+        format=FORMAT_VERSION,
+        header=SimpleNamespace(versions={"processor": "an abacus"}),
+    )
+    comparison.begin(session)
+    for snapshot in replayed:
+        comparison.append(snapshot)
+    return comparison
+
+
+def shifted(snapshot, **planes):
+    """The snapshot with other planes of its field."""
+    return replace(snapshot, field=replace(snapshot.field, **planes))
+
+
+@pytest.fixture
+def snapshot():
+    made = make_snapshot(3)
+    errors = np.full_like(made.field.ux_px, 0.01)
+    return shifted(made, ux_std_px=errors, uy_std_px=errors)
+
+
+def test_the_same_agrees_to_the_bit(snapshot):
+    comparison = compared((snapshot, snapshot))
+    assert (comparison.verdict, comparison.agrees) == ("agrees to the bit", True)
+    assert comparison.largest_difference == comparison.first_difference == ""
+
+
+def test_what_another_processor_rounds_agrees_within_the_uncertainty(snapshot):
+    ux, uy = snapshot.field.ux_px.copy(), snapshot.field.uy_px.copy()
+    ux[0, 0] = np.nextafter(ux[0, 0], np.float32(9))
+    uy[1, 1] += 2e-4
+    comparison = compared((snapshot, snapshot), (snapshot, shifted(snapshot, ux_px=ux, uy_px=uy)))
+    assert comparison.verdict == "agrees within 0.02 of the uncertainty"
+    assert comparison.agrees
+    assert not comparison.all_identical
+    assert comparison.first_difference == "frame 3: fields/ux"
+    assert comparison.largest_difference == "0.0002 px in fields/uy of frame 3"
+    assert comparison.recorded_on == "an abacus"
+    assert comparison.replayed_on == processor_of(versions())
+
+
+@pytest.mark.parametrize("change", ["far", "missing", "status", "radius"])
+def test_more_than_rounding_differs(snapshot, change):
+    ux, status = snapshot.field.ux_px.copy(), snapshot.field.status.copy()
+    if change == "far":
+        ux[0, 0] += 2e-3
+    elif change == "missing":
+        ux[0, 0] = np.nan
+    elif change == "status":
+        status[0, 0] += 1
+    other = shifted(snapshot, ux_px=ux, status=status)
+    if change == "radius":  # which has no uncertainty of its own
+        other = replace(
+            other, stick=replace(other.stick, full_slip_pa=2 * other.stick.full_slip_pa)
+        )
+    comparison = compared((snapshot, snapshot), (snapshot, other))
+    assert (comparison.verdict, comparison.agrees) == ("differs", False)
+
+
+def test_a_session_says_on_what_it_was_computed():
+    held = versions()
+    assert all(held[name] for name in PROCESSOR)
+    assert held["instructions"] in processor_of(held)
+    assert processor_of({}) == "an unknown processor"
+
+
+def test_a_replay_on_another_processor_says_how_far_it_agrees(tmp_path):
+    """Of another generation, as numba and numpy would see it: no fused multiplication, narrower
+    vectors.
+    """
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        return
+    settings = config.load(None, [*SHORT, "run.travel=4", "dic.threads=1"])
+    run = live.make_run(settings, tmp_path / "a.h5", pace=None)
+    run.start()
+    assert run.wait(300).state == "done"
+    other = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}
+    for changed in ({}, other):
+        done = subprocess.run(
+            [sys.executable, "-m", "app", "replay", "a.h5", "--headless", "--json"],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(ROOT)} | changed,
+            capture_output=True,
+            text=True,
+            timeout=500,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        said = json.loads(done.stdout)["comparison"]
+        if not changed:
+            assert said["verdict"] == "agrees to the bit"
+            assert said["recorded_on"] == said["replayed_on"]
+            continue
+        assert said["verdict"].startswith("agrees within ")
+        assert 0 < said["uncertainty_share"] < 0.1
+        assert said["identical"] < said["frames"]
+        assert "x86-64-v2" in said["replayed_on"]
+        assert "x86-64-v2" not in said["recorded_on"]
