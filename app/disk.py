@@ -17,6 +17,7 @@ from typing import Any
 from app.errors import UserError
 
 COPY_BYTES = 1 << 22  # copied at a time
+_SHORT = 1 << 16
 
 if sys.platform == "win32":
     import msvcrt
@@ -132,24 +133,30 @@ class AppendedFile:
         except OSError:
             return False
 
-    def append(self, content: Any) -> int:
-        """Where in the file the content was added; all of it or, with OSError, nothing."""
+    def append(self, *parts: Any) -> int:
+        """Where in the file the parts were added; all of them or, with OSError, nothing."""
         if self._refused is not None:
             raise self._refused
-        view, written = memoryview(content).cast("B"), 0
+        views = [memoryview(part).cast("B") for part in parts]
+        if sum(map(len, views)) < _SHORT:
+            views = [memoryview(b"".join(views))]  # one call of the system
+        place = end = self.end
         try:
-            while written < len(view):
-                count = self._file.write(view[written:])
-                if not count:
-                    raise OSError(errno.ENOSPC, "the disk takes no more")
-                written += count
+            for view in views:
+                written = 0
+                while written < len(view):
+                    count = self._file.write(view[written:])
+                    if not count:
+                        raise OSError(errno.ENOSPC, "the disk takes no more")
+                    written += count
+                end += written
         except OSError as error:
             with contextlib.suppress(OSError):
                 self._file.truncate(self.end)
             self.failure = f"{self.path} can not be written: {error.strerror or error}"
             self._refused = DiskError(error.errno, self.failure)
             raise self._refused from error
-        place, self.end = self.end, self.end + len(view)
+        self.end = end
         return place
 
     def sync(self) -> None:

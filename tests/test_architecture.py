@@ -135,11 +135,14 @@ def test_no_machine_is_named_in_the_project() -> None:
     assert not named
 
 
-def test_a_bench_of_real_devices_loads_neither_window_nor_analysis() -> None:
+def test_a_bench_of_real_devices_loads_no_window_no_analysis_and_no_hdf5() -> None:
     loaded = modules_after(
         "import app.processes.bench, drivers.ni_daq, drivers.camera_pylon, drivers.actuator_newport"
     )
-    assert not {"PySide6", "pyqtgraph", "matplotlib", "numba", "scipy", "analysis.dic"} & loaded
+    assert (
+        not {"PySide6", "pyqtgraph", "matplotlib", "numba", "scipy", "analysis.dic", "h5py"}
+        & loaded
+    )
 
 
 def test_the_supervisor_is_small() -> None:

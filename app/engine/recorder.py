@@ -164,7 +164,7 @@ class Recorder:
     def _write_images(self) -> None:
         give_way(3)  # its queue can wait, a stop can not
         process = psutil.Process()
-        failure = ""
+        failure, due = "", 0.0
         while not self._images.is_drained:
             record = self._images.get(POLL_S)
             if record is None:
@@ -185,8 +185,9 @@ class Recorder:
                     )
                     with contextlib.suppress(Exception):
                         self._sink.append(lost)
-            if isinstance(record, ReceivedFrame):
+            if time.monotonic() >= due:
                 self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
+                due = time.monotonic() + self._flush_interval_s
 
     def _write_small(self) -> None:
         try:

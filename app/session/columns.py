@@ -4,7 +4,7 @@ whole or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import h5py
@@ -107,22 +107,16 @@ def place_images(file: h5py.File, header: Header, count: int) -> None:
     h5py.h5d.create(group.id, layout.IMAGES.name.encode(), kind, space, created)
 
 
-def append_field(datasets: Mapping[str, h5py.Dataset], arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Row at which the arrays of a field were added, each to the dataset of its path; if one of
-    them fails none was added.
-    """
+def append_fields(
+    datasets: Mapping[str, h5py.Dataset], fields: Sequence[Mapping[str, NDArray[Any]]]
+) -> None:
+    """Add the arrays of fields, each to the dataset of its path."""
+    if not fields:
+        return
     for path, dataset in datasets.items():
-        check_fits(dataset, arrays[path])
-    row = int(next(iter(datasets.values())).shape[0])
-    try:
-        for path, dataset in datasets.items():
-            dataset.resize(row + 1, axis=0)
-            dataset[row] = arrays[path]
-    except BaseException:
-        for dataset in datasets.values():
-            dataset.resize(row, axis=0)
-        raise
-    return row
+        rows = dataset.shape[0]
+        dataset.resize(rows + len(fields), axis=0)
+        dataset[rows:] = np.stack([arrays[path] for arrays in fields])
 
 
 def check_fits(dataset: h5py.Dataset, array: NDArray[Any]) -> None:

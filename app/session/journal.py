@@ -14,7 +14,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
-from hashlib import blake2b
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, cast, get_args
 from zlib import crc32
@@ -149,8 +149,9 @@ class Journal:
         payload, kind = encode(record), _TYPES.index(type(record))
         with self._lock:
             self._chain = _hashed(self._chain, kind, payload)
-            rest = _ABOUT.pack(kind, len(payload), self._chain) + payload
-            self.file.append(_HEAD.pack(_MARK, crc32(rest)) + rest)
+            about = _ABOUT.pack(kind, len(payload), self._chain)
+            head = _HEAD.pack(_MARK, crc32(payload, crc32(about))) + about
+            self.file.append(head, payload)
 
     def move_to(self, path: Path) -> None:
         """Go on in another file, which begins with all that is in this one."""
@@ -159,7 +160,9 @@ class Journal:
 
 
 def _hashed(chain: bytes, kind: int, payload: bytes) -> bytes:
-    return blake2b(chain + bytes([kind]) + payload, digest_size=16).digest()
+    hashed = sha256(chain + bytes([kind]))
+    hashed.update(payload)
+    return hashed.digest()[:16]
 
 
 def read_journal(path: Path) -> Iterator[JournalRecord | Damage]:

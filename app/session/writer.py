@@ -1,8 +1,8 @@
 """Writes a session as an HDF5 file. It is used where nothing is measured at the same time: by
 `completing`, by imports and by further analyses.
 
-Write, then count: an image goes to the file before the row that says it is there. The small tables
-are written in batches, at each flush. `close` reads the session back and compares it with all that
+Write, then count: an image goes to the file before the row that says it is there. All else is
+written in batches, at each flush at the latest. `close` reads the session back and compares it with all that
 the writer was given.
 """
 
@@ -46,7 +46,7 @@ from app.session import layout, trust
 from app.session.columns import (
     Table,
     append_chunk,
-    append_field,
+    append_fields,
     check_fits,
     make_group,
     place_images,
@@ -63,6 +63,7 @@ LOG = logging.getLogger(__name__)
 METADATA_BYTES = 1 << 19  # of HDF5's cache, which would grow for hours
 # checksummed headers, and no open-for-writing mark
 _LIBVER = ("v108", "v108")
+WAITING_FIELDS = 16  # written together, which costs HDF5 less
 # in the order in which they are flushed: the results refer to the tables before them
 TABLES = (
     *("gaps", "forces", "triggers", "instrument/actuator", "events"),
@@ -97,6 +98,7 @@ class SessionWriter:
         self._longest_gap = int(LONGEST_GAP_S * header.sample_rate_hz)
         # trigger numbers of the frames received, increasing, and their rows in triggers
         self._received, self._received_rows = array("q"), array("q")
+        self._waiting: list[dict[str, Any]] = []  # the fields not yet in the file
         self._analysed: set[int] = set()  # rows of triggers, marked at the next flush
 
     @classmethod
@@ -171,7 +173,7 @@ class SessionWriter:
             raise
 
     def append(self, record: Record) -> None:
-        """Add something; an image, and the field of a snapshot, are written at once.
+        """Add something; an image is written at once.
 
         Samples missing before a block of samples become a gap and NaN. A snapshot comes after the
         frame of which it is the result; an outcome ends the record.
@@ -276,8 +278,13 @@ class SessionWriter:
             )
         values, row = stored(snapshot), NO_ROW
         if snapshot.field is not None:
-            row = append_field(self._fields, values)
+            for path, dataset in self._fields.items():
+                check_fits(dataset, values[path])
+            self._waiting.append(values)
+            row = len(self._tables["fields"])
             self._tables["fields"].append({layout.FIELD_FRAMES.path: snapshot.frame})
+            if len(self._waiting) >= WAITING_FIELDS:
+                self._write_fields()
         radii, rings = (
             0 if profile is None else len(profile.radius_m)
             for profile in (snapshot.stress, snapshot.rings)
@@ -304,6 +311,7 @@ class SessionWriter:
         """Write the rows that wait; OSError where anything so far could not be written, or the disk
         is all but full.
         """
+        self._write_fields()
         for table in self._tables.values():
             table.flush()
         if self._analysed:
@@ -311,6 +319,10 @@ class SessionWriter:
             self._analysed.clear()
         self._disk.check()
         check_room(self._path, 0)
+
+    def _write_fields(self) -> None:
+        append_fields(self._fields, self._waiting)
+        self._waiting.clear()
 
     def close(self) -> Receipt:
         """Write the rest, bring it to the disk and read it back.

@@ -258,7 +258,6 @@ def test_a_device_that_fails_in_the_drive_ends_the_run_by_name(culprit, tmp_path
 @pytest.mark.parametrize(
     ("where", "words"),
     [
-        (lambda run: setattr(run._analysis.pipeline, "step", broken("pipeline")), "it went away"),
         (
             lambda run: setattr(
                 run._workers.recorder._sink,
