@@ -2,8 +2,8 @@
 `completing`, by imports and by further analyses.
 
 Write, then count: an image goes to the file before the row that says it is there. All else is
-written in batches, at each flush at the latest. `close` reads the session back and compares it with all that
-the writer was given.
+written in batches, at each flush at the latest. `close` reads the session back and compares it with
+all that the writer was given.
 """
 
 from __future__ import annotations
