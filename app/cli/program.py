@@ -26,6 +26,7 @@ from app.cli.options import (
     plain_errors,
 )
 from app.cli.streams import steady_streams
+from app.cli.target import same_everywhere
 
 EPILOG = """
 Examples:
@@ -69,6 +70,14 @@ def slipscope(
         ),
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    reproducible: Annotated[
+        bool,
+        typer.Option(
+            "--reproducible",
+            help="Compute with the instructions of x86-64-v3 only, so that other processors that"
+            " have them give the same bits.",
+        ),
+    ] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="Show the log on standard error while a command runs.")
     ] = False,
@@ -82,6 +91,9 @@ def slipscope(
     options.is_debugging = debug
     if verbose:
         logs.to_terminal()
+    if reproducible:
+        with plain_errors():
+            same_everywhere()
     if context.invoked_subcommand is None:
         with plain_errors():
             from app.commands import experiment

@@ -127,3 +127,32 @@ def test_a_replay_on_another_processor_says_how_far_it_agrees(tmp_path):
         assert said["identical"] < said["frames"]
         assert "x86-64-v2" in said["replayed_on"]
         assert "x86-64-v2" not in said["recorded_on"]
+
+
+@pytest.mark.parametrize("has_them", [True, False])
+def test_the_same_instructions_can_be_asked_of_all_processors(has_them):
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        return
+    code = (
+        "from llvmlite import binding\n"
+        "names = 'avx2', 'fma', 'avx512f'\n"
+        f"binding.get_host_cpu_features = lambda: dict.fromkeys(names, {has_them})\n"
+        "from app.cli.target import same_everywhere\n"
+        "same_everywhere()\n"
+        "from app.session.versions import versions\n"
+        "print(versions()['instructions'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    if has_them:
+        assert done.stdout.startswith("x86-64-v3; numpy "), done.stderr
+        assert "AVX512" not in done.stdout
+        assert "X86_V4" not in done.stdout
+    else:
+        assert "--reproducible: it computes with the instructions of x86-64-v3" in done.stderr
