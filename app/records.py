@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
 import numpy as np
 from msgspec import Meta
@@ -24,6 +24,7 @@ F64 = NDArray[np.float64]
 Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
 Count = Annotated[int, Meta(ge=1, lt=1 << 62)]
 Checksum = Annotated[int, Meta(ge=0, lt=1 << 32)]  # CRC-32
+Taken = Annotated[float, Meta(ge=0, le=1e12)]
 Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
 NAN = math.nan
@@ -418,11 +419,21 @@ class Counts:
     samples_lost: Index = column("samples_lost", "1", "force samples that did not", default=0)
 
 
+class Resources(TypedDict, total=False):
+    """What a run took of the computer, and where its session went."""
+
+    peak_memory_mib: Taken
+    cpu_s: Taken
+    wall_s: Taken
+    receipt: str
+    session: str
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a run ended: its state ("done" or "failed"), the reason in one sentence, and its account.
 
-    `resources` says what the run took of the computer (`peak_memory_mib`, `cpu_s`, `wall_s`) and,
+    `resources` says what the run took of the computer, see `Resources`, and,
     once the session is closed, holds its receipt.
     """
 

@@ -233,7 +233,7 @@ def _check_agree(session: SessionReader, config: Config) -> None:
     ):
         if said != held:
             raise UserError(
-                f"{session.path}: its {what} are {held}, but {said} by its own settings; somebody"
+                f"{session.path}: {what}: {held} in the session, {said} in its settings; somebody"
                 " changed it, use a copy of it if there is one"
             )
     phases = {event.text for event in session.events() if event.kind == "phase"}

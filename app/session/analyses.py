@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import time
 from pathlib import Path
 
 from app.errors import UserError
 from app.records import Source
 from app.session.reader import SessionReader
 
+PATIENCE_S = 3.0
+
 
 def analyses_of(session: Path) -> list[Path]:
     """Files in the folder of `session` that are further analyses of it, by name; files that can not
-    be read are left out.
+    be read are left out, and what follows once they have taken `PATIENCE_S`.
     """
     with SessionReader(session) as reader:
         source = Source(session.name, reader.header.started)
-    found = []
+    found, patience = [], PATIENCE_S
     for path in sorted(session.parent.glob("*.h5")):
-        with suppress(UserError, OSError), SessionReader(path) as other:
-            if other.header.source == source:
-                found.append(path)
+        began = time.monotonic()
+        try:
+            with SessionReader(path) as other:
+                if other.header.source == source:
+                    found.append(path)
+        except (UserError, OSError):
+            patience -= time.monotonic() - began
+            if patience < 0:
+                break
     return found

@@ -6,7 +6,6 @@ A file may come from anywhere: what it says is checked (`app.session.checked`) b
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from contextlib import suppress
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 from zlib import crc32
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +35,7 @@ from app.records import (
     Phase,
     Position,
     ReceivedFrame,
+    Resources,
     RingProfile,
     Samples,
     Snapshot,
@@ -131,13 +132,13 @@ class SessionReader:
         """
         summary = self._single(Summary) if self.file.has("/entry/summary") else None
         with self.file.reading("/entry/run/resources"):
-            resources = dict(json.loads(self._read("/entry/run/resources")))
+            resources = msgspec.json.decode(self._read("/entry/run/resources"), type=Resources)
         return Outcome(
             self._read("/entry/run/state"),
             self._read("/entry/run/reason"),
             self._single(Counts) if self.file.has("/entry/counts") else self._counted(),
             summary,
-            resources,
+            dict(resources),
         )
 
     @cached_property

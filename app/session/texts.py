@@ -31,7 +31,7 @@ def texts_of(references: NDArray[np.void], file: BinaryIO, size: int) -> NDArray
         They are not there, or claim more than `LARGEST_BYTES`.
     """
     rows = references.reshape(-1)
-    if max(rows.nbytes, int(rows["length"].sum(dtype=np.uint64))) > LARGEST_BYTES:
+    if max(2 * rows.nbytes, int(rows["length"].sum(dtype=np.uint64))) > LARGEST_BYTES:
         raise ValueError(f"its texts claim more than {LARGEST_BYTES} bytes")
     collections: dict[int, dict[int, bytes]] = {}
     texts, left = np.full(rows.size, "", dtype=object), LARGEST_BYTES

@@ -5,6 +5,7 @@ one that this computer closed is not read twice.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import pytest
 from session_material import Session
 
 from app.errors import UserError
-from app.session import contents, trust, vetting
+from app.session import analyses, contents, trust, vetting
 from app.session.reader import SessionReader
 
 ROOT = Path(__file__).parents[2]
@@ -187,3 +188,17 @@ def test_nothing_is_left_running_when_the_program_ends(session: Session) -> None
     done = subprocess.run(command, env=env, capture_output=True, text=True, check=True, timeout=400)
     assert not psutil.pid_exists(int(done.stdout))
     assert not done.stderr
+
+
+@POSIX
+@pytest.mark.usefixtures("harmful")
+def test_what_lies_beside_the_session_that_is_asked_about_does_no_harm(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("crash", "endless", "greedy", "raise"):
+        shutil.copy(session.path, session.path.with_name(f"{name}.h5"))
+    assert analyses.analyses_of(session.path) == []
+    monkeypatch.setattr(analyses, "PATIENCE_S", 1.0)
+    began = time.monotonic()
+    assert analyses.analyses_of(session.path) == []
+    assert time.monotonic() - began < 4
