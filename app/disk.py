@@ -121,7 +121,7 @@ class AppendedFile:
             if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
                 return  # a file system without locks
             raise UserError(
-                f"{path}: another program is recording this session; wait for its end or give"
+                f"{path}: a program is recording this session; wait for its end or give"
                 " another name"
             ) from None
 

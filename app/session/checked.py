@@ -17,6 +17,7 @@ import numpy as np
 from app.errors import UserError
 from app.schema import TEXT
 from app.session.contents import COPY, Refused
+from app.session.files import check_not_recorded
 from app.session.journal import has_journal
 from app.session.layout import IMAGE
 from app.session.stored import Dataset
@@ -45,8 +46,11 @@ class CheckedFile:
     def __init__(self, path: Path, what: str) -> None:
         self.path, self._what = path, what
         if not path.is_file():
-            found = _remedy(path, "check the name")
-            raise UserError(f"{path}: there is no such {what} to read; {found}")
+            check_not_recorded(path)
+            found = f"there is no such {what} to read"
+            if has_journal(path):
+                found = "it was cut short while it was recorded"
+            raise UserError(f"{path}: {found}; {_remedy(path, 'check the name')}")
         try:
             self._contents = vetted(path)
             self._file = path.open("rb")

@@ -94,8 +94,7 @@ def check_not_recorded(session: Path) -> None:
     """Refuse a session that a program is recording at this moment; UserError."""
     if is_locked(journal_of(session)):
         raise UserError(
-            f"{session}: another program is recording this session; wait for its end or give"
-            " another name"
+            f"{session}: a program is recording this session; wait for its end or give another name"
         )
 
 

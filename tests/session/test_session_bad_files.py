@@ -44,7 +44,7 @@ def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:
 
 def test_session_that_is_being_recorded_is_not_overwritten(tmp_path: Path) -> None:
     writer, written = record(tmp_path / "busy.h5")
-    with pytest.raises(UserError, match="another program is recording this session"):
+    with pytest.raises(UserError, match="a program is recording this session"):
         make_writer(written.path, overwrite=True)
     writer.close()
     ask(written.path)

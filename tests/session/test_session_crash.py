@@ -67,7 +67,7 @@ def test_killed_program_leaves_everything_that_it_was_given(tmp_path: Path, end:
                 lambda: make_writer(path, overwrite=True),
                 lambda: check_new_session(path, overwrite=True),
             ):
-                with pytest.raises(UserError, match="another program is recording this session"):
+                with pytest.raises(UserError, match="a program is recording this session"):
                     refused()
             child.kill()
         assert child.wait(400) != 0
