@@ -208,11 +208,11 @@ class Worker:
 
     def __init__(self, folder: Path, keep: Path | None) -> None:
         self._folder, self._keep = folder, keep
-        folder.mkdir()
         self._start()
 
     def _start(self) -> None:
-        (self._folder / "whole.h5").unlink(missing_ok=True)
+        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.mkdir()
         command = [sys.executable, "-c", WORKER, str(self._folder)]
         pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
         self._process = subprocess.Popen(

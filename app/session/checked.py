@@ -113,10 +113,6 @@ class CheckedFile:
             rows = dataset[()]
             return (texts_of(rows, self._file, self._bytes) if dataset.kind == TEXT else rows)[()]
 
-    def check_claim(self, dataset: Dataset, shape: tuple[int, ...]) -> None:
-        """Refuse a part of that shape if it is more than the file holds of the dataset."""
-        dataset.check_claim(shape)
-
     @contextmanager
     def reading(self, path: str) -> Iterator[None]:
         """Whatever is thrown while damaged bytes are read, as one sentence."""

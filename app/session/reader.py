@@ -153,8 +153,7 @@ class SessionReader:
     def events(self) -> list[Event]:
         """What happened, in order."""
         table = self._table("/entry/events")
-        columns = (table[name].tolist() for name in ("sample", "kind", "text"))
-        return [Event(*row) for row in zip(*columns, strict=True)]
+        return list(map(Event, *(table[name].tolist() for name in ("sample", "kind", "text"))))
 
     def positions(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Samples at which the stage was read, and its positions in metres."""
@@ -417,7 +416,11 @@ class SessionReader:
 
     @cached_property
     def _triggers(self) -> dict[str, NDArray[Any]]:
-        return self._table("/entry/triggers")
+        table = self._table("/entry/triggers")
+        received = table["index"][table["image"] != NO_ROW]
+        if not ((np.diff(received) > 0).all() and (table["sample"] >> 62 == 0).all()):
+            raise self._damaged("/entry/triggers", "its frames are in no order, or at no sample")
+        return table
 
     @cached_property
     def _frame_rows(self) -> dict[int, int]:

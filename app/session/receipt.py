@@ -208,7 +208,7 @@ def _read_columns(reader: SessionReader) -> bool:
             step = max(1, _SLAB // max(1, math.prod(column.shape[1:])))
             try:
                 with reader.file.reading(column.name):
-                    reader.file.check_claim(column, (rows, *column.shape[1:]))
+                    column.check_claim((rows, *column.shape[1:]))
                     for first in range(0, rows, step):
                         column[first : min(first + step, rows)]
             except UserError as error:

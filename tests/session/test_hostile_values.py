@@ -110,6 +110,8 @@ def resources(text: str) -> Spoil:
             r"\(240, 320\) .* \(240, 16384\)",
         ),
         (put("/entry/events/text", "phase"), "replay", "its events name no phases"),
+        (put("/entry/triggers/index", 3, 9), "replay", "triggers: its frames are in no order"),
+        (put("/entry/triggers/sample", -1, 9), "export", "triggers: .* at no sample"),
         (put("/entry/triggers/image", -1, 9), "replay", "there is no image of trigger 9"),
         (put("/entry/triggers/image", 10**9, 9), "replay", "row 1000000000 is needed"),
         (put("/entry/results/stress_count", -1), "replay", "stress_count: -1 values are claimed"),
