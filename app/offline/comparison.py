@@ -11,7 +11,7 @@ from app.records import Record, Snapshot
 from app.schema import Column, values
 from app.session.layout import FORMAT_VERSION
 from app.session.reader import SessionReader
-from app.session.versions import PROCESSOR, versions
+from app.session.versions import processor
 
 SAME, DIFFERS = "agrees to the bit", "differs"
 AGREES = 0.1  # of a standard uncertainty: a processor rounds by less
@@ -36,7 +36,8 @@ def _unlike(a: Snapshot, b: Snapshot, version: int) -> Iterator[tuple[Column, An
 
 def processor_of(held: dict[str, str]) -> str:
     """Model and instructions of the processor that these versions of a session name."""
-    return ", ".join(held[name] for name in PROCESSOR if name in held) or "an unknown processor"
+    known = [held[name] for name in processor() if name in held]
+    return ", ".join(known) or "an unknown processor"
 
 
 class Comparison:
@@ -62,7 +63,7 @@ class Comparison:
         self.frames = self.identical = 0
         self.first_difference = self.largest_difference = ""
         self.share = 0.0
-        self.recorded_on, self.replayed_on = "", processor_of(versions())
+        self.recorded_on, self.replayed_on = "", processor_of(processor())
         self._recorded: Iterator[Snapshot] = iter(())
         self._format = FORMAT_VERSION
 

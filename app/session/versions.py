@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-PROCESSOR = ("processor", "instructions")  # by which results may differ in their last bits
 _VECTORS = ("avx", "f16c", "fma", "neon", "sse4", "sve")
 
 
@@ -22,12 +21,15 @@ def versions() -> dict[str, str]:
     packages = ("slipscope", "numpy", "scipy", "numba", "opencv-python-headless", "h5py")
     computer = {
         "computer": platform.node(),
-        "processor": f"{_model()}, {os.cpu_count()} cores",
-        "instructions": _instructions(),
         "platform": platform.platform(),
         "python": platform.python_version(),
     }
-    return computer | {name: metadata.version(name) for name in packages}
+    return computer | processor() | {name: metadata.version(name) for name in packages}
+
+
+def processor() -> dict[str, str]:
+    """What of it says on which processor results were computed."""
+    return {"processor": f"{_model()}, {os.cpu_count()} cores", "instructions": _instructions()}
 
 
 def _model() -> str:

@@ -19,7 +19,7 @@ from short_run import SHORT
 from app import config, live
 from app.offline.comparison import Comparison, processor_of
 from app.session.layout import FORMAT_VERSION
-from app.session.versions import PROCESSOR, versions
+from app.session.versions import processor, versions
 
 ROOT = Path(__file__).parents[2]
 
@@ -90,7 +90,7 @@ def test_more_than_rounding_differs(snapshot, change):
 
 def test_a_session_says_on_what_it_was_computed():
     held = versions()
-    assert all(held[name] for name in PROCESSOR)
+    assert all(held[name] for name in processor())
     assert held["instructions"] in processor_of(held)
     assert processor_of({}) == "an unknown processor"
 
