@@ -77,7 +77,8 @@ def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterat
 
 
 def _limits(config: Config) -> str:
-    within, below = (quantity(config.actuator, name) for name in ("travel", "max_velocity"))
+    within = quantity(config.actuator, "travel").replace(", ", " to ")
+    below = quantity(config.actuator, "max_velocity")
     return f"before it moves, the controller is told to stay within {within} and below {below}"
 
 
