@@ -136,12 +136,12 @@ def spoil_journal(whole: Path, path: Path, seed: int) -> str:
 
 def _written(records: list[tuple[int, bytes]]) -> bytes:
     """Records with the checksums and hashes that a journal has."""
-    written, chain = b"", bytes(16)
+    written, chain = bytearray(), bytes(16)
     for kind, held in records:
         chain = _hashed(chain, kind % 256, held)
         rest = _ABOUT.pack(kind % 256, len(held), chain) + held
         written += _HEAD.pack(_MARK, crc32(rest)) + rest
-    return written
+    return bytes(written)
 
 
 def _records(journal: bytes) -> list[tuple[int, bytes]]:
