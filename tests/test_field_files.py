@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -117,3 +118,16 @@ def test_files_that_can_not_be_read(tmp_path: Path) -> None:
     for name in ("bad.h5", "none.h5", "none.csv"):
         with pytest.raises(UserError, match="read"):
             read_fields(tmp_path / name, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("x", np.nan), ("y", 1e308), ("x", 0.0), ("frame", -7), ("frame", 2**62)]
+)
+def test_a_grid_that_is_none_is_refused(tmp_path: Path, name: str, value: float) -> None:
+    path = tmp_path / "f.h5"
+    settings = {"reference": "r.tif"}
+    FieldsWriter(path, ["a.tif", "b.tif"], X, Y, ["ok"], settings, {}).close()
+    with h5py.File(path, "r+") as file:
+        file[f"/entry/fields/{name}"][1] = value
+    with pytest.raises(UserError, match=r"f\.h5: its grid or its frames do not increase"):
+        read_fields(path, 2e-6)

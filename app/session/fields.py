@@ -142,6 +142,8 @@ def read_fields_file(path: Path) -> FieldsHeld:
             f"{path}: fields of shape {ux.shape} found for {len(frame)} frames of {len(x)} x"
             f" {len(y)} points; correlate again"
         )
+    if not all((np.diff(axis) > 0).all() and (abs(axis) < 1e9).all() for axis in (x, y, frame)):
+        raise UserError(f"{path}: its grid or its frames do not increase; correlate again")
     return FieldsHeld(x, y, tuple(int(n) for n in frame), ux, sd)
 
 
