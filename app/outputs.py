@@ -155,6 +155,7 @@ def _unfinished(path: Path) -> Iterator[Path]:
         yield unfinished
     except OSError as error:
         reason = str(error.strerror or error).removeprefix(f"{unfinished}: ")
+        reason = reason.removeprefix("it can not be written: ")
         raise UserError(f"{path}: it can not be written: {reason}; choose another place") from None
     finally:
         _remove(unfinished)

@@ -1,9 +1,11 @@
-"""What a kill and a power cut cost a session. A program that records 1600 x 1200 images at 23.8
-frames/s and forces at 1 kHz in real time is killed (SIGKILL) at random moments of its first 6 s;
-power is cut at random moments of a recorded history of writes, half of them during a flush. Each
-session is repaired, and each of its frames and samples compared with what was sent.
+"""What a kill, a power cut and a damaged journal cost a session. A program that records 1600 x 1200
+images at 23.8 frames/s and forces at 1 kHz in real time is killed (SIGKILL) at random moments of
+its first 6 s, also where each sync of the disk takes 1.5 s; power is cut at random moments of a
+recorded history of writes, half of them during a flush; of the journal of 213 frames one bit is
+flipped at random. Each session is repaired, and each of its frames and samples compared with what
+was sent.
 
-    python -m benchmarks crash [KILLS] [CUTS] [--folder FOLDER]
+    python -m benchmarks crash [KILLS] [CUTS] [--slow 20] [--damaged 200] [--folder FOLDER]
 
 A frame that was altered ends the program with an error.
 """
@@ -20,27 +22,40 @@ from benchmarks.report import ROOT, Report
 
 sys.path.append(str(ROOT / "tests/session"))
 
+from damaged_journal import BLOCK, DamagedJournal
+from faulty_disk import FAULTS, FaultyDisk, build, environment, make_control
 from killed_recorder import lost_by_kill
 from test_power_cut import Recorded
 
-SUBJECT = "Kills and power cuts"
+SUBJECT = "Kills, power cuts and damaged journals"
 SHAPE, RATE_HZ, LONGEST_S = (1200, 1600), 23.8, 6.0
-LOST_S = 0.5
+LOST_S, FORCES_LOST_S = 0.5, 0.2
+SLOW_S = 1.5  # of a sync
 
 
-def kill(report: Report, count: int, folder: Path) -> None:
+def kill(report: Report, count: int, folder: Path, *, slow: bool = False) -> None:
     """Kill, repair, compare."""
     rng = np.random.default_rng(0)
-    lost, seconds, sent = 0, [], 0
+    own = {}
+    if slow and count:
+        control = folder.with_name("control")
+        make_control(control)
+        FaultyDisk(control, str(folder)).arm(FAULTS["error"], 0, delay_s=SLOW_S)
+        own = environment(build(folder.parent), control)
+    kills = []
     for _ in range(count):
-        killed = lost_by_kill(folder / "killed.h5", RATE_HZ, SHAPE, rng.uniform(0.02, LONGEST_S))
-        sent += killed.sent
-        lost += killed.lost
-        seconds.append(killed.lost_s)
+        delay_s = rng.uniform(0.02, LONGEST_S)
+        kills.append(lost_by_kill(folder / "killed.h5", RATE_HZ, SHAPE, delay_s, own))
         for path in folder.iterdir():
             path.unlink()
-    worst = max(seconds), "s", LOST_S
-    report.row("kills", number=count, frames_lost=f"{lost} of {sent:,}", most_of_one_session=worst)
+    if kills:
+        report.row(
+            f"kills, each sync {SLOW_S} s longer" if slow else "kills",
+            number=count,
+            frames_lost=f"{sum(k.lost for k in kills)} of {sum(k.sent for k in kills):,}",
+            most_of_one_session=(max(k.lost_s for k in kills), "s", LOST_S),
+            forces=(max(k.forces_lost_s for k in kills), "s", FORCES_LOST_S),
+        )
 
 
 def cut(report: Report, count: int, folder: Path) -> None:
@@ -50,16 +65,39 @@ def cut(report: Report, count: int, folder: Path) -> None:
         recorded.check(recorded.instant(seed, flushing=seed % 2 == 0), seed, folder / str(seed))
         for seed in range(count)
     ]
-    worst = max(lost) / RATE_HZ, "s", LOST_S
-    report.row("power cuts", number=count, frames_lost=sum(lost), most_of_one_session=worst)
+    if lost:
+        worst = max(lost) / RATE_HZ, "s", LOST_S
+        report.row("power cuts", number=count, frames_lost=sum(lost), most_of_one_session=worst)
+
+
+def damage(report: Report, count: int, folder: Path) -> None:
+    """Flip a bit of the journal, repair, compare."""
+    damaged = DamagedJournal(folder)
+    lost = [damaged.lost_by_bit(seed) for seed in range(count)]
+    if lost:
+        report.row(
+            "journals with one bit flipped",
+            number=count,
+            frames_lost=(sum(frames for frames, _ in lost), "", 0),
+            most_samples=(max(samples for _, samples in lost), "", BLOCK),
+        )
 
 
 def measure(
-    report: Report, kills: int = 50, cuts: int = 200, *, folder: Path | None = None
+    report: Report,
+    kills: int = 50,
+    cuts: int = 200,
+    *,
+    slow: int = 20,
+    damaged: int = 200,
+    folder: Path | None = None,
 ) -> None:
-    """Kill programs, then cut the power."""
+    """Kill programs, then cut the power, then damage journals."""
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
-        for part, count in ((kill, kills), (cut, cuts)):
-            (Path(temporary) / part.__name__).mkdir()
-            part(report, count, Path(temporary) / part.__name__)
+        for name in ("kill", "slow", "cut", "damage"):
+            (Path(temporary) / name).mkdir()
+        kill(report, kills, Path(temporary) / "kill")
+        kill(report, slow, Path(temporary) / "slow", slow=True)
+        cut(report, cuts, Path(temporary) / "cut")
+        damage(report, damaged, Path(temporary) / "damage")
     report.add("frames altered", 0, at_most=0)

@@ -1,7 +1,9 @@
-"""Settings, sessions, journals, imports and field files damaged at random. A case must end in a
-result or in a refusal with a sentence (UserError, ConfigError); any other exception, a process that
-dies, more than 10 s or more than 1 GiB of memory is a failure. The cases run one by one in worker
-processes, so that none can take the count down with it.
+"""Sessions, journals, settings, bench files, images, tables and folders, damaged at random and by
+ill will, each given to a command. A case must end in a result or in a refusal: a sentence and an
+exit code. Anything else is a failure: any other exception, a process that dies, more than 10 s or
+more than 1 GiB of memory, a file that is written, removed or renamed elsewhere than in the folder
+of the case, a socket, a program or code that is run. The cases run one by one in worker processes,
+so that none can take the count down with it.
 
     python -m benchmarks fuzz [CASES] [SEED] [--keep FOLDER]
 
@@ -11,7 +13,7 @@ A failure is named by its seed; --keep FOLDER keeps its files. Linux and macOS.
 from __future__ import annotations
 
 import json
-import random
+import os
 import resource
 import shutil
 import subprocess
@@ -21,141 +23,91 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any
 
-import cv2
-import numpy as np
 import typer
 
+from app.config import ConfigError
+from app.errors import UserError
+from benchmarks.hostile import CASES, make_whole
 from benchmarks.report import ROOT, Report
 
-sys.path += [str(ROOT / "tests"), str(ROOT / "tests/session")]
-
-from session_material import CONTACT, OUTCOME, copy_recording, record
-from spoiled import ask, spoil
-from spoiled_inputs import spoil_journal, spoil_table
-from spoiled_settings import VALUES, spoil_settings
-
-from analysis.options import options
-from app.commands.inspect import info
-from app.config import ConfigError, from_record, load, tables
-from app.errors import UserError
-from app.exchange.frames import Sources
-from app.exchange.importing import import_files
-from app.session.fields import FieldsWriter, is_session, read_fields_file
-from app.session.repair import repair
-
 SUBJECT = "Damaged input"
-KEYS = [f"{table}.{key}" for table, kind in tables().items() for key in options(kind)]
 LIMIT_S, LIMIT_BYTES = 10.0, 1 << 30
-SHAPE = (64, 80)  # of the images that are imported
 WORKER = "import sys, pathlib, benchmarks.fuzz; benchmarks.fuzz.work(pathlib.Path(sys.argv[1]))"
-Case = tuple[str, Callable[[], object]]  # its kind, and what is done
+# events of the interpreter by which something outside is changed, and which argument names it
+_CHANGES = {
+    "os.rename": (0, 1),
+    "os.link": (1,),
+    "os.symlink": (1,),
+    **dict.fromkeys(("os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.chmod"), (0,)),
+}
+_OUTSIDE = (
+    "socket.connect",
+    "socket.bind",
+    "socket.getaddrinfo",
+    "socket.sendto",
+    "urllib.Request",
+)
+_PROGRAMS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "pty.spawn")
+_HARMLESS = ("app.session.vetting", "fc-list")  # what reads sessions from elsewhere; matplotlib's
 
 
-def settings_case(folder: Path, seed: int) -> Case:
-    """Settings from a file, from the command line, or from a session."""
-    rng = random.Random(seed)
-    content = spoil_settings(rng)
-    path = folder / "case/bench.toml"
-    path.write_bytes(content)
-    text = content.decode("utf-8", "replace")
-    override = f"{rng.choice(KEYS)}={rng.choice(VALUES)}"
-    overrides = [override, *text.splitlines()[: rng.randint(0, 2)]]
-    ways: dict[str, Callable[[], object]] = {
-        "settings file": lambda: load(path),
-        "settings --set": lambda: load(None, overrides),
-        "settings of a session": lambda: from_record(text, "session"),
-    }
-    way = rng.choice(list(ways))
-    return way, ways[way]
+class Watch:
+    """What a case does outside of the folders in which it may write."""
+
+    def __init__(self, folder: Path) -> None:
+        self.seen: list[str] = []
+        own = ("case", "state", "tmp", "../cache")
+        self._own = tuple(os.path.abspath(folder / name) + os.sep for name in own)
+        self._case = self._own[0]
+        self._lasting = [path for path in folder.iterdir() if path.name not in (*own, "output")]
+        self._before = self._look()
+        sys.addaudithook(self._hear)
+
+    def _look(self) -> dict[Path, tuple[int, ...]]:
+        """State of all files that must stay as they are."""
+        paths = [*self._lasting, *(p for path in self._lasting for p in path.rglob("*"))]
+        looks = {path: path.stat() for path in paths}
+        return {path: (s.st_ino, s.st_size, s.st_mtime_ns) for path, s in looks.items()}
+
+    def take(self) -> list[str]:
+        """What was seen since the last time."""
+        seen, self.seen = self.seen, []
+        changed = [path for path, state in self._look().items() if self._before.get(path) != state]
+        return seen + [f"{path} was changed" for path in changed]
+
+    def _hear(self, event: str, args: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, mode, flags = args
+            writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+            if writes and not isinstance(path, int) and not self._is_own(path):
+                self.seen.append(f"open {path} {mode}")
+        elif event in _CHANGES:
+            for n in _CHANGES[event]:
+                if not isinstance(args[n], int) and not self._is_own(args[n]):
+                    self.seen.append(f"{event} {args[n]}")
+        elif event in _OUTSIDE or (event in _PROGRAMS and not _is_harmless(args)):
+            self.seen.append(f"{event} {args!r:.300}")
+        elif event == "exec" and getattr(args[0], "co_filename", "").startswith(self._case):
+            self.seen.append(f"{args[0].co_filename} was run")
+        elif event == "ctypes.dlopen" and str(args[0]).startswith(self._case):
+            self.seen.append(f"{args[0]} was loaded")
+
+    def _is_own(self, path: Any) -> bool:
+        text = os.path.abspath(os.fsdecode(path))
+        is_kernel = Path(text).is_relative_to(ROOT) and "__pycache__" in text  # numba's
+        return is_kernel or f"{text}/".startswith(self._own) or text == os.devnull
 
 
-def session_case(folder: Path, seed: int) -> Case:
-    """A session: everything in it is read, and `slipscope info --verify` shows it."""
-    path = folder / "case/session.h5"
-    how = spoil(folder / "whole.h5", path, seed)
-    return f"session, {how}", lambda: (
-        ask(path),
-        info(path, as_json=True),
-        info(path, as_json=False, verify=True),
-    )
-
-
-def repair_case(folder: Path, seed: int) -> Case:
-    """The repair of a session, cut short with its journal or damaged without one; everything in the
-    repaired session is read.
-    """
-    path, output = folder / "case/cut.h5", folder / "case/repaired.h5"
-    if random.Random(seed).random() < 0.3:
-        how = "repair without journal, " + spoil(folder / "whole.h5", path, seed)
-    else:
-        how = "repair by journal, " + spoil_journal(folder / "cut.h5", path, seed)
-    return how, lambda: repair(path, output).output and ask(output)
-
-
-def import_case(folder: Path, seed: int) -> Case:
-    """An import of images with tables of metadata and forces."""
-    rng = random.Random(seed)
-    images, which = (
-        folder / "case/images",
-        rng.choice(["metadata", "forces", "metadata and forces"]),
-    )
-    shutil.copytree(folder / "images", images)
-    for name in ("metadata", "forces"):
-        if name in which:
-            table = images / f"{name}.csv"
-            table.write_bytes(spoil_table(table.read_bytes(), rng))
-    sources = Sources(
-        images=[images],
-        pixel_um=7.04,
-        rate_hz=rng.choice([1000, 1000, 1000, 100, 100_000]),
-        divisor=rng.choice([None, 125]),
-        reference=rng.choice([None, None, 1]),
-        drive=rng.choice([None, 3]),
-        overrides=("dic.box=20", "dic.step=10"),
-    )
-    return f"import, {which}", lambda: import_files(sources, folder / "case/imported.h5")
-
-
-def fields_case(folder: Path, seed: int) -> Case:
-    """A file of displacement fields, as `slipscope invert` reads it."""
-    path = folder / "case/fields.h5"
-    how = spoil(folder / "whole-fields.h5", path, seed)
-    return f"fields, {how}", lambda: (is_session(path), read_fields_file(path))
-
-
-CASES = (session_case, settings_case, repair_case) * 2 + (session_case, fields_case, import_case)
-
-
-def make_whole(folder: Path) -> None:
-    """Write what the cases damage: a session, one cut short, fields, images and tables to
-    import.
-    """
-    writer, _ = record(folder / "whole.h5")
-    writer.append(CONTACT)
-    copy_recording(folder / "whole.h5", folder / "cut.h5")
-    writer.append(OUTCOME)
-    writer.close()
-    (folder / "images").mkdir(exist_ok=True)
-    rng = np.random.default_rng(0)
-    image = cv2.GaussianBlur(rng.integers(0, 256, SHAPE, np.uint8), (0, 0), 1.5)
-    rows = ["sample,phase,stage_um,file"]
-    for n, phase in enumerate(["background", "reference", "drive", "drive", "drive", "end"]):
-        cv2.imwrite(str(folder / f"images/{n}.png"), np.roll(image, n, axis=1))
-        rows.append(f"{125 * n},{phase},{2.5 * n},{n}.png")
-    (folder / "images/metadata.csv").write_text("\n".join(rows), encoding="utf-8")
-    forces = [f"{n},{n / 1000},{0.03},{max(0.0, n - 250) * 1e-4}" for n in range(800)]
-    text = "\n".join(["sample,time_s,P_N,Q_N", *forces])
-    (folder / "images/forces.csv").write_text(text, encoding="utf-8")
-    axis = np.arange(4.0)
-    settings, units = {"reference": "r.tif", "box": 20}, {"box": "px"}
-    fields = folder / "whole-fields.h5"
-    FieldsWriter(fields, ["a.tif"], axis, axis, ["ok"], settings, units).close()
+def _is_harmless(program: tuple[Any, ...]) -> bool:
+    return any(name in map(str, program[1]) for name in _HARMLESS)
 
 
 def work(folder: Path) -> None:
@@ -166,19 +118,26 @@ def work(folder: Path) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (4 * LIMIT_BYTES, resource.RLIM_INFINITY))
     answers, sys.stdout = sys.stdout, (folder / "output").open("w")
     make_whole(folder)
+    with suppress(ImportError):
+        import_module("harvesters.core")  # asks git for its own version, whoever loads it first
+    os.chdir(folder / "case")
+    watch = Watch(folder)
     print("ready", file=answers, flush=True)
     for line in sys.stdin:
         seed, outcome, thrown = int(line), "result", ""
-        shutil.rmtree(folder / "case", ignore_errors=True)
-        (folder / "case").mkdir()
+        for path in (folder / "case").iterdir():
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         kind, case = CASES[seed % len(CASES)](folder, seed)
         print(kind, file=answers, flush=True)
+        watch.take()
         try:
             case()
         except (UserError, ConfigError) as error:
             outcome = "refused" if str(error) else "refused without a sentence"
         except (Exception, typer.Exit):
             outcome, thrown = "other exception", traceback.format_exc(limit=-2)[-1500:]
+        if seen := watch.take():
+            outcome, thrown = "touched something else", "\n".join(seen[:5])
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         peak *= 1 if sys.platform == "darwin" else 1024
         if peak > LIMIT_BYTES:
@@ -212,11 +171,24 @@ class Worker:
 
     def _start(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
-        self._folder.mkdir()
-        command = [sys.executable, "-c", WORKER, str(self._folder)]
+        for name in ("state", "tmp", "../cache"):
+            (self._folder / name).mkdir(parents=True, exist_ok=True)
+        own = {
+            "PYTHONPATH": str(ROOT),
+            "SLIPSCOPE_HOME": str(self._folder / "state"),
+            "MPLCONFIGDIR": str(self._folder.with_name("cache")),  # of all workers
+            "TMPDIR": str(self._folder / "tmp"),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+        command = [sys.executable, "-P", "-c", WORKER, str(self._folder)]
         pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
         self._process = subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=nothing, text=True, cwd=ROOT
+            command,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=nothing,
+            text=True,
+            env=os.environ | own,
         )
         assert self._process.stdin
         assert self._process.stdout
@@ -258,9 +230,12 @@ def run_all(seeds: range, workers: int, keep: Path | None) -> list[Ended]:
         def case(seed: int) -> Ended:
             worker = free.get()
             try:
-                return worker.case(seed)
+                ended = worker.case(seed)
             finally:
                 free.put(worker)
+            if ended.is_failure:
+                print(f"\nseed {seed}: {ended.kind}: {ended.outcome}\n{ended.thrown}", flush=True)
+            return ended
 
         done = list(threads.map(case, seeds))
         for worker in made:
@@ -279,12 +254,16 @@ def measure(
     """Run the cases and count how they ended; 1 if one failed."""
     done = run_all(range(seed, seed + cases), workers, keep)
     failures = [case for case in done if case.is_failure]
-    for case in failures[:20]:
-        print(f"\nseed {case.seed}: {case.kind}: {case.outcome}\n{case.thrown}")
     report.add("cases", len(done))
     report.add("failures", len(failures), at_most=0)
     report.add("slowest case", max(case.seconds for case in done), "s", at_most=LIMIT_S)
     report.add("largest memory", max(case.peak for case in done) >> 20, "MiB", at_most=1024)
+    report.table("Seconds by kind")
+    by_kind: dict[str, list[float]] = {}
+    for case in done:
+        by_kind.setdefault(case.kind.partition(",")[0], []).append(case.seconds)
+    for kind, seconds in sorted(by_kind.items()):
+        report.row(kind, mean=(sum(seconds) / len(seconds), "s"), longest=(max(seconds), "s"))
     report.table("Cases by kind")
     kinds = Counter((case.kind.partition(",")[0], case.outcome) for case in done)
     for (kind, outcome), number in sorted(kinds.items()):

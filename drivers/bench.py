@@ -162,7 +162,7 @@ def make_bench(
     drivers = {kind: driver(kind, section.source) for kind, section in sections.items()}
     made: dict[str, Any] = {}
     for kind, found in drivers.items():
-        made[kind] = found.made(
+        made[kind] = found.make(
             *(
                 sections[kind] if need == "settings" else getattr(shared, need)
                 for need in NEEDS[found.nature]

@@ -50,7 +50,7 @@ class Driver:
         Raises
         ------
         UnknownDevice
-            It can not be imported, whatever goes wrong in it.
+            It can not be imported, whatever goes wrong in it, or it is no class.
         """
         module, _, name = self.where.partition(":")
         try:
@@ -61,12 +61,23 @@ class Driver:
                 f" ({type(error).__name__}: {error}); install its package, or put its folder on"
                 " PYTHONPATH"
             ) from error
-        if not callable(found):
+        if not isinstance(found, type):
             raise UnknownDevice(
                 f"{self.kind}: '{self.where}' is no class but a {type(found).__name__}; name the"
                 " class of the driver"
             )
-        return found  # type: ignore[no-any-return]
+        return found
+
+    def make(self, *needs: Any) -> Any:
+        """The device, from what its nature needs; `UnknownDevice` where the class is no driver:
+        nothing else that a settings file names is called.
+        """
+        if not (hasattr(self.made, "open") and hasattr(self.made, "close")):
+            raise UnknownDevice(
+                f"{self.kind}: the class '{self.where}' can not be opened and closed as a driver;"
+                " name the class of the driver"
+            )
+        return self.made(*needs)
 
     @property
     def nature(self) -> str:

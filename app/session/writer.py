@@ -146,6 +146,7 @@ class SessionWriter:
                 f"{path}: the session can not be made there: {os.strerror(error.errno or 0)};"
                 " choose another folder or name"
             ) from None
+        file = None
         try:
             file = _new_file(disk, path.stat().st_size - HEAD_BYTES if images_there else 0)
             if images_there:
@@ -167,9 +168,12 @@ class SessionWriter:
             file["/entry"].attrs["default"] = "results"
             return cls(path, file, disk, header, keep=keep)
         except BaseException:
-            _let_go(disk, file)
-            if not keep:
-                path.unlink(missing_ok=True)
+            try:
+                disk.check()
+            finally:
+                _let_go(disk, file)
+                if not keep:
+                    path.unlink(missing_ok=True)
             raise
 
     def append(self, record: Record) -> None:
@@ -345,10 +349,15 @@ class SessionWriter:
         return self.receipt
 
     def discard(self) -> None:
-        """Let go of the session and remove it."""
-        _let_go(self._disk, self._file)
-        if not self._keep:
-            self._path.unlink(missing_ok=True)
+        """Let go of the session and remove it; OSError where the disk has not taken it, which HDF5
+        was not told and has told otherwise.
+        """
+        try:
+            self._disk.check()
+        finally:
+            _let_go(self._disk, self._file)
+            if not self._keep:
+                self._path.unlink(missing_ok=True)
 
     def _make(self, group: str, record: Any) -> None:
         make_group(self._file, f"/entry/{group}", stored(record))
@@ -376,11 +385,12 @@ def _new_file(disk: SparedFile, images_bytes: int) -> h5py.File:
     return file
 
 
-def _let_go(disk: SparedFile, file: h5py.File) -> None:
+def _let_go(disk: SparedFile, file: h5py.File | None) -> None:
     """Close a file as it is."""
     disk.spare()
     with suppress(Exception):
-        file.close()
+        if file is not None:
+            file.close()
     disk.close()
 
 

@@ -34,6 +34,9 @@ class Stage:
 
     def __init__(self, settings, clock):
         self.pitch_m = settings.options.pitch
+
+    def open(self): ...
+    def close(self): ...
 """
 SOURCE = "actuator.source=lab_stage:Stage"
 
@@ -101,6 +104,7 @@ def test_options_that_can_not_be_used_are_refused_like_any_setting(lab, override
         ("lab_stage:Stage", STAGE.replace('"mm"', '"furlong"'), "the unit 'furlong'"),
         ("lab_stage:Stage", "Stage = 3", "is no class but a int"),
         ("lab_stage:Stage", "class Stage: Options = 3", "`Options` of the driver"),
+        ("os:system", "", "is no class but a builtin_function"),
         ("smc10", "", "no driver is called 'smc10'"),
         ("not a name:Stage", "", "no driver is called 'not a name:Stage'"),
     ],
@@ -118,6 +122,12 @@ def test_a_driver_says_of_itself_what_it_is_made_from(lab):
     assert driver("actuator", "lab_stage:Stage").nature == "simulated"
     with pytest.raises(UnknownDevice, match="says of itself that it is 'magic'"):
         _ = driver("actuator", "lab_stage:Wrong").nature
+
+
+def test_a_class_that_is_no_driver_is_not_called():
+    settings = load(None, ["actuator.source=subprocess:Popen"])
+    with pytest.raises(UnknownDevice, match="'subprocess:Popen' can not be opened and closed"):
+        make_bench(ForceSettings(), CameraSettings(), settings.actuator)
 
 
 def test_installed_packages_offer_drivers_by_name(lab, monkeypatch):

@@ -8,10 +8,12 @@ what there should be.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,22 +78,30 @@ def record(path: Path, rate: float, shape: tuple[int, int]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """What a kill cost: frames sent, frames lost, seconds from the first lost one to the kill (0:
-    none), and the repair's sentence.
+    """What a kill cost: frames sent, frames lost, seconds from the first lost frame and from the
+    first lost samples to the kill (0: none), and the repair's sentence.
     """
 
     sent: int
     lost: int
     lost_s: float
+    forces_lost_s: float
     repaired: str
 
 
-def lost_by_kill(path: Path, rate: float, shape: tuple[int, int], delay_s: float) -> Kill:
-    """Start a recording, kill it `delay_s` after its first frame, repair the session and compare
-    all with what was sent.
+def lost_by_kill(
+    path: Path,
+    rate: float,
+    shape: tuple[int, int],
+    delay_s: float,
+    environment: Mapping[str, str] | None = None,
+) -> Kill:
+    """Start a recording with more in its environment, kill it `delay_s` after its first frame,
+    repair the session and compare all with what was sent.
     """
     command = [sys.executable, __file__, str(path), str(rate), str(shape[0]), str(shape[1])]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+    own = os.environ | (environment or {})
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=own) as child:
         assert child.stdout is not None
         first = child.stdout.readline()
         time.sleep(delay_s)
@@ -114,11 +124,14 @@ def lost_by_kill(path: Path, rate: float, shape: tuple[int, int], delay_s: float
                 f"the samples of frame {n} were altered"
             )
             assert np.array_equal(volts[here], 2 * forces_of(n))
-    there = kept & set(range(len(forces) // DIVISOR))
-    lost = [n for n in sent if n not in there]
-    return Kill(
-        len(sent), len(lost), max((killed - sent[n] for n in lost), default=0.0), str(found)
-    )
+    whole = len(forces) // DIVISOR  # blocks of samples
+
+    def lost_s(lost: list[int]) -> float:
+        return max((killed - sent[n] for n in lost), default=0.0)
+
+    lost = [n for n in sent if n not in kept]
+    blocks = [n for n in sent if n >= whole]
+    return Kill(len(sent), len(lost), lost_s(lost), lost_s(blocks), str(found))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import random
 import struct
+import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -33,7 +34,7 @@ def spoil(whole: Path, path: Path, seed: int) -> str:
         with h5py.File(path, "r+", libver=("v108", "v108")) as file:
             for _ in range(rng.choice([1, 1, 1, 2, 5])):
                 # nothing is left that could be spoiled so
-                with suppress(IndexError, ValueError, RuntimeError):
+                with suppress(IndexError, ValueError, RuntimeError, TypeError, OSError):
                     STRUCTURE[how](file, rng)
     return how
 
@@ -255,6 +256,85 @@ def _compressed(file: h5py.File, rng: random.Random) -> None:
     )
 
 
+def _odd_attribute(file: h5py.File, rng: random.Random) -> None:
+    """Another type or value of an attribute, or a new one that SlipScope reads elsewhere."""
+    at = file[rng.choice(["/", "/entry", *_paths(file)])].attrs
+    name = rng.choice([*at, "units", "NX_class", "default", "offset", "vector"])
+    values: list[object] = [
+        *(0, -1, 4, 10**9, 2**63 - 1, 1e308, float("nan"), True, "", "x" * 60_000, "\x1b[2J"),
+        *(b"\xff\xfe", np.zeros((3, 0)), np.full(999, np.nan), np.array(["a", "b"], "S1")),
+        *(np.zeros(1, [("a", "f8"), ("b", "i4")]), file.ref, h5py.Empty("f8")),
+    ]
+    at.create(name, rng.choice(values))
+
+
+def _sparse(file: h5py.File, rng: random.Random) -> None:
+    """Sizes of terabytes of which nothing is there."""
+    path = rng.choice(_paths(file))
+    ndim, dtype = max(1, file[path].ndim), file[path].dtype
+    shape = tuple(rng.choice([1, 3, 2**16, 2**31, 2**40]) for _ in range(ndim))
+    chunks = rng.choice([None, (1,) * ndim, tuple(min(n, 2**20) for n in shape)])
+    if rng.random() < 0.5:  # the rest as it was
+        shape, chunks = (rng.choice([2**20, 2**31, 2**40]), *file[path].shape[1:]), True
+    _put(file, rng, lambda other: file.create_dataset(other, shape, dtype, chunks=chunks))
+
+
+def _odd_column(file: h5py.File, rng: random.Random) -> None:
+    """A whole table's column of odd, reversed or negative numbers."""
+    column = file[rng.choice([path for path in _paths(file) if file[path].dtype.kind in "fiu"])]
+    if column.shape == () or column.size > 10**6:
+        return
+    values = column[()]
+    # numbers that the type can not hold wrap, as they do in C
+    with np.errstate(all="ignore"):
+        odd = np.array(rng.choice([-1.0, 0.0, 1e308, np.nan, np.inf, 1e9])).astype(values.dtype)
+        column[()] = rng.choice(
+            [values[::-1], np.full_like(values, odd), -values, values * 0 + odd]
+        )
+
+
+def _odd_text(file: h5py.File, rng: random.Random) -> None:
+    """Settings, JSON and notes that are of another kind than they should be."""
+    texts = [path for path in _paths(file) if h5py.check_string_dtype(file[path].dtype)]
+    text = file[rng.choice(texts)]
+    value = rng.choice(
+        [
+            *("null", "[]", "{}", '{"cpu_s": []}', '{"cpu_s": 1e999}', '{"a": {"b": [1, null]}}'),
+            "[camera]\nwidth = 16384\nheight = 16384\n",
+            "[camera]\nexposure = 3e8\n",
+            '[sim]\nlaw_table = "http://127.0.0.1:9/x"\n',
+            '[actuator]\nport = "spy://loop://?file=/tmp/spied"\n',
+            "[dic]\nbox = 1000000\nstep = 1\n",
+            "a\0b",
+            "=1+1",
+            "x" * 10**6,
+            '{"a":' * 5000 + "1" + "}" * 5000,
+        ]
+    )
+    if text.shape == ():
+        text[()] = value
+    elif text.size:
+        text[rng.randrange(len(text))] = value
+
+
+def _bomb(file: h5py.File, rng: random.Random) -> None:
+    """Images of which each is a few kilobytes that become a gigabyte."""
+    path = "/entry/instrument/camera/data"
+    if path not in file:
+        return
+    rows, dtype = len(file[path]), file[path].dtype
+    shape = rng.choice([file[path].shape[1:], (2**15, 2**15)])
+    _put_at(file, path, (max(1, rows), *shape), (1, *shape), dtype)
+    for row in range(min(rows, 3)):
+        file[path].id.write_direct_chunk((row, 0, 0), BOMB)
+
+
+def _put_at(file: h5py.File, path: str, shape: object, chunks: object, dtype: object) -> None:
+    del file[path]
+    file.create_dataset(path, shape, dtype, chunks=chunks, compression="gzip")
+
+
+BOMB = zlib.compress(bytes(1 << 28), 9)
 STRUCTURE: dict[str, Callable[[h5py.File, random.Random], None]] = {
     "removed": _remove,
     "other kind": _other_kind,
@@ -263,6 +343,11 @@ STRUCTURE: dict[str, Callable[[h5py.File, random.Random], None]] = {
     "lengthened": _lengthen,
     "link": _link,
     "compressed": _compressed,
+    "odd attribute": _odd_attribute,
+    "sparse": _sparse,
+    "odd column": _odd_column,
+    "odd text": _odd_text,
+    "bomb": _bomb,
 }
 
 

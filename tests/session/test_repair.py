@@ -76,6 +76,7 @@ def test_kill_at_any_instant_loses_nothing_but_the_last_half_second(
     )
     assert kill.sent > 0
     assert kill.lost_s <= 0.5
+    assert kill.forces_lost_s <= 0.2
 
 
 def test_all_comes_back_from_the_journal(tmp_path: Path) -> None:
