@@ -301,8 +301,7 @@ class SessionRecorder:
             return
         self._is_open = False
         with ExitStack() as closing:
-            for file in (*self._files, *self._former):
-                closing.callback(file.close)
+            closing.callback(self._let_go)
             try:
                 if self._trigger is not None:
                     self._journal.append(self._trigger)
@@ -319,6 +318,10 @@ class SessionRecorder:
                     f" `slipscope repair {self.path} -o REPAIRED.h5` makes a session of it",
                 ) from error
         LOG.info("%s: %s", self.path.name, self.receipt)
+
+    def _let_go(self) -> None:
+        for file in (*self._files, *self._former):
+            file.close()
 
     def _take_place(self, made: Path, receipt: Receipt) -> None:
         """Give the session its name, and remove what it was made of."""
