@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import subprocess
@@ -134,3 +135,15 @@ def test_what_a_killed_program_left_goes_with_the_next(tmp_path: Path) -> None:
         assert unfinished.name == mine
         unfinished.write_text("whole")
     assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "b.csv", *others}
+
+
+def test_a_share_that_knows_no_sync_of_folders_takes_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: int) -> None:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with new_file(tmp_path / "a.csv", overwrite=False) as unfinished:
+        unfinished.write_text("whole")
+    assert contents(tmp_path) == {"a.csv": "whole"}

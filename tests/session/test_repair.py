@@ -27,6 +27,7 @@ from session_material import (
     record,
 )
 
+from app.commands.files import repair as repair_command
 from app.disk import AppendedFile
 from app.errors import UserError
 from app.offline.replay import difference
@@ -349,6 +350,20 @@ def test_a_flipped_bit_of_the_journal_costs_no_image_and_one_block_of_samples_at
 def cut_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session that was cut short, to be copied."""
     return cut_short(tmp_path_factory.mktemp("cut")).path
+
+
+def test_the_command_ends_with_1_where_something_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written = cut_short(tmp_path)
+    command = (written.path, tmp_path / "repaired.h5")
+    assert repair_command(*command, overwrite=False, as_json=False) == 0
+    content = bytearray(images_of(written.path).read_bytes())
+    content[content.index(written.images[4].tobytes())] ^= 1
+    images_of(written.path).write_bytes(content)
+    assert repair_command(*command, overwrite=True, as_json=False) == 1
+    assert "1 of 7 recorded images" in " ".join(capsys.readouterr().out.split())
+    assert repair_command(*command, overwrite=True, as_json=True) == 1
 
 
 def test_a_record_that_somebody_changed_is_told(tmp_path: Path) -> None:

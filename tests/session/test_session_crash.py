@@ -114,6 +114,33 @@ def test_last_of_the_disk_is_left_to_close_the_session(
         assert (read.outcome.state, len(read.triggers())) == ("failed", 8)
 
 
+def test_frames_that_the_disk_did_not_take_are_lost_with_that_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = namedtuple("usage", "total used free")
+    free = iter([1 << 40] * 20 + [files.RESERVE_BYTES] * 80)
+    monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage(0, 0, next(free, 1 << 40)))
+    writer, failures = make_writer(tmp_path / "full.h5"), []
+    recorder = Recorder(writer, 9.0, 1 << 24, 0.4, sender_waits=True, on_failure=failures.append)
+    for n in range(50):
+        recorder.append(ReceivedFrame(n, 5 + 125 * n, image_of(n)))
+    threads = [threading.Thread(target=work) for _, work in recorder.works()]
+    for thread in threads:
+        thread.start()
+    recorder.end()
+    for thread in threads:
+        thread.join()
+    writer.close()
+    assert (recorder.frames_recorded, recorder.frames_refused) == (20, 30)
+    assert len(failures) == 1
+    assert failures[0].startswith("recorder: the session can not be written: ")
+    assert "the disk is full, 34 MB are left; make room" in failures[0]
+    with SessionReader(tmp_path / "full.h5") as read:
+        assert read.triggers()["index"].tolist() == list(range(50))
+        assert [index for index, _, _ in read.frames()] == list(range(20))
+        assert {reason for _, _, reason in read.lost_frames()} == {"it could not be recorded"}
+
+
 def image_of(frame: int) -> np.ndarray:
     """The image of a frame, which no other of the first 65536 has."""
     image = np.full(SHAPE, frame % 256, np.uint8)
