@@ -10,11 +10,10 @@ import os
 import shutil
 import sys
 import threading
+from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 from typing import Any
-
-from app.errors import UserError
 
 COPY_BYTES = 1 << 22  # copied at a time
 _SHORT = 1 << 16
@@ -33,15 +32,30 @@ else:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a program holds the lock of a file; False where there is no such file."""
+    """Whether a program holds the lock of a file; False where it can not be opened."""
     try:
-        with FileIO(path, "r+") as file:
-            _lock(file)
-    except BlockingIOError:
-        return True
+        file = FileIO(path, "r+")
+    except OSError:
+        return False
+    with file:
+        return not _is_taken(file)
+
+
+def _is_taken(file: FileIO) -> bool:
+    """Whether the file is now locked for this program, or on a file system without locks."""
+    try:
+        _lock(file)
     except OSError as error:
-        return error.errno in (errno.EACCES, errno.EDEADLOCK) and sys.platform == "win32"
-    return False
+        return error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+    return True
+
+
+def _write_all(write: Callable[[memoryview], int | None], content: memoryview) -> None:
+    while content:
+        count = write(content)
+        if not count:
+            raise OSError(errno.ENOSPC, "the disk takes no more")
+        content = content[count:]
 
 
 def sync_folder(folder: Path) -> None:
@@ -96,8 +110,8 @@ class AppendedFile:
     ------
     FileExistsError
         There is one, and it may not be overwritten.
-    UserError
-        Another program is writing to it.
+    BlockingIOError
+        Another program has it locked.
     """
 
     def __init__(self, path: Path, *, overwrite: bool, locked: bool = False) -> None:
@@ -109,24 +123,18 @@ class AppendedFile:
         # "a": every write goes to the end, and opening it changes nothing
         self._file = FileIO(path, "a+" if overwrite else "x+")
         try:
-            if locked:
-                self._take(path)
+            if locked and not _is_taken(self._file):
+                raise BlockingIOError(errno.EWOULDBLOCK, "it is locked", str(path))
             self._file.truncate(0)
             self._file.seek(0)
         except BaseException:
             self._file.close()
             raise
 
-    def _take(self, path: Path) -> None:
-        try:
-            _lock(self._file)
-        except OSError as error:
-            if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
-                return  # a file system without locks
-            raise UserError(
-                f"{path}: a program is recording this session; wait for its end or give"
-                " another name"
-            ) from None
+    @property
+    def is_all_there(self) -> bool:
+        """Whether the file is as long as what was added to it."""
+        return os.fstat(self._file.fileno()).st_size == self.end
 
     @property
     def is_in_place(self) -> bool:
@@ -146,13 +154,8 @@ class AppendedFile:
         place = end = self.end
         try:
             for view in views:
-                written = 0
-                while written < len(view):
-                    count = self._file.write(view[written:])
-                    if not count:
-                        raise OSError(errno.ENOSPC, "the disk takes no more")
-                    written += count
-                end += written
+                _write_all(self._file.write, view)
+                end += len(view)
         except OSError as error:
             with contextlib.suppress(OSError):
                 self._file.truncate(self.end)
@@ -177,16 +180,25 @@ class AppendedFile:
             raise DiskError(error.errno, self.failure) from error
 
     def copy_to(self, path: Path) -> AppendedFile:
-        """A new file at another path with all that is in this one, whatever became of its name."""
+        """A new file at another path with all that is in this one, whatever became of its name;
+        nothing is left of it if it can not be written.
+        """
         new = AppendedFile(path, overwrite=False, locked=self._is_locked)
-        new.catch_up(self)
+        try:
+            new.catch_up(self)
+        except BaseException:
+            new.remove()
+            raise
         return new
 
     def catch_up(self, former: AppendedFile) -> None:
         """Add what a former file has beyond the end of this one."""
         while self.end < former.end:
             count = min(COPY_BYTES, former.end - self.end)
-            self.append(os.pread(former._file.fileno(), count, self.end))
+            block = os.pread(former._file.fileno(), count, self.end)
+            if not block:
+                raise DiskError(errno.EIO, f"{former.path} was cut short while it was written")
+            self.append(block)
 
     def close(self) -> None:
         """Let go of the file. May be called twice."""
@@ -228,12 +240,11 @@ class SparedFile(FileIO):
 
     def write(self, content: Any) -> int:
         """The number of bytes given, also of those that were not written."""
-        view, written = memoryview(content).cast("B"), 0
+        view = memoryview(content).cast("B")
         self._is_blank = False
         if self._failure is None:
             try:
-                while written < len(view):
-                    written += super().write(view[written:]) or 0
+                _write_all(super().write, view)
             except OSError as error:
                 self._failure = error
         return len(view)

@@ -91,16 +91,15 @@ class Measured:
         self.cpu_s = 0.0
         self.syncs: list[list[tuple[float, float]]] = []
         self.failures: list[str] = []
+        timed = tuple(map(self._timed, writer.syncs))
         self.recorder = Recorder(
-            writer,
+            SimpleNamespace(append=writer.append, syncs=timed),  # type: ignore[arg-type]
             QUEUE_S,
             RATE_HZ / DIVISOR * SHAPE[0] * SHAPE[1],
             FLUSH_S,
             sender_waits=False,
             on_failure=self.failures.append,
         )
-        timed = tuple(map(self._timed, writer.syncs))
-        self.recorder._sink = SimpleNamespace(append=writer.append, syncs=timed)  # type: ignore[assignment]
         self.threads = [
             threading.Thread(target=self._work, args=[work]) for _, work in self.recorder.works()
         ]

@@ -115,4 +115,4 @@ def repair(session: Path, destination: Path, overwrite: bool, as_json: bool) -> 
         print_json(plain(repaired))
     else:
         output().print(str(repaired))
-    return DONE if repaired.is_whole else FAILED
+    return DONE if repaired.found.is_whole else FAILED

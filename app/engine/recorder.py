@@ -77,6 +77,10 @@ def held_bytes(record: Record) -> int:
     return 100
 
 
+def _refused(frame: ReceivedFrame) -> LostTrigger:
+    return LostTrigger(frame.index, frame.sample, "it could not be recorded", frame.span)
+
+
 class Recorder:
     """Hands records from any thread to the sink.
 
@@ -164,27 +168,26 @@ class Recorder:
     def _write_images(self) -> None:
         give_way(3)  # its queue can wait, a stop can not
         process = psutil.Process()
-        failure, due = "", 0.0
+        has_failed, is_refused, due = False, False, 0.0
         while not self._images.is_drained:
             record = self._images.get(POLL_S)
             if record is None:
                 continue
+            is_frame = isinstance(record, ReceivedFrame)
             try:
-                if failure and isinstance(record, ReceivedFrame):
-                    raise OSError(failure)
+                if isinstance(record, ReceivedFrame) and is_refused:
+                    record = _refused(record)
                 self._sink.append(record)
                 self.frames_recorded += isinstance(record, ReceivedFrame)
             except Exception as error:
-                if not failure:
-                    failure = str(error)
+                if not has_failed:
                     self._fail(error)
+                has_failed = True
                 if isinstance(record, ReceivedFrame):
-                    self.frames_refused += 1
-                    lost = LostTrigger(
-                        record.index, record.sample, "it could not be recorded", record.span
-                    )
+                    is_refused = True  # so are all after it; results that fail cost no image
                     with contextlib.suppress(Exception):
-                        self._sink.append(lost)
+                        self._sink.append(_refused(record))
+            self.frames_refused += is_frame and is_refused
             if time.monotonic() >= due:
                 self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
                 due = time.monotonic() + self._flush_interval_s

@@ -30,8 +30,8 @@ from app.exchange.phases import chosen_phases, listed_phases
 from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples, read_table
 from app.offline.loop import Measurements, Trigger, record_analysis
 from app.records import Event, LostTrigger, Outcome, Phase, Position, ReceivedFrame
+from app.session.checks import LONGEST_GAP_S
 from app.session.files import check_new_session
-from app.session.recorder import LONGEST_GAP_S
 from app.session.versions import versions
 from app.settings import Config
 

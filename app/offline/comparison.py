@@ -57,8 +57,6 @@ class Comparison:
         Processors.
     """
 
-    receipt = None
-
     def __init__(self) -> None:
         self.frames = self.identical = 0
         self.first_difference = self.largest_difference = ""
@@ -96,7 +94,7 @@ class Comparison:
             return
         recorded, is_same = next(self._recorded), True
         for column, x, y in _unlike(record, recorded, self._format):
-            name = f"{column.path.removeprefix('/entry/')}"
+            name = column.path.removeprefix("/entry/")
             if is_same and not self.first_difference:
                 self.first_difference = f"frame {record.frame}: {name}"
             is_same = False
@@ -110,9 +108,6 @@ class Comparison:
 
     def flush(self) -> None:
         """Do nothing: nothing is written."""
-
-    def close(self) -> None:
-        """Do nothing: nothing is open."""
 
 
 def _largest(column: Column, new: Any, old: Any, recorded: Snapshot) -> tuple[float, float]:

@@ -119,15 +119,6 @@ def append_fields(
         dataset[rows:] = np.stack([arrays[path] for arrays in fields])
 
 
-def check_fits(dataset: h5py.Dataset, array: NDArray[Any]) -> None:
-    """Refuse an array that is not a row of a dataset; ValueError."""
-    if array.shape != dataset.shape[1:] or array.dtype != dataset.dtype:
-        raise ValueError(
-            f"session: {dataset.name} takes {dataset.shape[1:]} {dataset.dtype}, but the array is"
-            f" {array.shape} {array.dtype}"
-        )
-
-
 def make_group(
     file: h5py.File, path: str, values: Mapping[str, Any], header: Header | None = None
 ) -> None:
@@ -144,7 +135,7 @@ def make_group(
     if group.auxiliary_signals:
         made.attrs["auxiliary_signals"] = group.auxiliary_signals
     for column in layout.columns_in(path):
-        if column.path in file:
+        if column.dtype == IMAGE and column.path in file:
             dataset = file[column.path]  # images that lay there already
         elif GROWING.isdisjoint(column.shape):
             dataset = _make_filled(file, column, values[column.path])

@@ -28,7 +28,8 @@ from app.records import (
     Samples,
     Snapshot,
 )
-from app.session.files import images_of, results_of
+from app.session.checks import channels_of, check_missing, check_snapshot
+from app.session.files import images_of, made_of, results_of
 from app.session.journal import (
     Damage,
     JournalRecord,
@@ -39,16 +40,14 @@ from app.session.journal import (
     read_journal,
 )
 from app.session.reader import UNREADABLE_IMAGE
-from app.session.receipt import Account, Receipt
+from app.session.receipt import Account, NotAsRecordedError, Receipt
 from app.session.recorder import HEAD_BYTES
 from app.session.writer import ElsewhereError, SessionWriter
 
 LOG = logging.getLogger(__name__)
 FEWEST_BYTES = 1 << 16  # of images that stay where they are; HDF5 aligns no less
 FLUSH_EVERY = 256  # records; those of small tables wait in memory until then
-# samples that the gaps of a journal may have together, and triggers that damage may have taken: a
-# few bytes could ask for terabytes
-_MOST_MISSING, _MOST_TRIGGERS = 1 << 22, 1 << 16
+_MOST_TRIGGERS = 1 << 16  # that damage may have taken: a few bytes could ask for billions
 _DAMAGED = "its record in the journal is damaged"
 
 
@@ -63,7 +62,7 @@ class Found:
     torn, unread : int
         Frames and samples that were recorded and are not there.
     damaged_bytes : int
-        Of journal and results, that hold no record.
+        Of journal and results, that hold no record, or none of this session.
     altered : int
         Records that do not follow from the one before: somebody has changed the journal.
     results : int
@@ -78,6 +77,24 @@ class Found:
     results: int = 0
     torn_frames: set[int] = field(default_factory=set)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is sure that nothing that was recorded is missing."""
+        return not (self.torn or self.unread or self.damaged_bytes or self.altered)
+
+    def __str__(self) -> str:
+        """What is missing, in words."""
+        words = (
+            f"{self.torn} of {self.frames + self.torn} recorded images and {self.unread} samples"
+            " could not be brought back"
+        )
+        if self.damaged_bytes:
+            words += f"; {self.damaged_bytes} bytes of the journal are damaged"
+        if self.altered:
+            words += f"; {self.altered} records of the journal do not follow from those before"
+            words += " them: somebody has changed it"
+        return words
+
 
 def make_session(session: Path) -> tuple[Path, Receipt]:
     """Make a session of what was recorded for that path: the file in which it is, and what was read
@@ -90,15 +107,31 @@ def make_session(session: Path) -> tuple[Path, Receipt]:
     OSError
         The session can not be written. Journal, images and results are as they were in both cases.
     """
-    images, found = images_of(session), Found()
+    images = images_of(session)
     header, end = outline(session, images)
     if is_in_place(header, end):
         os.truncate(images, end)
         with suppress(ElsewhereError):
-            return images, write(session, images, images, found, keep=True)
+            return images, _made(session, images)
         LOG.warning("%s: HDF5 does not leave the images where they are; they are copied", session)
-    output = images.with_name(f"{images.name}.made")
-    return output, write(session, images, output, found, copied=True)
+    output = made_of(session)
+    try:
+        return output, _made(session, output)
+    except BaseException:
+        output.unlink(missing_ok=True)
+        raise
+
+
+def _made(session: Path, output: Path) -> Receipt:
+    """What was read back of a session that is all that was recorded."""
+    found = Found()
+    receipt = write(session, images_of(session), output, found)
+    if not found.is_whole:
+        raise NotAsRecordedError(
+            f"{session}: {found}; what was recorded stays beside it, `slipscope repair {session} -o"
+            " REPAIRED.h5` makes a session of the rest"
+        )
+    return receipt
 
 
 def outline(session: Path, images: Path) -> tuple[Header, int]:
@@ -136,7 +169,7 @@ def account_of(session: Path) -> Account | None:
     if images_of(session).exists() or not has_journal(session):
         return None
     header, _ = outline(session, session)
-    given = Account(channels=len(header.auxiliary.name) if header.auxiliary else 0)
+    given = Account(channels=channels_of(header))
     for record in recorded(session, Found()):
         given.add(record)
     return given
@@ -152,23 +185,13 @@ def is_in_place(header: Header, end: int) -> bool:
     return header.compression == "none" and end - HEAD_BYTES >= FEWEST_BYTES
 
 
-def write(
-    session: Path,
-    images: Path,
-    output: Path,
-    found: Found,
-    *,
-    copied: bool = False,
-    keep: bool = False,
-) -> Receipt:
-    """Write the session at `output`, of which the images are there already unless they are to be
-    `copied` from the file of images; what was read back.
-
-    `keep`: nothing is removed if it fails.
+def write(session: Path, images: Path, output: Path, found: Found) -> Receipt:
+    """Write the session at `output`, which may be the file of images itself, or else a copy of it
+    or a new file; what was read back.
     """
     header, end = outline(session, images)
-    places = None if copied else (end - HEAD_BYTES) // image_bytes(header)
-    writer = SessionWriter.create(output, header, images_there=places, keep=keep)
+    there = (end - HEAD_BYTES) // image_bytes(header) if images == output else None
+    writer = SessionWriter.create(output, header, images_there=there)
     outcome: Outcome | None = None
     try:
         with images.open("rb") as file:
@@ -178,7 +201,7 @@ def write(
                         outcome = record
                         continue
                     case StoredFrame():
-                        _append_frame(writer, record, file if copied else None, header, found)
+                        _append_frame(writer, record, None if there else file, header, found)
                     case _:
                         writer.append(record)
                 if n % FLUSH_EVERY == 0:
@@ -245,11 +268,8 @@ def recorded(session: Path, found: Found) -> Iterator[Record | StoredFrame]:
         for record in read_journal(results_of(session)):
             if isinstance(record, Damage):
                 found.damaged_bytes += record.nbytes
-            elif isinstance(record, ContactResult):
-                yield record
-            elif isinstance(record, Snapshot) and reading.has_image(record.frame):
-                found.results += 1
-                yield record
+            elif isinstance(record, ContactResult | Snapshot):
+                yield from reading.of_results(record)
 
 
 class _Reading:
@@ -263,10 +283,24 @@ class _Reading:
         self._next_trigger = self._end = self._missing = 0
         # damage since the last record of that kind
         self._lacks_samples = self._lacks_triggers = False
+        self._has_contact = False
 
-    def has_image(self, frame: int) -> bool:
-        """Whether the image of that trigger was recorded and is there."""
-        return frame in self._frames and frame not in self._found.torn_frames
+    def of_results(self, record: Snapshot | ContactResult) -> Iterator[Snapshot | ContactResult]:
+        """The record, if it can belong to this session."""
+        if isinstance(record, ContactResult):
+            if not self._has_contact:
+                yield record
+            self._has_contact = True
+            return
+        try:
+            assert self._header is not None
+            check_snapshot(record, self._header)
+        except ValueError:
+            self._found.damaged_bytes += len(encode(record))
+            return
+        if record.frame in self._frames and record.frame not in self._found.torn_frames:
+            self._found.results += 1
+            yield record
 
     def of(self, record: JournalRecord | Damage) -> Iterator[Record | StoredFrame]:
         """What a record comes to."""
@@ -309,8 +343,7 @@ class _Reading:
 
     def _count_missing(self, count: int) -> None:
         self._missing += count
-        if self._missing > _MOST_MISSING:
-            raise ValueError(f"{self._missing} samples are missing")
+        check_missing(self._missing)
 
     def _triggers_up_to(self, index: int) -> Iterator[LostTrigger]:
         """The triggers before that one of which damage has taken all records."""

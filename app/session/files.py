@@ -33,15 +33,28 @@ def results_of(session: Path) -> Path:
     return session.with_name(session.name + RESULTS_SUFFIX)
 
 
+def made_of(session: Path) -> Path:
+    """Where a session is made whose images have to be copied."""
+    return session.with_name(f"{session.name}.made")
+
+
 def files_of(session: Path) -> dict[str, Path]:
     """The files that may belong to a session, by what they are."""
+    recorded = (journal_of(session), images_of(session), results_of(session), made_of(session))
+    names = ("journal", "images", "results", "unfinished copy")
     return {
         "session": session,
-        "journal of a session that was cut short": journal_of(session),
-        "images of a session that was cut short": images_of(session),
-        "results of a session that was cut short": results_of(session),
+        **{f"{n} of a session that was cut short": p for n, p in zip(names, recorded, strict=True)},
         "picture": picture_of(session),
     }
+
+
+def remove_recorded(session: Path) -> None:
+    """Remove what a session was made of, or what was left of one that it replaces; the journal
+    last, without which the rest is nothing.
+    """
+    for left in (made_of(session), images_of(session), results_of(session), journal_of(session)):
+        left.unlink(missing_ok=True)
 
 
 def check_room(path: Path, nbytes: int) -> None:
@@ -93,9 +106,14 @@ def check_new_session(
 def check_not_recorded(session: Path) -> None:
     """Refuse a session that a program is recording at this moment; UserError."""
     if is_locked(journal_of(session)):
-        raise UserError(
-            f"{session}: a program is recording this session; wait for its end or give another name"
-        )
+        raise being_recorded(session)
+
+
+def being_recorded(session: Path) -> UserError:
+    """The error that says so."""
+    return UserError(
+        f"{session}: a program is recording this session; wait for its end or give another name"
+    )
 
 
 @contextmanager
@@ -116,5 +134,4 @@ def new_session(path: Path, overwrite: bool) -> Iterator[Path]:
         checksum = trust.checksum_of(unfinished)
     if checksum is not None:
         trust.remember(path, checksum)
-    for left in (journal_of(path), images_of(path), results_of(path)):
-        left.unlink(missing_ok=True)  # of the session that was replaced
+    remove_recorded(path)

@@ -145,8 +145,15 @@ class Journal:
         file.append(MAGIC)
 
     def append(self, record: JournalRecord) -> None:
-        """Add a record; OSError where it can not be written."""
+        """Add a record; OSError where it can not be written, ValueError where it is so long that it
+        would not be read again.
+        """
         payload, kind = encode(record), _TYPES.index(type(record))
+        if len(payload) > _longest(kind):
+            raise ValueError(
+                f"session: a {type(record).__name__} of {len(payload)} bytes can not be recorded,"
+                f" {_longest(kind)} is the most"
+            )
         with self._lock:
             self._chain = _hashed(self._chain, kind, payload)
             about = _ABOUT.pack(kind, len(payload), self._chain)
@@ -157,6 +164,10 @@ class Journal:
         """Go on in another file, which begins with all that is in this one."""
         with self._lock:
             self.file = self.file.copy_to(path)
+
+
+def _longest(kind: int) -> int:
+    return _LONGEST_ARRAYS if _TYPES[kind] in _ARRAYS else _LONGEST
 
 
 def _hashed(chain: bytes, kind: int, payload: bytes) -> bytes:
@@ -215,7 +226,7 @@ def _record_at(
     kind, length, chain = _ABOUT.unpack_from(head, _HEAD.size)
     if kind >= len(_TYPES) or length > size - at - len(head):
         return None, len(head), 0, b"", b""
-    if length > (_LONGEST_ARRAYS if _TYPES[kind] in _ARRAYS else _LONGEST):
+    if length > _longest(kind):
         return None, len(head), 0, b"", b""
     payload, record = file.read(length), None
     if crc32(payload, crc32(head[_HEAD.size :])) == checksum:

@@ -6,7 +6,6 @@ import hashlib
 import math
 import struct
 import time
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -101,7 +100,7 @@ class Account:
                 self.events += 1
             case ReceivedFrame(index, image=image):
                 content = np.ascontiguousarray(image).data
-                self.frames[index] = record.checksum or zlib.crc32(content)
+                self.frames[index] = record.checksum
                 self.digests[index] = hashlib.sha256(content).digest()
             case StoredFrame():
                 self.frames[record.index] = record.checksum
@@ -115,7 +114,8 @@ class Account:
                 self._happened.update(struct.pack("<qd", record.sample, record.position_m))
             case Event():
                 self.events += 1
-                self._happened.update(f"{record.sample} {record.kind} {record.text}\n".encode())
+                text = f"{record.sample} {record.kind} {record.text}\n"
+                self._happened.update(text.encode("utf-8", "backslashreplace"))
 
     def _add(self, columns: NDArray[np.float64]) -> None:
         for column, bits in zip(columns, self._columns, strict=True):

@@ -13,7 +13,7 @@ import errno
 import logging
 import zlib
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -39,7 +39,21 @@ from app.records import (
     Snapshot,
 )
 from app.session import trust
-from app.session.files import check_room, images_of, next_free, results_of
+from app.session.checks import (
+    check_channels,
+    check_image,
+    check_missing,
+    check_place,
+    check_snapshot,
+)
+from app.session.files import (
+    being_recorded,
+    check_room,
+    images_of,
+    next_free,
+    remove_recorded,
+    results_of,
+)
 from app.session.journal import Journal, StoredFrame, journal_of
 
 if TYPE_CHECKING:
@@ -48,8 +62,6 @@ if TYPE_CHECKING:
 LOG = logging.getLogger(__name__)
 HEAD_BYTES = 1 << 14  # before the images: there HDF5 begins
 GZIP_LEVEL = 1
-# missing samples are written as NaN; more than this is a wrong sample number, not a gap
-LONGEST_GAP_S = 3600.0
 
 
 def make_session(session: Path) -> tuple[Path, Receipt]:
@@ -93,9 +105,10 @@ class SessionRecorder:
         self._journal, self._results = Journal(journal), Journal(results)
         self._trigger: StoredFrame | LostTrigger | None = None  # the last, not yet there twice
         self._received: set[int] = set()
-        self._samples = 0
+        self._samples = self._missing = 0
         self._is_open = True
         self._former: list[AppendedFile] = []  # whose names were taken away
+        self._is_lost = ""  # why what was recorded has no name any more
         self._switching = self._images.lock
         self._images.append(bytes(HEAD_BYTES))
         for _ in range(2):
@@ -120,7 +133,7 @@ class SessionRecorder:
             There is one and it may not be overwritten, another program is recording it, or the
             files can not be made there.
         """
-        header = header if header.started else replace(header, started=_now())
+        header = dated(header)
         if path.is_dir():
             raise UserError(
                 f"{path}: the session can not be made there: it is a folder; add a name"
@@ -136,6 +149,8 @@ class SessionRecorder:
         except BaseException as error:
             for file in made:
                 file.remove()
+            if isinstance(error, BlockingIOError):
+                raise being_recorded(path) from None
             if isinstance(error, FileExistsError):
                 raise _exists(Path(error.filename)) from None
             if isinstance(error, OSError):
@@ -175,41 +190,34 @@ class SessionRecorder:
                     raise ValueError(
                         f"session: frame {record.frame} has results, but it was not recorded"
                     )
+                check_snapshot(record, self._header)
                 with self._switching:
                     self._results.append(replace(record, stress_field_pa=None))
             case ContactResult():
                 with self._switching:
                     self._results.append(record)
-            case Samples():
-                self._check_place(record.first)
-                self._journal.append(record)
-                self._samples = record.first + len(record.volts)
-            case Gap():
-                self._check_place(record.first)
-                self._check_place(record.first + record.count)
-                self._journal.append(record)
-                self._samples = record.first + record.count
+            case Samples(first, volts):
+                check_channels(record, self._header)
+                self._append_samples(record, first, first + len(volts))
+            case Gap(first, count):
+                check_place(first + count, self._samples, self._header)
+                self._append_samples(record, first + count, first + count)
             case Position() | Event() | Outcome():
                 self._journal.append(record)
             case _:
                 raise ValueError(f"session: a {type(record).__name__} is not recorded live")
 
-    def _check_place(self, sample: int) -> None:
-        if not 0 <= sample - self._samples <= LONGEST_GAP_S * self._header.sample_rate_hz:
-            raise ValueError(
-                f"session: samples from {sample} on can not be placed, the next one is"
-                f" {self._samples}"
-            )
+    def _append_samples(self, record: Samples | Gap, known_from: int, end: int) -> None:
+        check_place(record.first, self._samples, self._header)
+        missing = self._missing + known_from - self._samples
+        check_missing(missing)
+        self._journal.append(record)
+        self._samples, self._missing = end, missing
 
     def _stored(self, frame: ReceivedFrame) -> StoredFrame:
         """The frame, once its image is in the file of images."""
         image = np.ascontiguousarray(frame.image)
-        wanted = (self._header.frame_shape, self._header.frame_dtype)
-        if (image.shape, str(image.dtype)) != wanted:
-            raise ValueError(
-                f"session: images are {wanted[0]} {wanted[1]}, but this one is {image.shape}"
-                f" {image.dtype}"
-            )
+        check_image(image, self._header)
         self._check_room(image.nbytes)
         checksum = crc32(image.data) if frame.checksum is None else frame.checksum
         digest = sha256(image.data).digest()
@@ -264,22 +272,28 @@ class SessionRecorder:
         """Record on under another name: somebody has removed, renamed or replaced a file of this
         session. What is in it can still be read, as long as it is open.
         """
-        missing = ", ".join(file.path.name for file in self._files if not file.is_in_place)
-        self._former += self._files
-        with suppress(OSError):
+        former = self._files
+        missing = ", ".join(file.path.name for file in former if not file.is_in_place)
+        what = f"{missing} was removed, renamed or replaced"
+        try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        path = next_free(self.path)
-        journal, images = journal_of(path), images_of(path)
-        begun = self._images.copy_to(images)
-        with self._switching:
-            begun.catch_up(self._images)
-            self._images = begun
-            self._results.move_to(results_of(path))
-        self._journal.move_to(journal)
-        for file in self._former:
+            path = next_free(self.path)
+            images = self._images.copy_to(images_of(path))
+            self._former.append(images)
+            with self._switching:
+                images.catch_up(self._images)
+                self._images = images
+                self._results.move_to(results_of(path))
+            self._journal.move_to(journal_of(path))
+        except OSError as error:
+            self._is_lost = f"{what}, and the recording can not go on beside it: {error}"
+            raise DiskError(error.errno, self._is_lost) from error
+        self._former += former
+        self._is_lost = ""
+        for file in former:
             file.unlink()
         self.path, self._overwrite = path, False
-        text = f"{missing} was removed, renamed or replaced; the recording goes on in {path}"
+        text = f"{what}; the recording goes on in {path}"
         LOG.warning("%s", text)
         self._journal.append(Event(self._samples, "recording", text))
 
@@ -306,12 +320,16 @@ class SessionRecorder:
                 if self._trigger is not None:
                     self._journal.append(self._trigger)
                 self.flush()
-                if failure := next((file.failure for file in self._files if file.failure), ""):
-                    raise DiskError(errno.EIO, failure)
+                for file in self._files:
+                    if file.failure or not file.is_all_there:
+                        found = file.failure or f"{file.path} was cut short while it was written"
+                        raise DiskError(errno.EIO, found)
                 self._images.close()
                 made, self.receipt = self._make(self.path)
                 self._take_place(made, self.receipt)
             except OSError as error:
+                if self._is_lost:
+                    raise
                 raise DiskError(
                     error.errno,
                     f"{error.strerror or error}; what was recorded lies beside {self.path},"
@@ -333,8 +351,8 @@ class SessionRecorder:
             take_place(made, self.path, overwrite=False)
             LOG.warning("%s is another file now; the session is %s", recorded, self.path)
         trust.remember(self.path, receipt.checksum)
-        for left in (images_of(recorded), results_of(recorded), journal_of(recorded)):
-            left.unlink(missing_ok=True)
+        self._let_go()  # some systems remove no file that is open
+        remove_recorded(recorded)
         sync_folder(self.path.absolute().parent)
 
     def discard(self) -> None:
@@ -358,5 +376,11 @@ def _exists(path: Path) -> UserError:
     )
 
 
-def _now() -> str:
-    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+def dated(header: Header) -> Header:
+    """The header of a session that begins now, unless it says when it began."""
+    return header if header.started else replace(header, started=now())
+
+
+def now() -> str:
+    """Time of day, ISO 8601."""
+    return datetime.datetime.now(datetime.UTC).astimezone().isoformat(timespec="seconds")

@@ -12,6 +12,7 @@ from pathlib import Path
 from app.errors import UserError
 from app.records import UNFINISHED, Gap, Header, LostTrigger, ReceivedFrame, SourceFrame
 from app.session.completing import (
+    FLUSH_EVERY,
     Found,
     account_of,
     image_at,
@@ -26,7 +27,6 @@ from app.session.reader import Altered, SessionReader
 from app.session.receipt import Receipt, verify
 from app.session.writer import ElsewhereError, SessionWriter
 
-FLUSH_EVERY = 256  # records; those of small tables wait in memory until then
 # what a journal from elsewhere may lead to
 _NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
 
@@ -53,42 +53,20 @@ class Repaired:
     found: Found
     receipt: Receipt
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether it is sure that nothing that was recorded is missing."""
-        found = self.found
-        return not (found.torn or found.unread or found.damaged_bytes or found.altered)
-
     def __str__(self) -> str:
         """One sentence."""
         if self.output is None:
             return (
                 f"{self.session}: the session is whole, nothing is to be repaired: {self.receipt}"
             )
-        found = self.found
-        torn = (
-            f"{found.torn} of {found.frames + found.torn} recorded images and {found.unread}"
-            " samples could not be brought back"
-        )
-        damaged = (
-            f"; {found.damaged_bytes} bytes of the journal are damaged"
-            if found.damaged_bytes
-            else ""
-        )
-        altered = (
-            f"; {found.altered} records of the journal do not follow from those before them:"
-            " somebody has changed it"
-            if found.altered
-            else ""
-        )
         results = (
-            f"results of {found.results} frames"
-            if found.results
+            f"results of {self.found.results} frames"
+            if self.found.results
             else "no results, the images must be analysed again"
         )
         return (
-            f"{self.output}: brought back from the {self.source}: {self.receipt};"
-            f" {torn}{damaged}{altered}; {results}"
+            f"{self.output}: brought back from the {self.source}: {self.receipt}; {self.found};"
+            f" {results}"
         )
 
 
@@ -146,7 +124,7 @@ def _from_journal(
         _copy_images(session, images, output, found, header, end, progress)
         with suppress(ElsewhereError):
             return write(session, output, output, found)
-    return write(session, images, output, found, copied=True)
+    return write(session, images, output, found)
 
 
 def _copy_images(

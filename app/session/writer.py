@@ -8,7 +8,6 @@ all that the writer was given.
 
 from __future__ import annotations
 
-import datetime
 import json
 import logging
 import os
@@ -43,11 +42,17 @@ from app.records import (
 )
 from app.schema import columns_of
 from app.session import layout, trust
+from app.session.checks import (
+    channels_of,
+    check_channels,
+    check_image,
+    check_place,
+    check_snapshot,
+)
 from app.session.columns import (
     Table,
     append_chunk,
     append_fields,
-    check_fits,
     make_group,
     place_images,
     storable,
@@ -57,7 +62,7 @@ from app.session.files import check_room
 from app.session.journal import StoredFrame
 from app.session.layout import LATER, NO_ROW, ResultRow, Texts, TriggerRow, Versions
 from app.session.receipt import Account, Receipt, verify
-from app.session.recorder import HEAD_BYTES, LONGEST_GAP_S, deflated
+from app.session.recorder import HEAD_BYTES, dated, deflated, now
 
 LOG = logging.getLogger(__name__)
 METADATA_BYTES = 1 << 19  # of HDF5's cache, which would grow for hours
@@ -84,18 +89,15 @@ class SessionWriter:
         After `close`: what was read back.
     """
 
-    def __init__(
-        self, path: Path, file: h5py.File, disk: SparedFile, header: Header, *, keep: bool
-    ) -> None:
+    def __init__(self, path: Path, file: h5py.File, disk: SparedFile, header: Header) -> None:
         self.receipt: Receipt | None = None
-        self._path, self._file, self._disk, self._keep = path, file, disk, keep
+        self._path, self._file, self._disk, self._header = path, file, disk, header
         self._images = file[layout.IMAGES.path]
         self._fields = {c.path: file[c.path] for c in columns_of(DisplacementField)}
-        self._channels = len(header.auxiliary.name) if header.auxiliary else 0
+        self._channels = channels_of(header)
         self._given = Account(channels=self._channels)
         tables = ["auxiliary", *TABLES] if self._channels else TABLES
         self._tables = {name: Table(file, f"/entry/{name}") for name in tables}
-        self._longest_gap = int(LONGEST_GAP_S * header.sample_rate_hz)
         # trigger numbers of the frames received, increasing, and their rows in triggers
         self._received, self._received_rows = array("q"), array("q")
         self._waiting: list[dict[str, Any]] = []  # the fields not yet in the file
@@ -108,17 +110,15 @@ class SessionWriter:
         header: Header,
         *,
         images_there: int | None = None,
-        keep: bool = False,
     ) -> Self:
-        """A new session at `path`, a name that `app.session.files.new_session` has given.
+        """A new session at `path`, a name that `app.session.files.new_session` has given, which
+        removes what is left there.
 
         Parameters
         ----------
         images_there : int, optional
             So many images lie in the file already, one after the other from `HEAD_BYTES` on, and
             nothing behind them.
-        keep : bool
-            The file is not removed by `discard`.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class SessionWriter:
             reason="the session was not closed",
             resources="{}",
         )
-        header = header if header.started else replace(header, started=_now())
+        header = dated(header)
         versions = Versions(tuple(header.versions), tuple(header.versions.values()))
         values = stored(texts, versions, header)
         try:
@@ -166,14 +166,12 @@ class SessionWriter:
                 if group.path not in LATER or asked.get(group.path):
                     make_group(file, group.path, values, header)
             file["/entry"].attrs["default"] = "results"
-            return cls(path, file, disk, header, keep=keep)
+            return cls(path, file, disk, header)
         except BaseException:
             try:
                 disk.check()
             finally:
                 _let_go(disk, file)
-                if not keep:
-                    path.unlink(missing_ok=True)
             raise
 
     def append(self, record: Record) -> None:
@@ -191,15 +189,16 @@ class SessionWriter:
         """
         match record:
             case ReceivedFrame():
-                self._append_frame(record)
+                record = self._append_frame(record)
             case SourceFrame():
                 self._add_frame(record, record.row, record.checksum)
-            case Samples():
-                self._check_place(record.first)
+            case Samples(first):
+                check_place(first, len(self._tables["forces"]), self._header)
+                check_channels(record, self._header)
                 self._add_samples(record)
-            case Gap():
-                self._check_place(record.first)
-                self._check_place(record.first + record.count)
+            case Gap(first, count):
+                for sample in (first, first + count):
+                    check_place(sample, len(self._tables["forces"]), self._header)
                 self._add_gap(record)
             case LostTrigger(index, sample, reason, span):
                 span = span or (index, index)
@@ -229,13 +228,6 @@ class SessionWriter:
     def _add(self, table: str, *records: Any) -> None:
         self._tables[table].append(stored(*records))
 
-    def _check_place(self, sample: int) -> None:
-        expected = len(self._tables["forces"])
-        if not 0 <= sample - expected <= self._longest_gap:
-            raise ValueError(
-                f"session: samples from {sample} on can not be placed, the next one is {expected}"
-            )
-
     def _add_samples(self, block: Samples) -> None:
         expected = len(self._tables["forces"])
         if missing := block.first - expected:
@@ -245,11 +237,9 @@ class SessionWriter:
 
     def _extend(self, block: Samples) -> None:
         if self._channels:
-            shape, values = (len(block.volts), self._channels), block.auxiliary
+            values = block.auxiliary
             if values is None:
-                values = np.full(shape, np.nan)
-            if values.shape != shape:
-                raise ValueError(f"session: further channels {values.shape} instead of {shape}")
+                values = np.full((len(block.volts), self._channels), np.nan)
             self._tables["auxiliary"].extend({layout.AUXILIARY.path: values})
         self._tables["forces"].extend(stored(block))
 
@@ -258,13 +248,15 @@ class SessionWriter:
         self._add("gaps", gap)
         self._add("events", Event(gap.first, "gap", f"{gap.count} samples lost: {gap.reason}"))
 
-    def _append_frame(self, frame: ReceivedFrame) -> None:
+    def _append_frame(self, frame: ReceivedFrame) -> ReceivedFrame:
+        """The frame, with the checksum of its image, once it is there."""
         image = np.ascontiguousarray(frame.image)
-        check_fits(self._images, image)
+        check_image(image, self._header)
         content = image if self._images.compression is None else deflated(image)
         row = append_chunk(self._images, np.frombuffer(content, np.uint8))
         checksum = crc32(image.data) if frame.checksum is None else frame.checksum
         self._add_frame(frame, row, checksum)
+        return replace(frame, checksum=checksum)
 
     def _add_frame(
         self, frame: ReceivedFrame | SourceFrame | StoredFrame, row: int, checksum: int
@@ -280,10 +272,9 @@ class SessionWriter:
             raise ValueError(
                 f"session: frame {snapshot.frame} has results, but it was not recorded"
             )
+        check_snapshot(snapshot, self._header)
         values, row = stored(snapshot), NO_ROW
         if snapshot.field is not None:
-            for path, dataset in self._fields.items():
-                check_fits(dataset, values[path])
             self._waiting.append(values)
             row = len(self._tables["fields"])
             self._tables["fields"].append({layout.FIELD_FRAMES.path: snapshot.frame})
@@ -304,7 +295,7 @@ class SessionWriter:
             self._make("summary", outcome.summary)
         self._write_text("run/resources", json.dumps(outcome.resources, default=str))
         self._write_text("run/reason", outcome.reason)
-        self._write_text("end_time", _now())
+        self._write_text("end_time", now())
         self._write_text("run/state", outcome.state)
 
     def explain(self, reason: str) -> None:
@@ -349,15 +340,13 @@ class SessionWriter:
         return self.receipt
 
     def discard(self) -> None:
-        """Let go of the session and remove it; OSError where the disk has not taken it, which HDF5
-        was not told and has told otherwise.
+        """Let go of the session as it is; OSError where the disk has not taken it, which HDF5 was
+        not told and has told otherwise.
         """
         try:
             self._disk.check()
         finally:
             _let_go(self._disk, self._file)
-            if not self._keep:
-                self._path.unlink(missing_ok=True)
 
     def _make(self, group: str, record: Any) -> None:
         make_group(self._file, f"/entry/{group}", stored(record))
@@ -392,7 +381,3 @@ def _let_go(disk: SparedFile, file: h5py.File | None) -> None:
         if file is not None:
             file.close()
     disk.close()
-
-
-def _now() -> str:
-    return datetime.datetime.now(datetime.UTC).astimezone().isoformat(timespec="seconds")

@@ -55,5 +55,5 @@ class DamagedJournal:
         assert np.array_equal(forces[known], self._forces[: len(forces)][known])
         assert np.array_equal(volts[known], 2 * forces[known])
         frames, samples = FRAMES - len(images), len(self._forces) - np.count_nonzero(known)
-        assert not repaired.is_whole
+        assert not repaired.found.is_whole
         return frames, int(samples)

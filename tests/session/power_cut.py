@@ -64,7 +64,7 @@ class Disk:
 
     def left_by_cut(self, instant: int, rng: np.random.Generator, folder: Path) -> None:
         """Write to `folder` what is left of each file by a cut before event number `instant`."""
-        for name in {event[0] for event in self.events}:
+        for name in sorted({event[0] for event in self.events}):
             history = [event[1:] for event in self.events[:instant] if event[0] == name]
             synced = (
                 max((n for n, (kind, _, _) in enumerate(history) if kind == "sync"), default=-1) + 1

@@ -138,14 +138,16 @@ class Session:
     positions: list[tuple[int, float]]
 
 
-def record(path: Path, *, flush_each: bool = True) -> tuple[SessionRecorder, Session]:
+def record(
+    path: Path, *, flush_each: bool = True, **changed: Any
+) -> tuple[SessionRecorder, Session]:
     """A session of 8 triggers (3 is lost), 1000 samples with 3 missing, results of 6 frames, not
     yet finished.
     """
     rng = np.random.default_rng(7)
     written = Session(path, rng.normal(size=(1003, 2)), rng.normal(size=(1003, 2)), {}, [], [], [])
     written.volts[500:503] = written.forces[500:503] = np.nan
-    writer = make_writer(path)
+    writer = make_writer(path, **changed)
     blocks = [(0, 250), (250, 500), (503, 750), (750, 1003)]
     for frame in range(8):
         if frame % 2 == 0:

@@ -59,7 +59,7 @@ def test_pictures_are_the_same_in_less_room(tmp_path: Path) -> None:
 def test_all_comes_back_from_the_journal(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     cut_short(path)
-    assert repair(path, tmp_path / "b.h5").is_whole
+    assert repair(path, tmp_path / "b.h5").found.is_whole
     assert_all_there(tmp_path / "b.h5")
 
 

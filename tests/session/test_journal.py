@@ -199,7 +199,7 @@ def test_full_disk_leaves_no_half_record_and_is_not_asked_again(
     with pytest.raises(OSError, match=r"No space left on device; what was recorded lies beside"):
         writer.close()
     assert not written.path.exists()
-    assert repair(written.path, tmp_path / "repaired.h5").is_whole
+    assert repair(written.path, tmp_path / "repaired.h5").found.is_whole
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert (read.outcome.state, read.outcome.counts, len(read.triggers())) == (
             "failed",
@@ -260,7 +260,7 @@ def test_session_that_is_not_what_was_recorded_is_none(
     assert writer.receipt is None
     assert not written.path.exists()
     monkeypatch.undo()
-    assert repair(written.path, tmp_path / "repaired.h5").is_whole
+    assert repair(written.path, tmp_path / "repaired.h5").found.is_whole
 
 
 @pytest.mark.parametrize("which", [0, 1])

@@ -23,6 +23,7 @@ from session_material import (
     alter,
     copy_recording,
     make_header,
+    make_snapshot,
     make_writer,
     record,
 )
@@ -31,9 +32,9 @@ from app.commands.files import repair as repair_command
 from app.disk import AppendedFile
 from app.errors import UserError
 from app.offline.replay import difference
-from app.records import Gap, Samples
+from app.records import DisplacementField, Gap, Samples
 from app.session import journal
-from app.session.files import images_of
+from app.session.files import images_of, results_of
 from app.session.journal import Journal, StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.repair import repair
@@ -85,7 +86,11 @@ def test_all_comes_back_from_the_journal(tmp_path: Path) -> None:
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
     repaired = repair(written.path, tmp_path / "repaired.h5")
     assert {name: (tmp_path / name).read_bytes() for name in before} == before
-    assert (repaired.source, repaired.is_whole, repaired.receipt.frames) == ("journal", True, 7)
+    assert (repaired.source, repaired.found.is_whole, repaired.receipt.frames) == (
+        "journal",
+        True,
+        7,
+    )
     assert_same(tmp_path / "repaired.h5", written)
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert (read.outcome.state, read.outcome.counts.frames_lost) == ("unfinished", 1)
@@ -103,7 +108,7 @@ def test_torn_image_is_a_lost_frame_with_that_reason(tmp_path: Path) -> None:
     end = content.index(written.images[7].tobytes())
     images_of(written.path).write_bytes(content[: end + 5])
     repaired = repair(written.path, tmp_path / "repaired.h5")
-    assert (repaired.found.torn, repaired.is_whole) == (2, False)
+    assert (repaired.found.torn, repaired.found.is_whole) == (2, False)
     assert (
         "; 2 of 7 recorded images and 0 samples could not be brought back; results of 4 frames"
         in str(repaired)
@@ -343,7 +348,7 @@ def test_a_flipped_bit_of_the_journal_costs_no_image_and_one_block_of_samples_at
     assert (repaired.receipt.frames, repaired.found.torn, repaired.found.results) == (7, 0, 6)
     assert repaired.receipt.samples - repaired.found.unread >= 750
     assert repaired.found.damaged_bytes > 0
-    assert not repaired.is_whole
+    assert not repaired.found.is_whole
 
 
 @pytest.fixture(scope="module")
@@ -379,7 +384,7 @@ def test_a_record_that_somebody_changed_is_told(tmp_path: Path) -> None:
     content[at + 4 : at + 8] = crc32(content[at + 8 : end]).to_bytes(4, "little")
     journal_of(written.path).write_bytes(content)
     repaired = repair(written.path, tmp_path / "repaired.h5")
-    assert (repaired.found.altered, repaired.is_whole) == (1, False)
+    assert (repaired.found.altered, repaired.found.is_whole) == (1, False)
     assert "somebody has changed it" in str(repaired)
 
 
@@ -391,3 +396,24 @@ def test_a_session_that_was_given_its_name_but_kept_its_journal_is_whole(tmp_pat
     writer.close()
     shutil.copy(tmp_path / "b.h5.journal", tmp_path / "a.h5.journal")
     assert repair(written.path, tmp_path / "repaired.h5").output is None
+
+
+def test_results_that_are_of_another_grid_cost_nothing_else(tmp_path: Path) -> None:
+    """In a file of results that somebody wrote: its checksums are right."""
+    written = cut_short(tmp_path)
+    misfit = make_snapshot(7)
+    wide = np.zeros((2, 4), np.float32)
+    misfit = replace(misfit, field=DisplacementField(*[wide] * 5, np.zeros((2, 4), np.uint8)))
+    add(results_of(written.path), misfit)
+    repaired = repair(written.path, tmp_path / "repaired.h5")
+    assert (repaired.receipt.frames, repaired.found.results) == (7, 6)
+    assert repaired.found.damaged_bytes > 0
+
+
+def test_a_contact_that_is_told_twice_is_the_first(tmp_path: Path) -> None:
+    written = cut_short(tmp_path)
+    for radius in (1e-3, 2e-3):
+        add(results_of(written.path), replace(CONTACT, apparent_radius_m=radius))
+    repair(written.path, tmp_path / "repaired.h5")
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert read.contact().apparent_radius_m == 1e-3

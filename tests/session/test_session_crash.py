@@ -10,21 +10,41 @@ import subprocess
 import sys
 import threading
 from collections import namedtuple
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from session_material import COUNTS, OUTCOME, SHAPE, copy_recording, make_writer, record
+from session_material import (
+    COUNTS,
+    OUTCOME,
+    SHAPE,
+    copy_recording,
+    make_snapshot,
+    make_writer,
+    record,
+)
 
 from app import disk
+from app.disk import AppendedFile
 from app.engine.recorder import Recorder
 from app.errors import UserError
 from app.offline.replay import difference
-from app.records import UNFINISHED, Outcome, ReceivedFrame, Samples
+from app.records import (
+    UNFINISHED,
+    DisplacementField,
+    Outcome,
+    ReceivedFrame,
+    Record,
+    RingProfile,
+    Samples,
+)
 from app.session import files
-from app.session.files import check_new_session, images_of
+from app.session.files import check_new_session, images_of, results_of
+from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.recorder import HEAD_BYTES
 from app.session.repair import repair
@@ -74,7 +94,11 @@ def test_killed_program_leaves_everything_that_it_was_given(tmp_path: Path, end:
     writer, written = record(tmp_path / "same.h5")
     writer.close()
     repaired = repair(path, tmp_path / "repaired.h5")
-    assert (repaired.is_whole, repaired.receipt.frames, repaired.found.results) == (True, 39, 38)
+    assert (repaired.found.is_whole, repaired.receipt.frames, repaired.found.results) == (
+        True,
+        39,
+        38,
+    )
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.outcome.state == UNFINISHED
         assert_array_equal(read.forces().volts[:1003], written.volts)
@@ -173,7 +197,7 @@ def test_a_disk_that_stands_still_holds_up_nothing_but_its_sync(
     writer.close()
     assert failures == []
     found = repair(tmp_path / "killed.h5", tmp_path / "repaired.h5")
-    assert (found.is_whole, found.receipt.frames, found.receipt.samples) == (True, 100, 100)
+    assert (found.found.is_whole, found.receipt.frames, found.receipt.samples) == (True, 100, 100)
 
 
 FULL = """
@@ -181,6 +205,7 @@ import resource, signal, sys, threading
 from pathlib import Path
 import numpy as np
 from app import disk
+from app.disk import AppendedFile
 from app.engine.recorder import Recorder
 from app.records import Outcome, ReceivedFrame, Samples
 from session_material import COUNTS, SHAPE, make_writer
@@ -281,6 +306,91 @@ def test_a_session_that_appeared_meanwhile_is_not_overwritten(tmp_path: Path) ->
     with SessionReader(writer.path) as read:
         assert read.outcome.state == "done"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a-2.h5", "a.h5"]
+
+
+@pytest.mark.parametrize("of", [journal_of, results_of, images_of])
+@pytest.mark.parametrize("how", ["a bit", "the end"])
+def test_what_is_damaged_before_the_close_is_not_certified(
+    tmp_path: Path, of: Callable[[Path], Path], how: str
+) -> None:
+    writer, written = record(tmp_path / "a.h5")
+    writer.append(OUTCOME)
+    path = of(written.path)
+    with path.open("r+b") as file:
+        if how == "a bit":
+            place = HEAD_BYTES + 50 if of is images_of else path.stat().st_size // 2
+            file.seek(place)
+            byte = file.read(1)[0]
+            file.seek(place)
+            file.write(bytes([byte ^ 1]))
+        else:
+            file.truncate(path.stat().st_size - 20)
+    with pytest.raises((OSError, UserError), match="slipscope repair"):
+        writer.close()
+    assert not written.path.exists()
+    assert writer.receipt is None
+    repair(written.path, tmp_path / "repaired.h5")
+
+
+def test_a_recording_that_can_not_go_on_beside_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer, written = record(tmp_path / "a.h5")
+    for of in (journal_of, results_of, images_of):
+        of(written.path).unlink()
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(AppendedFile, "catch_up", refuse)
+    with pytest.raises(OSError, match="removed, renamed or replaced, and the recording can not go"):
+        writer.flush()
+    with pytest.raises(OSError, match=r"can not go on beside it: .*No space left") as told:
+        writer.close()
+    assert "lies beside" not in str(told.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        Samples(1003, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 3))),
+        Samples(1003 + (1 << 22), np.zeros((2, 2)), np.zeros((2, 2))),
+        replace(make_snapshot(4), rings=RingProfile(*[np.zeros((2, 2))] * 3)),
+        replace(
+            make_snapshot(4),
+            field=DisplacementField(
+                *[np.zeros((3, 3), np.float32)] * 5, np.zeros((3, 3), np.uint8)
+            ),
+        ),
+    ],
+    ids=["channels", "gaps", "rings", "field"],
+)
+def test_what_no_session_could_be_made_of_is_refused_at_once(tmp_path: Path, odd: Record) -> None:
+    """Not at the close, when all the rest would be lost with it."""
+    writer, written = record(tmp_path / "a.h5", sample_rate_hz=100_000.0)
+    with pytest.raises(ValueError, match=r"channels|are missing|profile|takes"):
+        writer.append(odd)
+    writer.append(OUTCOME)
+    writer.close()
+    with SessionReader(written.path) as read:
+        assert len(read.forces().volts) == 1003
+
+
+def test_results_that_fail_cost_no_image(tmp_path: Path) -> None:
+    writer, failures = make_writer(tmp_path / "a.h5"), []
+    recorder = Recorder(writer, 9.0, 1 << 24, 0.4, sender_waits=True, on_failure=failures.append)
+    for n in range(20):
+        recorder.append(ReceivedFrame(n, 5 + 125 * n, image_of(n)))
+        recorder.append(replace(make_snapshot(n), rings=RingProfile(*[np.zeros((2, 2))] * 3)))
+    threads = [threading.Thread(target=work) for _, work in recorder.works()]
+    for thread in threads:
+        thread.start()
+    recorder.end()
+    for thread in threads:
+        thread.join()
+    writer.close()
+    assert (recorder.frames_recorded, recorder.frames_refused, len(failures)) == (20, 0, 1)
 
 
 @pytest.mark.parametrize("compression", ["none", "gzip"])
