@@ -6,7 +6,7 @@ import pytest
 from short_run import SMALL, TRACTION
 
 from app import config, live
-from app.engine import pipeline
+from app.engine import conclusions, pipeline
 from app.engine.pipeline import Pipeline
 from app.errors import UserError
 from app.offline.replay import Replay
@@ -98,8 +98,10 @@ def test_no_estimator_ends_a_run_or_costs_a_frame(tmp_path, monkeypatch):
     def of(*_, **__):
         raise MemoryError("629 GiB")
 
-    for name in ("apparent_contact", "fit_stick_radius", "sliding_onset", "local_law"):
+    for name in ("apparent_contact", "fit_stick_radius"):
         monkeypatch.setattr(pipeline, name, fail)
+    for name in ("sliding_onset", "local_law"):
+        monkeypatch.setattr(conclusions, name, fail)
     monkeypatch.setattr(pipeline.Tractions, "of", of)
     outcome = run_with(tmp_path / "a.h5", lambda _: False, more=[TRACTION])
     assert (outcome.state, outcome.counts.frames_skipped) == ("done", 0), outcome.reason

@@ -7,7 +7,8 @@ import pytest
 import short_run
 
 from app import config, live
-from app.engine.pipeline import Pipeline, summarise
+from app.engine.conclusions import summarise
+from app.engine.pipeline import Pipeline
 from app.offline.replay import difference
 from app.records import Phase
 from app.session.reader import SessionReader
