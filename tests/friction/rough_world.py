@@ -1,0 +1,195 @@
+"""A sheared contact under any axisymmetric pressure, Greenwood and Tripp's among them, with the law
+sigma = mu p (1 - exp(-s/(mu L))): the tests' own truth, on annuli of even traction.
+
+An even traction on a disc of radius b moves the surface by its integral over distance, 4 b E(r/b)
+inside and 4 r (E(b/r) - (1 - b^2/r^2) K(b/r)) outside (Johnson, section 3.5); an annulus is the
+difference of two discs. Nothing of the program's mechanics is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from friction import elasto_plastic_world as smooth
+from scipy.interpolate import CubicSpline
+from scipy.special import ellipe, ellipk
+
+E, NU, R, MU, L = smooth.E, smooth.NU, smooth.R, smooth.MU, smooth.L
+H = 0.6e-6  # metres, standard deviation of the heights
+ANNULI = 400
+FINEST = 1e-12  # metres of slip, at which Newton's method ends
+
+
+def over_distance(r: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Integral of 1/distance over discs of radius b, at the distance r from their centre; shape (r,
+    b), metres.
+    """
+    r, b = np.broadcast_arrays(np.asarray(r)[:, None], np.asarray(b)[None, :])
+    inside = r <= b
+    near = np.where(inside, r / np.where(b > 0, b, 1.0), 0.0) ** 2
+    far = np.where(inside, 0.0, b / np.where(r > 0, r, 1.0)) ** 2
+    outer = 4 * r * (ellipe(far) - (1 - far) * ellipk(np.minimum(far, 1 - 1e-16)))
+    return np.where(inside, 4 * b * ellipe(np.minimum(near, 1.0)), outer)
+
+
+def hertz_pressure(P: float, E: float = E, nu: float = NU) -> tuple[Callable, float]:
+    """Pressure as a function of r, and the radius where it ends."""
+    a = smooth.World(P, E=E, nu=nu).a
+    peak = 3 * P / (2 * np.pi * a * a)
+    return lambda r: peak * np.sqrt(np.maximum(1 - (np.asarray(r) / a) ** 2, 0.0)), a
+
+
+@cache
+def greenwood_tripp(
+    P: float, h: float = H, E: float = E, nu: float = NU, R: float = R
+) -> tuple[Callable, float]:
+    """Pressure of a sphere on asperities of exponential heights: p = C exp(-gap/h), with gap = r^2/2R
+    + bending; function of r, and a radius beyond which it is below 1e-12 of its peak.
+    """
+    a = float(np.cbrt(3 * P * R * (1 - nu**2) / (4 * E)))
+    reach = float(np.sqrt(1.5 * a * a + 80 * R * h))
+    edges = np.linspace(0, reach, ANNULI + 1)
+    r, area = (edges[1:] + edges[:-1]) / 2, np.pi * np.diff(edges**2)
+    discs = over_distance(r, edges)
+    bend = (1 - nu**2) / (np.pi * E) * np.diff(discs, axis=1)
+    log_p = np.log(3 * P / (2 * np.pi * a * a)) - (r / a) ** 4
+    level = log_p[0]
+    for _ in range(400):
+        p = np.exp(log_p)
+        # unknowns: log p at the annuli and the level of the rigid approach
+        off = np.append(log_p - level + (r**2 / (2 * R) + bend @ p) / h, area @ p / P - 1)
+        matrix = np.zeros((ANNULI + 1, ANNULI + 1))
+        matrix[:-1, :-1] = np.eye(ANNULI) + bend * p / h
+        matrix[:-1, -1] = -1
+        matrix[-1, :-1] = area * p / P
+        step = np.linalg.solve(matrix, off)
+        step *= min(1.0, 2.0 / np.abs(step[:-1][p > 1e-8 * p.max()]).max())
+        log_p, level = log_p - step[:-1], level - step[-1]
+        if np.abs(step).max() < 1e-10:
+            break
+    else:
+        raise AssertionError("the rough pressure has not converged")
+    curve = CubicSpline(np.append(-r[2::-1], r), np.append(log_p[2::-1], log_p))
+
+    def pressure(at: np.ndarray) -> np.ndarray:
+        at = np.abs(at)
+        return np.where(at < reach, np.exp(curve(np.minimum(at, reach))), 0.0)
+
+    return pressure, reach
+
+
+@dataclass(frozen=True)
+class State(smooth.State):
+    """The contact with the block driven by D; `a` is the radius where the pressure ends."""
+
+
+class World:
+    """A contact under a pressure p(r) that ends at `reach`."""
+
+    def __init__(
+        self,
+        P: float,
+        pressure: Callable,
+        reach: float,
+        mu: float = MU,
+        L: float = L,
+        E: float = E,
+        nu: float = NU,
+    ) -> None:
+        self.P, self.mu, self.L, self.E, self.nu = P, mu, L, E, nu
+        self.pressure, self.reach = pressure, reach
+        edges = np.linspace(0, reach, ANNULI + 1)
+        self.r, self.area = (edges[1:] + edges[:-1]) / 2, np.pi * np.diff(edges**2)
+        self.p = pressure(self.r)
+        self.p = self.p * P / (self.area @ self.p)
+        self.edges, self.scale = edges, (1 + nu) / (np.pi * E) * (1 - nu / 2)
+        self.matrix = self.scale * np.diff(over_distance(self.r, edges), axis=1)
+
+    @property
+    def full(self) -> float:
+        """Displacement of the centre, against the block, in full sliding; metres."""
+        return float((self.matrix @ (self.mu * self.p)).max())
+
+    @cached_property
+    def _dense(self) -> np.ndarray:
+        return self.scale * np.diff(over_distance(smooth.DENSE, self.edges), axis=1)
+
+    def run(self, distances: np.ndarray) -> list[State]:
+        """States at growing displacements of the block, metres."""
+        states, s, last, soft = [], np.zeros(ANNULI), 0.0, self.mu * self.L
+        for D in distances:
+            stops = int(np.ceil((D - last) / (6 * soft))) + 1
+            for stop in np.linspace(last, D, stops)[1:]:
+                s = self._slip(float(stop), s)
+            last = float(D)
+            states.append(self._state(last, s))
+        return states
+
+    def _slip(self, D: float, s: np.ndarray) -> np.ndarray:
+        soft = self.mu * self.L
+        for _ in range(80):
+            decay = np.exp(-s / soft)
+            miss = s + self.matrix @ (self.mu * self.p * (1 - decay)) - D
+            step = np.linalg.solve(
+                np.eye(ANNULI) + self.matrix * (self.mu * self.p * decay / soft), -miss
+            )
+            s = s + step * min(1.0, 2 * soft / max(np.abs(step).max(), 1e-300))
+            if np.abs(step).max() < FINEST:
+                return s
+        raise AssertionError("the truth has not converged")
+
+    def _state(self, D: float, s: np.ndarray) -> State:
+        sigma = self.mu * self.p * -np.expm1(-s / (self.mu * self.L))
+        g0, dense = self._dense @ sigma, smooth.DENSE
+        swept = CubicSpline(dense, g0 * dense).antiderivative()(dense)
+        mean = np.divide(2 * swept, dense**2, out=g0.copy(), where=dense > 0)
+        g2 = self.nu / 2 / (1 - self.nu / 2) * (mean - g0)
+        mirrored = np.append(-self.r[2::-1], self.r), np.append(sigma[2::-1], sigma)
+        curve, reach = CubicSpline(*mirrored), self.reach
+        return State(
+            self.P,
+            D,
+            float(self.area @ sigma),
+            reach,
+            lambda r: np.where(np.asarray(r) < reach, curve(np.minimum(r, reach)), 0.0),
+            g0,
+            g2,
+        )
+
+
+def rough(P: float, h: float = H, **constants: float) -> World:
+    """A world under Greenwood and Tripp's pressure."""
+    return World(P, *greenwood_tripp(P, h), **constants)
+
+
+@cache
+def drive(
+    P: float,
+    frames: int,
+    h: float = H,
+    *,
+    end: float = 1.3,
+    compliance: float = 1 / 9579 + 0.68e-6,
+) -> smooth.Run:
+    """Frames evenly spaced in time, from rest to `end` times the distance at which the contact
+    slides; h = 0 is Hertz's pressure.
+    """
+    world = rough(P, h) if h else World(P, *hertz_pressure(P))
+    D = np.linspace(0, (end + 0.1) * world.full, 60)[1:]
+    stage = np.append(0.0, D + compliance * np.array([state.Q for state in world.run(D)]))
+    slides = world.full + compliance * world.mu * P
+    states = world.run(
+        np.interp(end * slides * np.arange(1, frames + 1) / frames, stage, np.append(0.0, D))
+    )
+    rings = [state.rings() for state in states]
+    return smooth.Run(
+        world,
+        states,
+        rings[0].radius,
+        rings[0].count,
+        np.array([ring.mean for ring in rings]),
+        np.array([state.Q for state in states]),
+    )
