@@ -46,8 +46,8 @@ def hertz_pressure(P: float, E: float = E, nu: float = NU) -> tuple[Callable, fl
 def greenwood_tripp(
     P: float, h: float = H, E: float = E, nu: float = NU, R: float = R
 ) -> tuple[Callable, float]:
-    """Pressure of a sphere on asperities of exponential heights: p = C exp(-gap/h), with gap = r^2/2R
-    + bending; function of r, and a radius beyond which it is below 1e-12 of its peak.
+    """Pressure of a sphere on asperities of exponential heights: p = C exp(-gap/h), with gap =
+    r^2/2R + bending; function of r, and a radius beyond which it is below 1e-12 of its peak.
     """
     a = float(np.cbrt(3 * P * R * (1 - nu**2) / (4 * E)))
     reach = float(np.sqrt(1.5 * a * a + 80 * R * h))
