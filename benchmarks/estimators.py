@@ -8,10 +8,11 @@ estimates within one stated standard uncertainty of the truth.
 stick  c by the live fit in Cattaneo and Mindlin's world, for c/a from 0.2 to 0.95
 peak   c by the live fit and by the maximum of the inverted traction in the elasto-plastic world,
        corrected to the maximum of the true traction
-law    mu, L, E (fit of the loading), mu, L (master curve) and E (balance of forces)
+law    mu, L, E and the pressure p(r), of smooth contacts and of rough ones (h = 0.6 um)
 speed  time of each estimate
 
-The truth of the elasto-plastic world is that of tests/friction/elasto_plastic_world.py.
+The truth of the elasto-plastic world is that of tests/friction/elasto_plastic_world.py and
+rough_world.py.
 """
 
 from __future__ import annotations
@@ -24,16 +25,15 @@ from typing import Annotated
 import numpy as np
 
 from analysis.contact.rings import Rings
-from analysis.friction.local_law import LocalLaw, displacement_in_rings, fit_local_law
-from analysis.friction.master_curve import master_curve
-from analysis.friction.modulus import balance_modulus
-from analysis.friction.stick import fit_stick_radius
+from analysis.friction.local_law import LocalLaw, fit_local_law
+from analysis.friction.stick import fit_stick_radius, seen_in_rings
 from analysis.friction.stress_peak import calibrate, stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
-from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
+from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from benchmarks.report import Report
 from tests.friction import elasto_plastic_world as world
+from tests.friction import rough_world
 
 SUBJECT = "Estimators of c, mu, L and E"
 SHARES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
@@ -46,7 +46,7 @@ Estimate = Callable[[Rings, float], tuple[float, float]]
 def inversion(P: float) -> AxisymmetricInversion:
     """The live inversion at that normal force."""
     a = world.hertz_radius(P)
-    mask = a + np.sqrt(world.R * 0.595e-6) + 2 * world.PITCH
+    mask = a + 2 * np.sqrt(world.R * rough_world.H) + 2 * world.PITCH
     return AxisymmetricInversion(
         world.X, world.Y, world.PITCH, mask, world.E, world.NU, edge=a, box=world.BOX
     )
@@ -68,11 +68,16 @@ def peak(rings: Rings, P: float) -> tuple[float, float]:
 
 
 def local_law(
-    run: world.Run, ux: np.ndarray, error: np.ndarray, P: float, Q: np.ndarray
+    run: world.Run, ux: np.ndarray, error: np.ndarray, Q: np.ndarray, P: float
 ) -> LocalLaw:
-    """Estimate mu, L and E as a run does, from a modulus that is a tenth too large."""
-    known = {"nu": world.NU, "R": world.R, "box": world.BOX, "width": world.PITCH}
-    return fit_local_law(run.radius, ux, error, P, Q, E=1.1 * world.E, **known)
+    """Estimate mu, L, E and p(r) as a run does."""
+    rings = [Rings(run.radius, u, e, run.count) for u, e in zip(ux, error, strict=True)]
+    return fit_local_law(rings, P, Q, inversion(P))
+
+
+def mean_displacement(state: LoadingState, r: np.ndarray) -> np.ndarray:
+    """Azimuthal mean of G*sigma in a state, metres."""
+    return state.displacement(r)[0]
 
 
 def samples(clean: Rings, sd: float, shared: bool, runs: int) -> list[Rings]:
@@ -131,7 +136,13 @@ def peaks(report: Report, loads: Sequence[float], runs: int) -> None:
         )
         forces = world.MU * P * (1 - np.linspace(0.2, 0.99, 30) ** 3)
         states = [loading.at_force(force) for force in forces]
-        model = [displacement_in_rings(s, run.radius, world.BOX, world.PITCH) for s in states]
+        model = [
+            s.D
+            - seen_in_rings(
+                lambda at, s=s: s.displacement(at)[0], run.radius, world.BOX, world.PITCH
+            )
+            for s in states
+        ]
         chosen = np.flatnonzero((run.peak > 0.25 * a) & (run.peak < 0.95 * a))[:: FRAMES // 12]
         truth, known = run.peak[chosen], [state.peak_radius for state in states]
         columns = [f"{share:.2f}" for share in truth / a]
@@ -152,36 +163,32 @@ def peaks(report: Report, loads: Sequence[float], runs: int) -> None:
 
 
 def law(report: Report, loads: Sequence[float], runs: int) -> None:
-    """The parameters of the local law and Young's modulus, elasto-plastic world."""
-    report.table("mu, L and E: bias ± scatter (coverage), in %")
-    columns = ("fit: mu", "fit: L", "fit: E", "master curve: mu", "master curve: L", "balance: E")
-    true = np.array([world.MU, world.L, world.E, world.MU, world.L, world.E])
+    """The parameters of the local law and the pressure, from smooth and rough contacts."""
+    report.table("mu, L, E and p: bias ± scatter (coverage by one, by two), in %; p of its peak")
     for P in loads:
-        run, a = world.drive(P, FRAMES), world.hertz_radius(P)
-        n = len(run.radius)
-        for sd in NOISES:
-            rows = []
-            for seed in range(runs):
-                ux, error, Q = run.measured(sd, seed)
-                fit = local_law(run, ux, error, P, Q)
-                solved = [
-                    inversion(P).solve(Rings(run.radius, u, e, run.count))
-                    for u, e in zip(ux, error, strict=True)
-                ]
-                sigma = np.array([s.sigma[:n] for s in solved])
-                sigma_sd = np.array([s.sigma_sd[:n] for s in solved])
-                curve = master_curve(run.radius, ux, error, sigma, sigma_sd, P, a)
-                integral, integral_sd = zip(*((s.Q, s.Q_sd) for s in solved), strict=True)
-                balance = balance_modulus(integral, integral_sd, Q, world.E)
-                found = fit.mu, fit.L, fit.E, curve.mu, curve.L, balance.E
-                stated = fit.mu_sd, fit.L_sd, fit.E_sd, curve.mu_sd, curve.L_sd, balance.E_sd
-                rows.append((found, stated))
-            values, stated = np.moveaxis(np.array(rows), 1, 0)
-            error = 100 * (values / true - 1)
-            within = (np.abs(error) < 100 * stated / true).mean(axis=0)
-            for column, e, w in zip(columns, error.T, within, strict=True):
-                text = f"{e.mean():+.3f} ± {e.std():.3f} ({w:.2f})"
-                report.add(f"{P} N, {sd * 1e9:.0f} nm", text, column=column)
+        for h in (0.0, rough_world.H):
+            run = rough_world.drive(P, FRAMES, h, end=1.5)
+            for sd in NOISES:
+                found = [local_law(run, *run.measured(sd, seed), P) for seed in range(runs)]
+                name = f"{P} N, {'rough' if h else 'smooth'}, {sd * 1e9:.0f} nm"
+                for column, true in (("mu", world.MU), ("L", world.L), ("E", world.E)):
+                    value, stated = (
+                        np.array([getattr(one, of) for one in found])
+                        for of in (column, f"{column}_sd")
+                    )
+                    covered(report, name, column, value / true - 1, stated / true)
+                p = run.world.pressure(found[0].radius)
+                seen = p > 0.02 * p.max()
+                off = np.array([(one.pressure - p)[seen] for one in found]) / p.max()
+                stated = np.array([one.pressure_sd[seen] for one in found]) / p.max()
+                covered(report, name, "p", off, stated)
+
+
+def covered(report: Report, name: str, column: str, error: np.ndarray, stated: np.ndarray) -> None:
+    """Report bias, scatter and coverage of one quantity."""
+    one, two = (np.mean(np.abs(error) < n * stated) for n in (1, 2))
+    text = f"{100 * error.mean():+.3f} ± {100 * error.std():.3f} ({one:.2f}, {two:.2f})"
+    report.add(name, text, column=column)
 
 
 def speed(report: Report, *_: object) -> None:
@@ -195,7 +202,7 @@ def speed(report: Report, *_: object) -> None:
     for name, times, task in (
         ("live c", 300, partial(live, rings, P)),
         ("maximum of the traction", 300, partial(stress_peak, *profile, reach=reach)),
-        (f"local law, {FRAMES} frames", 3, partial(local_law, run, ux, error, P, Q)),
+        (f"local law, {FRAMES} frames", 3, partial(local_law, run, ux, error, Q, P)),
     ):
         spent = []
         for _ in range(times):

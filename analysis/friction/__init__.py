@@ -10,9 +10,10 @@ Section 5             c of Cattaneo and Mindlin's profile through     `stick.fit
 Section 5, Fig. 14    c where the inverted stress is largest          `stress_peak.stress_peak`
 Section 5, Fig. 14    either, corrected to one definition of c, with  `stress_peak.calibrate`
                       the effect of noise
-Section 6, Fig. 15    sigma/p against u_x at all radii: master        `master_curve.master_curve`
-                      curve, k = p/L
-Section 6, Fig. 15    mu, L, h and E by fitting the loading solution  `local_law.fit_local_law`
-                      to u_x(r) and Q
+Section 6, Fig. 15    mu, L, h and E without a model of the pressure  `local_law.fit_local_law`
+Section 6, Fig. 15    sigma/p against u_x at all radii                `master_curve.master_curve`
+Section 2.3.1         p(r) measured, beside Hertz, and Greenwood and  `pressure.check_pressure`
+                      Tripp; whether force and traction agree
+Sections 3 to 6       E, L and mu(P) of several loads                 `joint.joint_law`
 ====================  ==============================================  ==============================
 """

@@ -1,9 +1,12 @@
-"""Local law of friction sigma = mu p (1 - exp(-s/(mu L))) from a loading run: mu, L and E by
-fitting the loading solution to u_x(r) and Q.
+"""Local law of friction sigma = mu p (1 - exp(-s/(mu L))) from a loading run that ends in sliding,
+without a model of the pressure.
 
-The measured u_x at the contact, lens removed, is the law's s. The stress that goes with it is the
-loading solution's for the same mu, L and E: none is inverted, and nothing is smoothed.
-`master_curve` draws the law as the paper does.
+The shear traction of steady sliding is mu p(r) everywhere, so that the traction of any frame over
+that of sliding, against the local slip, is the law itself, whatever p(r) is: smooth or rough. mu
+comes from the forces, E from the balance of the traction with Q, and the sliding traction over mu
+is a measured pressure p(r). Traction and slip of a frame come from the same inversion of the ring
+means of u_x, in which the averaging by correlation boxes and rings is undone: L has no bias from
+it.
 
 References
 ----------
@@ -13,55 +16,61 @@ Prevost et al. 2013, section 6; Bureau et al. 2003.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
 
-from analysis.arrays import F64
-from analysis.friction.stick import correlation_factor, seen_in_rings
-from analysis.mechanics import hertz
+from analysis.arrays import F64, Bool
+from analysis.contact.rings import Rings
+from analysis.friction.modulus import Modulus, balance_modulus
+from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics.interface import elastic_length
-from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
 from analysis.robust import robust_sd
 
-FEWEST = 12  # frames
-REACH = 1.5  # of a: the displacement is compared up to there
-STATES = 32  # of the table that is interpolated in D: 64 change mu by 3e-6, L by 2e-5
-STIFFEST = 1e-4  # of a: an L below which the fit may run away towards 0
-ROUNDS = 15
-HUBER = 2.5  # standard deviations from which a residual counts less
-STEPS = np.array([0.01, 0.03, 0.01])  # of the logarithms of mu, L and E, for derivatives
-SMALL, AT_REST = 0.05, 1e-3  # steps after which derivatives hardly change, and the last one
-FURTHEST = np.array([1.5, 3.0, 1.0])  # from the first guess of these logarithms
-# a prior of 10 in each logarithm: what is not measured at all comes out as uncertain as that
-WEAK = 0.01
-# of the noise of Q, and of Q: the fit meets the forces within one of these, or gives no result
-FORCE_OFF = (5.0, 0.05)
-LOST = (0.1, 0.5, 0.1)  # relative uncertainties of mu, L and E from which there is no result
+FEWEST = 12  # frames, and points of the law
+FEWEST_SLIDING = 4  # frames
+SLIDING = 7.0  # slip in mu L from which a point slides: all but exp(-7) of its traction is there
+FURTHEST = 8.0  # slip in mu L up to which points tell L
+LEAST_TRACTION = 0.1  # of the largest: rings with less sliding traction tell the law too badly
+ROUNDS = 8
+DRAWS = 24
+MOST_FRAMES = 48  # of a draw
+LARGEST_CHI2 = 4.0  # beyond, the points do not follow the law
+LOST = 0.5  # relative uncertainty of L from which there is no result
 
 
 @dataclass(frozen=True, slots=True)
 class LocalLaw:
-    """Interface and modulus for which the loading solution meets the measured displacements and
-    forces. NaN where they can not be determined; `notes` then gives the reason.
+    """The law of friction of the interface, and what is measured with it. NaN where they can not be
+    determined; `notes` then gives the reason.
+
+    Uncertainties are those of image and force noise, through the whole estimate.
 
     Attributes
     ----------
     mu, mu_sd : float
-        Friction coefficient.
+        Friction coefficient: mean of Q/P in steady sliding.
     L, L_sd, h, h_sd : float
         Elastic length and the roughness that it stands for, ``L = (2 - nu)/(2 (1 - nu)) h``,
         metres.
     E, E_sd : float
-        Young's modulus, pascals.
+        Young's modulus at which the traction balances Q over the run, pascals.
     D : ndarray, shape (nt,)
-        Displacement of the block far away in each frame, metres; NaN in frames without a
-        measurement.
+        Displacement of the block far away in each frame, metres; NaN in frames that could not be
+        inverted.
+    radius, pressure, pressure_sd : ndarray, shape (nr,)
+        Measured pressure p(r) = sigma_sliding/mu at the radii of the rings, pascals, metres.
+    slip, ratio : ndarray, shape (nt, nr)
+        Local slip (m) and traction over that of sliding: the master curve (paper, Fig. 15) over mu.
+        NaN where they tell nothing.
     reduced_chi2 : float
-        Per degree of freedom, outliers clipped.
+        Mean square distance of the points from the law in their uncertainty.
+    sliding : int
+        Number of frames of steady sliding.
     notes : tuple of str
         What the numbers rest on, or why there are none.
     """
@@ -74,134 +83,119 @@ class LocalLaw:
     h_sd: float = np.nan
     E: float = np.nan
     E_sd: float = np.nan
-    D: F64 | None = None
+    D: F64 = field(default_factory=lambda: np.empty(0))
+    radius: F64 = field(default_factory=lambda: np.empty(0))
+    pressure: F64 = field(default_factory=lambda: np.empty(0))
+    pressure_sd: F64 = field(default_factory=lambda: np.empty(0))
+    slip: F64 = field(default_factory=lambda: np.empty((0, 0)))
+    ratio: F64 = field(default_factory=lambda: np.empty((0, 0)))
     reduced_chi2: float = np.nan
+    sliding: int = 0
     notes: tuple[str, ...] = ()
 
 
-def displacement_in_rings(
-    state: LoadingState, r: ArrayLike, box: float = 0.0, width: float = 0.0
-) -> F64:
-    """Mean of u_x over rings in a state of the loading solution, metres, as measured with boxes and
-    rings of a given size; shape of `r`.
-    """
-    return np.asarray(state.D - seen_in_rings(lambda at: state.displacement(at)[0], r, box, width))
+def law_of(slip: ArrayLike, mu: float, L: float) -> F64:
+    """Traction over that of sliding, ``1 - exp(-s/(mu L))``, linear below zero slip."""
+    t = np.asarray(slip, dtype=np.float64) / (mu * L)
+    return np.where(t > 0, -np.expm1(-np.maximum(t, 0.0)), t)
 
 
 def fit_local_law(
-    radii: ArrayLike,
-    ux: ArrayLike,
-    ux_sd: ArrayLike,
+    rings: Sequence[Rings],
     P: ArrayLike,
     Q: ArrayLike,
+    inversion: AxisymmetricInversion,
     *,
-    E: float,
-    nu: float,
-    R: float,
     Q_sd: float = 1e-3,
-    thickness: float = math.inf,
-    box: float = 0.0,
-    width: float = 0.0,
+    seed: int = 0,
 ) -> LocalLaw:
-    """mu, L and E for which the loading solution meets u_x(r) and Q in all frames, the block's
-    displacement in each frame unknown.
+    """mu, L, E and p(r) from a loading run that ends in sliding.
 
     Parameters
     ----------
-    radii : array_like, shape (nr,)
-        Metres.
-    ux, ux_sd : array_like, shape (nt, nr)
-        Ring means of u_x since the start of a first loading, lens removed, and their standard
-        errors, metres. NaN where not measured.
+    rings : sequence of Rings, length nt
+        Ring means of u_x since the start of a first loading, lens removed, metres.
     P, Q : array_like, shape (nt,)
-        Normal and shear force, newtons; P should be constant: its median is used.
-    E : float
-        First guess of Young's modulus, pascals, within 30 % or so.
-    nu, R : float
-        Poisson's ratio, and the sphere's radius (m).
+        Normal and shear force, newtons.
+    inversion : AxisymmetricInversion
+        Of these rings, with any modulus: the balance with Q corrects it.
     Q_sd : float
         Noise of the shear force, newtons.
-    thickness : float
-        Of the block on its rigid plate, metres.
-    box, width : float
-        Side of the correlation boxes and width of the rings, metres.
+    seed : int
+        Of the noise that is drawn for the uncertainties.
 
     Notes
     -----
-    Q fixes mu, the shape of u_x the modulus, and the displacement at the centre L. Rings within 1.5
-    a are compared, with the noise of the typical frame. Half of its variance is the reference
-    image's, shared by all frames, and neighbouring rings share that of overlapping boxes: the
-    uncertainty, widened to the scatter of the residuals, is that of errors shared so.
+    A frame slides once the slip at the centre, the least of all, exceeds 7 mu L. The uncertainty is
+    that of `DRAWS` runs with noise as stated on the fitted displacements, half of its variance
+    shared by all frames, which is the reference image's; their mean corrects L for noise in slip.
     """
-    r, force = np.asarray(radii, dtype=np.float64), np.asarray(Q, dtype=np.float64)
-    load = float(np.nanmedian(np.asarray(P, dtype=np.float64)))
-    if not load > 0:
+    normal, shear = (np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q))
+    run = _inverted(rings, normal, shear, inversion)
+    if len(run.Q) < FEWEST:
+        return _no_law(f"{len(run.Q)} frames could be inverted; {FEWEST} or more are needed")
+    if not run.P.min() > 0:
         return _no_law(
-            f"a normal force of {load:.3g} N was measured; without contact there is no friction"
+            f"a normal force of {run.P.min():.3g} N was measured; without contact there is no"
+            " friction"
         )
-    a = hertz.contact_radius(load, E, nu, R)
-    near = r < REACH * a
-    r, u = r[near], np.asarray(ux, dtype=np.float64)[:, near]
-    u_sd = np.asarray(ux_sd, dtype=np.float64)[:, near]
-    measured = np.isfinite(u) & (u_sd > 0)
-    seen = measured.mean(axis=0) > 0.5
-    frames = np.isfinite(force) & (2 * measured[:, seen].sum(axis=1) > max(seen.sum(), 1))
-    if frames.sum() < FEWEST or seen.sum() < FEWEST:
+    if not run.Q.max() > 10 * Q_sd:
         return _no_law(
-            f"{frames.sum()} frames and {seen.sum()} rings were measured; {FEWEST} or more are"
-            " needed"
+            f"the shear force reached {run.Q.max():.3g} N at most, with a noise of {Q_sd:.2g} N;"
+            " drive further"
         )
-    top = float(np.max(force[frames]))
-    if not top > 10 * Q_sd:
-        return _no_law(
-            f"the shear force reached {top:.3g} N at most, with a noise of {Q_sd:.2g} N; drive"
-            " further"
-        )
-    both = np.ix_(frames, seen)
-    r, u, u_sd, measured = r[seen], u[both], u_sd[both], measured[both]
-    noise = np.sqrt(np.nanmedian(np.where(measured, u_sd, np.nan) ** 2, axis=0))
-    data = np.column_stack([np.where(measured, u, 0.0), force[frames]])
-    root = np.column_stack([measured / noise, np.full(len(u), 1 / Q_sd)])
-    fit = _Fit(data, root, load, nu, R, thickness, r, box, width)
-    found = fit.run(np.log([top / load, elastic_length(1e-6, nu), E]))
-    mu, L, modulus = np.exp(found.theta).tolist()
-    mu_sd, L_sd, E_sd = (np.exp(found.theta) * found.sd).tolist()
-    if not math.isfinite(found.off) and STIFFEST * a > L:
-        return _no_law(
-            f"L is below {STIFFEST * a * 1e6:.2g} um, too short to be determined: the interface"
-            " looks like Cattaneo and Mindlin's"
-        )
-    if not found.off * Q_sd < max(FORCE_OFF[0] * Q_sd, FORCE_OFF[1] * top):
-        why = f"Q is {found.off * Q_sd:.2g} N off"
-        return _no_law(
-            "displacements and forces do not go together"
-            f" ({why if math.isfinite(found.off) else 'the fit has not settled'}); check E, P and"
-            " the zero of Q"
-        )
-    if not (found.sd < LOST).all():
-        return _no_law(
-            f"mu, L, E come out within {', '.join(f'{v:.0%}' for v in found.sd)} only; drive until"
-            " it slides"
-        )
-    D = np.full(len(frames), np.nan)
-    D[frames] = found.D
-    rough = elastic_length(1.0, nu)
-    note = (
-        f"local law: {int(frames.sum())} frames, {len(r)} rings within {REACH:g} a; Q met within"
-        f" {found.off * Q_sd * 1e3:.2g} mN"
+    found = _fit(run)
+    if isinstance(found, str):
+        return _no_law(found)
+    draws = _draws(run, found, inversion, seed)
+    if len(draws) < DRAWS // 2:
+        return _no_law(f"with its noise drawn anew only {len(draws)} of {DRAWS} runs give a law")
+    slides = found.sliding
+    mu_sd = _mean_sd((run.Q / run.P)[slides], Q_sd / float(run.P[slides].mean()))
+    shares = np.array([d.L for d in draws]) / found.L
+    # what noise in the slip adds: the runs drawn have it once more
+    L = found.L / float(shares.mean())
+    wide = float(np.var(shares, ddof=1)) * max(found.chi2, 1.0) * (1 + 1 / len(draws))
+    L_sd = L * math.hypot(math.sqrt(wide), mu_sd / found.mu)
+    if not L_sd < LOST * L:
+        return _no_law(f"L comes out within {L_sd / L:.0%} only; drive until it slides")
+    pressure_sd = np.hypot(
+        found.slope.E / found.mu * run.sigma_sd[slides].mean(axis=0),
+        np.std([d.pressure for d in draws], axis=0, ddof=1),
     )
+    notes = [
+        f"local law: {len(run.Q)} frames, {int(slides.sum())} of them sliding,"
+        f" {found.points} points, {math.sqrt(found.chi2):.2g} times their uncertainty from the law"
+    ]
+    if found.chi2 > LARGEST_CHI2:
+        notes.append(
+            "local law: traction against slip does not follow mu p (1 - exp(-s/(mu L))): the points"
+            f" lie {math.sqrt(found.chi2):.2g} times their uncertainty off it; look at the master"
+            " curve, and check that the block was at rest at the reference"
+        )
+    rough = elastic_length(1.0, inversion.nu)
+    D = np.full(len(rings), np.nan)
+    D[run.frames] = run.D
+    slip, ratio = (np.full((len(rings), len(run.radius)), np.nan) for _ in range(2))
+    slip[run.frames], ratio[run.frames] = found.slip, found.ratio
     return LocalLaw(
-        mu=mu,
+        mu=found.mu,
         mu_sd=mu_sd,
         L=L,
         L_sd=L_sd,
         h=L / rough,
         h_sd=L_sd / rough,
-        E=modulus,
-        E_sd=E_sd,
+        E=found.slope.E * inversion.E,
+        E_sd=found.slope.E_sd * inversion.E,
         D=D,
+        radius=run.radius,
+        pressure=found.pressure,
+        pressure_sd=pressure_sd,
+        slip=slip,
+        ratio=ratio,
         reduced_chi2=found.chi2,
-        notes=(note,),
+        sliding=int(slides.sum()),
+        notes=tuple(notes),
     )
 
 
@@ -209,115 +203,178 @@ def _no_law(reason: str) -> LocalLaw:
     return LocalLaw(notes=(f"local law: {reason}",))
 
 
-class _Loading:
-    """u_x in rings, and Q in the last column, as smooth functions of the block's D."""
+@dataclass(frozen=True)
+class _Run:
+    """Inverted frames: (nt,), and (nt, nr) inside the mask."""
 
-    def __init__(self, contact: SphereContact, r: F64, box: float, width: float) -> None:
-        # there exp(-10) of the interface is still to slip
-        furthest = contact.full_shift + 10 * contact.mu * contact.L
-        states = AxisymmetricLoading(contact).table(STATES, furthest)
-        rows = [np.append(displacement_in_rings(s, r, box, width), s.Q) for s in states]
-        self.furthest = states[-1].D
-        self._of_D = CubicSpline([s.D for s in states], np.array(rows))
-        self._slope = self._of_D.derivative()
-        self._sliding = np.append(np.ones(len(r)), 0.0)
+    frames: Bool  # (all frames,)
+    P: F64
+    Q: F64
+    D: F64
+    radius: F64
+    slip: F64
+    slip_sd: F64
+    sigma: F64
+    sigma_sd: F64
+    integral: F64
+    integral_sd: F64
+    fitted: F64  # (nt, all rings): displacements of the fit, as measured
+    rings: tuple[Rings, ...]
 
-    def at(self, D: F64) -> F64:
-        """Shape (nt, nr + 1)."""
-        beyond = np.maximum(D - self.furthest, 0.0)[:, None]
-        return np.asarray(self._of_D(np.minimum(D, self.furthest)) + beyond * self._sliding)
 
-    def slope(self, D: F64) -> F64:
-        """Derivative by D, shape (nt, nr + 1)."""
-        slope = self._slope(np.minimum(D, self.furthest))
-        return np.where((self.furthest > D)[:, None], slope, self._sliding)
+def _inverted(rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInversion) -> _Run:
+    inside = inversion.radius < inversion.mask_radius
+    frames = np.zeros(len(rings), np.bool_)
+    solved = []
+    for i, one in enumerate(rings):
+        if not (math.isfinite(P[i]) and math.isfinite(Q[i])):
+            continue
+        try:
+            solved.append(inversion.solve(one))
+        except ValueError:
+            continue
+        frames[i] = True
+    n = int(inside.sum())
+
+    def table(rows: list[F64], width: int) -> F64:
+        return np.array(rows) if rows else np.empty((0, width))
+
+    return _Run(
+        frames=frames,
+        P=P[frames],
+        Q=Q[frames],
+        D=np.array([s.D for s in solved]),
+        radius=inversion.radius[inside],
+        slip=table([inversion.slip(s)[inside] for s in solved], n),
+        slip_sd=table([inversion.noise_of(one)[inside] for one in _kept(rings, frames)], n),
+        sigma=table([s.sigma[inside] for s in solved], n),
+        sigma_sd=table([s.sigma_sd[inside] for s in solved], n),
+        integral=np.array([s.Q for s in solved]),
+        integral_sd=np.array([s.Q_sd for s in solved]),
+        fitted=table([inversion.seen(s) for s in solved], len(inversion.radius)),
+        rings=tuple(_kept(rings, frames)),
+    )
+
+
+def _kept(rings: Sequence[Rings], frames: Bool) -> list[Rings]:
+    return [one for one, is_kept in zip(rings, frames, strict=True) if is_kept]
 
 
 class _Fitted(NamedTuple):
-    """The outcome of a fit."""
+    """What one run of inverted frames comes down to."""
 
-    theta: F64  # logarithms of mu, L and E
-    sd: F64  # their standard uncertainties
-    D: F64  # (nt,) metres
-    chi2: float  # per degree of freedom
-    off: float  # how far off Q is, in its noise; infinite where the fit has not settled
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Least squares in (ln mu, ln L, ln E), every frame at its own best D."""
-
-    data: F64  # (nt, nr + 1)
-    root: F64  # of the weights
-    P: float
-    nu: float
-    R: float
-    thickness: float
-    r: F64
-    box: float
-    width: float
-
-    def _loading(self, theta: F64) -> _Loading:
-        mu, L, E = np.exp(theta).tolist()
-        contact = SphereContact(self.P, E, self.nu, self.R, mu, L, self.thickness)
-        return _Loading(contact, self.r, self.box, self.width)
-
-    def run(self, start: F64) -> _Fitted:
-        """The best fit near a first guess of the logarithms."""
-        theta, loading = start, self._loading(start)
-        D, scale, step = self._nearest(loading), 50.0, np.ones(3)
-        for _ in range(ROUNDS):
-            D = self._followed(loading, D, scale)
-            e, t = self._miss(loading, D), loading.slope(D) * self.root
-            scale = max(1.0, robust_sd(e[self.root > 0]))
-            weight = huber(e / scale)
-            if np.abs(step).max() > SMALL:
-                slopes = self._slopes(theta, loading.at(D), D)
-            along_D = (weight * t * slopes).sum(axis=2) / (weight * t * t).sum(axis=1)
-            J = slopes - t * along_D[:, :, None]  # D follows
-            H = np.einsum("aij,bij,ij->ab", J, J, weight) + WEAK * np.eye(3)
-            if np.abs(step).max() < AT_REST:
-                break
-            step = np.clip(np.linalg.solve(H, np.einsum("aij,ij,ij->a", J, weight, e)), -0.5, 0.5)
-            theta = np.clip(theta + step, start - FURTHEST, start + FURTHEST)
-            loading = self._loading(theta)
-        freedom = np.count_nonzero(self.root) - len(D) - 3
-        off = robust_sd(e[:, -1]) if np.abs(step).max() < AT_REST else np.inf
-        e = weight * e
-        chi2 = float((e * e).sum() / freedom)
-        wide = max(1.0, chi2) * correlation_factor(e[:, :-1])
-        rings, force = (weight * J)[:, :, :-1], (weight * J)[:, :, -1]
-        own, common = np.einsum("aij,bij->ab", rings, rings), rings.sum(axis=1)
-        meat = wide / 2 * (own + common @ common.T) + force @ force.T + WEAK * np.eye(3)
-        covariance = np.linalg.solve(H, np.linalg.solve(H, meat).T)
-        return _Fitted(theta, np.sqrt(np.diag(covariance)), D, chi2, off)
-
-    def _slopes(self, theta: F64, base: F64, D: F64) -> F64:
-        """Derivatives by the logarithms at constant D, in the noise, shape (3, nt, nr + 1)."""
-        moved = ((self._loading(theta + d).at(D) - base) / d.sum() for d in np.diag(STEPS))
-        return np.array([slope * self.root for slope in moved])
-
-    def _miss(self, loading: _Loading, D: F64) -> F64:
-        return (self.data - loading.at(D)) * self.root
-
-    def _nearest(self, loading: _Loading) -> F64:
-        """The best D of each frame among a thousand."""
-        grid = np.linspace(0, loading.furthest, 1000)
-        table, square = loading.at(grid), self.root**2
-        chi2 = square @ (table * table).T - 2 * (square * self.data) @ table.T
-        return np.asarray(grid[np.argmin(chi2, axis=1)])
-
-    def _followed(self, loading: _Loading, D: F64, scale: float) -> F64:
-        """The best D of each frame near the given ones."""
-        for _ in range(5):
-            e, t = self._miss(loading, D), loading.slope(D) * self.root
-            weight = huber(e / scale)
-            D = np.maximum(D + (weight * t * e).sum(axis=1) / (weight * t * t).sum(axis=1), 0.0)
-        return D
+    mu: float
+    L: float
+    slope: Modulus  # in that of the inversion
+    sliding: Bool  # (nt,)
+    pressure: F64  # (nr,)
+    slip: F64  # (nt, nr), NaN where not used
+    ratio: F64
+    chi2: float
+    points: int
 
 
-def huber(e: F64) -> F64:
-    """Weights of residuals in standard deviations: 1 up to `HUBER`, then falling as their inverse
-    (Huber 1964).
-    """
-    return np.asarray(1 / np.maximum(1.0, np.abs(e) / HUBER))
+def _fit(run: _Run, start: float = math.nan) -> _Fitted | str:
+    """The law through the points, or why there is none."""
+    at_centre = run.slip[:, :3].mean(axis=1)
+    count = len(run.Q)
+    slides = np.arange(count) >= count - FEWEST_SLIDING
+    soft = start
+    for _ in range(ROUNDS):
+        mu = float(np.mean((run.Q / run.P)[slides]))
+        if not mu > 0:
+            return "the shear force is not along the drive at the end of the run; check its sign"
+        load = run.P / run.P[slides].mean()
+        sliding = (run.sigma[slides] / load[slides, None]).mean(axis=0)
+        strong = sliding > LEAST_TRACTION * sliding.max()
+        if not sliding.max() > 0 or strong.sum() < 3:
+            return "no shear traction stands out of the noise while it slides"
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(strong, run.sigma / (sliding * load[:, None]), np.nan)
+            ratio_sd = np.where(strong, run.sigma_sd / sliding, np.nan)
+        soft = _slip_scale(run, ratio, ratio_sd, slides, soft)
+        if not math.isfinite(soft):
+            return "the traction does not grow with the slip; check E, P and the zero of Q"
+        again = at_centre > SLIDING * soft
+        if again.sum() < FEWEST_SLIDING:
+            return (
+                f"the centre slipped by {at_centre.max() * 1e6:.2g} um at most, and"
+                f" {SLIDING:g} mu L = {SLIDING * soft * 1e6:.2g} um or more in"
+                f" {FEWEST_SLIDING} frames are needed; drive further"
+            )
+        if np.array_equal(again, slides):
+            break
+        slides = again
+    used = np.isfinite(ratio) & (run.slip < FURTHEST * soft) & ~slides[:, None]
+    if used.sum() < FEWEST:
+        return f"{int(used.sum())} points lie on the rise of the law; take more frames"
+    off = _residual(run, ratio, ratio_sd, soft)[used]
+    slope = balance_modulus(run.integral, run.integral_sd, run.Q, 1.0)
+    if not math.isfinite(slope.E):
+        return "traction and shear force are not in proportion; check the sign and the zero of Q"
+    return _Fitted(
+        mu,
+        soft / mu,
+        slope,
+        slides,
+        slope.E * sliding / mu,
+        np.where(used, run.slip, np.nan),
+        np.where(used, ratio, np.nan),
+        float(np.mean(np.minimum(off**2, 25.0))),
+        int(used.sum()),
+    )
+
+
+def _residual(run: _Run, ratio: F64, ratio_sd: F64, soft: float) -> F64:
+    law = law_of(run.slip, 1.0, soft)
+    return np.asarray((ratio - law) / np.hypot(ratio_sd, (1 - law) / soft * run.slip_sd))
+
+
+def _slip_scale(run: _Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float) -> float:
+    """Mu L in metres: the slip over which the traction comes up."""
+    used = np.isfinite(ratio) & np.isfinite(run.slip) & ~slides[:, None]
+    if used.sum() < FEWEST:
+        return math.nan
+    if not math.isfinite(start):
+        half = used & (np.abs(ratio - 0.5) < 0.2) & (run.slip > 0)
+        if not half.any():
+            return math.nan
+        start = float(np.median(run.slip[half])) / math.log(2)
+    weight = 1 / np.hypot(ratio_sd, np.exp(-np.maximum(run.slip, 0) / start) / start * run.slip_sd)
+
+    def off(scale: F64) -> F64:
+        law = law_of(run.slip, 1.0, start * math.exp(float(scale[0])))
+        return np.asarray(((ratio - law) * weight)[used])
+
+    spread = max(1.0, robust_sd(off(np.zeros(1))))
+    found = least_squares(off, [0.0], loss="huber", f_scale=2.5 * spread, xtol=1e-6)
+    return start * math.exp(float(np.clip(found.x[0], -3, 3)))
+
+
+def _draws(run: _Run, found: _Fitted, inversion: AxisymmetricInversion, seed: int) -> list[_Fitted]:
+    """The fit to runs with noise drawn anew on the fitted displacements."""
+    rng = np.random.default_rng(seed)
+    frames = np.unique(np.linspace(0, len(run.Q) - 1, MOST_FRAMES).round().astype(int))
+    slides = np.flatnonzero(found.sliding)
+    frames = np.union1d(frames, slides[-min(len(slides), 2 * FEWEST_SLIDING) :])
+    drawn = []
+    for _ in range(DRAWS):
+        reference = inversion.drawn_noise(run.rings[frames[0]], rng)
+        rings = []
+        for i in frames:
+            own = inversion.drawn_noise(run.rings[i], rng)
+            noisy = run.fitted[i, : len(own)] + (own + reference[: len(own)]) / math.sqrt(2)
+            rings.append(replace(run.rings[i], mean=noisy))
+        fit = _fit(_inverted(rings, run.P[frames], run.Q[frames], inversion), found.mu * found.L)
+        if not isinstance(fit, str):
+            drawn.append(fit)
+    return drawn
+
+
+def _mean_sd(values: F64, least: float) -> float:
+    """Standard uncertainty of a mean whose successive values may be correlated."""
+    n, off = len(values), values - values.mean()
+    power = float(off @ off)
+    correlation = float(off[1:] @ off[:-1]) / power if power > 0 else 0.0
+    wide = max(1.0, (1 + correlation) / (1 - min(correlation, 0.95)))
+    return math.sqrt(max(power / max(n - 1, 1), least**2) * wide / n)

@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64
+from analysis.friction.stick import seen_in_rings
+from analysis.mechanics.loading import LoadingState
 
 FEWEST = 5  # rings in the parabola
 ROUNDS = 4
@@ -93,6 +95,15 @@ def _no_peak(reason: str) -> StressPeak:
     return StressPeak(notes=(f"stress peak: {reason}",))
 
 
+def displacement_in_rings(
+    state: LoadingState, r: ArrayLike, box: float = 0.0, width: float = 0.0
+) -> F64:
+    """Mean of u_x over rings in a state of the loading solution, metres, as measured with boxes and
+    rings of a given size; shape of `r`.
+    """
+    return np.asarray(state.D - seen_in_rings(lambda at: state.displacement(at)[0], r, box, width))
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """What an estimate of c is worth in terms of a definition of c: arrays of shape (m,), metres,
@@ -149,7 +160,7 @@ def calibrate(
         through, with box, inversion and regularisation. NaN where it fails.
     profiles : array_like, shape (m, n)
         Mean of u_x over each ring in m states of the model, without noise
-        (`friction.stick.seen_in_rings`).
+        (`displacement_in_rings`).
     truth : array_like, shape (m,)
         c in each state by the definition wanted, metres: of Cattaneo and Mindlin, or
         `LoadingState.peak_radius`.

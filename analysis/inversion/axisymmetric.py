@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,6 +61,11 @@ class AxisymmetricInversion:
     thickness : float
         Of the block on a rigid plate, metres; default a half-space.
 
+    Attributes
+    ----------
+    radius, points : ndarray, shape (n,)
+        Radius of each ring, metres, and the number of points in a whole one.
+
     Raises
     ------
     ValueError
@@ -95,14 +101,17 @@ class AxisymmetricInversion:
         _check(x, r, width, mask_radius, E, nu, edge)
         pitch = float(x[0, 1] - x[0, 0])
         A = self.mask_radius = float(mask_radius)
+        self.E, self.nu = float(E), float(nu)
         radii = self._radii = _basis_radii(A, edge, min(BASIS, int(A / width)))
         n = int(r.max() / width) + 1
         self.radius = np.asarray((np.arange(n) + 0.5) * width, dtype=np.float64)
-        self._full = 2 * np.pi * self.radius * width / pitch**2
+        self.points = 2 * np.pi * self.radius * width / pitch**2
         scale = (1 + nu) / (np.pi * E) * (1 - nu / 2)
         green = scale * _mean_phi0(self.radius, radii, box, width)
+        self._green = scale * phi0(self.radius[:, None], radii)
         if math.isfinite(thickness):
-            green += 2 / 3 * np.pi * radii**2 * _layer(self.radius, radii, E, nu, thickness)
+            layer = 2 / 3 * np.pi * radii**2 * _layer(self.radius, radii, E, nu, thickness)
+            green, self._green = green + layer, self._green + layer
         self._design = np.column_stack([np.ones(n), -green])
         self._sigma = np.column_stack([np.zeros(n), self._terms(self.radius)])
         self._force = np.concatenate([[0.0], 2 / 3 * np.pi * radii**2])
@@ -117,6 +126,32 @@ class AxisymmetricInversion:
         """
         r = np.asarray(r, dtype=np.float64)
         return np.asarray(self._terms(r.ravel()) @ coefficients).reshape(r.shape)
+
+    def slip(self, found: RadialInversion) -> F64:
+        """u_x at the rings' radii, metres, with the averaging over boxes and rings undone."""
+        return np.asarray(found.D - self._green @ found.coefficients)
+
+    def seen(self, found: RadialInversion) -> F64:
+        """u_x in the rings as the solution says that it is measured, metres."""
+        return np.asarray(self._design @ np.append(found.D, found.coefficients))
+
+    def noise_of(self, rings: Rings) -> F64:
+        """Standard uncertainty of the ring means, metres, NaN where there are none."""
+        sd = np.full(len(self.radius), np.nan)
+        n = min(len(sd), len(rings.mean))
+        sd[:n] = np.maximum(_pooled(rings)[:n], LEAST_ERROR) * self._widening[:n]
+        return sd
+
+    def drawn_noise(self, rings: Rings, rng: np.random.Generator) -> F64:
+        """Noise of ring means as stated, neighbours sharing that of overlapping boxes; metres."""
+        noise = self._correlated @ rng.standard_normal(len(self.radius))
+        return np.asarray((noise * np.nan_to_num(self.noise_of(rings)))[: len(rings.mean)])
+
+    @cached_property
+    def _correlated(self) -> F64:
+        """Root of the correlation matrix of the rings."""
+        values, vectors = np.linalg.eigh(self._correlation)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def _terms(self, r: F64) -> F64:
         return np.sqrt(np.maximum(1 - (r[:, None] / self._radii) ** 2, 0.0))
@@ -142,9 +177,9 @@ class AxisymmetricInversion:
             Too few rings are left to tell stress from displacement.
         """
         n = min(len(self.radius), len(rings.mean))
-        u, sd, coverage = (np.full(len(self.radius), v) for v in (np.nan, np.nan, 0.0))
-        u[:n], coverage[:n] = rings.mean[:n], rings.count[:n] / self._full[:n]
-        sd[:n] = np.maximum(_pooled(rings)[:n], LEAST_ERROR) * self._widening[:n]
+        u, coverage = (np.full(len(self.radius), v) for v in (np.nan, 0.0))
+        u[:n], coverage[:n] = rings.mean[:n], rings.count[:n] / self.points[:n]
+        sd = self.noise_of(rings)
         used = np.isfinite(u) & np.isfinite(sd) & (coverage >= LEAST_COVERAGE)
         measured = int(used.sum())
         for _ in range(2):

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from analysis.friction.local_law import LocalLaw
-from analysis.friction.modulus import Modulus
 from analysis.friction.onset import Onset, sliding_onset
+from analysis.friction.pressure import check_pressure
 from analysis.mechanics import hertz
 from app.engine.law import local_law
 from app.engine.setup import sensor_chain
@@ -19,6 +19,7 @@ from app.settings import Config
 
 LOG = logging.getLogger(__name__)
 T = TypeVar("T")
+SCALE_SD = 0.01  # relative, of pixel size and radius of the lens together
 
 
 def attempt(notes: list[str], what: str, estimator: Callable[[], T], otherwise: T) -> T:
@@ -56,14 +57,24 @@ def summarise(
     force = float(normal.mean()) if drive else math.nan
     notes = list(notes)
     onset = attempt(notes, "onset", lambda: sliding_onset(time, centre, shear, normal), Onset())
-    law, modulus = attempt(
-        notes, "local law", lambda: local_law(config, drive), (LocalLaw(), Modulus())
+    hertz_m = hertz_radius_m(config, force)
+    law = attempt(
+        notes, "local law", lambda: local_law(config, drive, contact, hertz_m), LocalLaw()
+    )
+    calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
+    sample, common = config.sample, math.hypot(calibration, SCALE_SD)
+    told = (force, sample.poisson, sample.lens_radius, sample.roughness)
+    pressure = attempt(
+        notes,
+        "pressure",
+        lambda: check_pressure(law, *told, relative_sd=common).notes if law.sliding else (),
+        (),
     )
     return Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
         apparent_radius_sd_m=contact.apparent_radius_sd_m if contact else math.nan,
-        hertz_radius_m=hertz_radius_m(config, force),
+        hertz_radius_m=hertz_m,
         onset_time_s=onset.time,
         onset_time_sd_s=onset.time_sd,
         static_force_n=onset.static_force,
@@ -72,12 +83,12 @@ def summarise(
         mu_d=onset.mu_d,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
-        notes=(*notes, *onset.notes, *law.notes, *modulus.notes),
+        notes=(*notes, *onset.notes, *law.notes, *pressure),
         law_mu=law.mu,
         law_mu_sd=law.mu_sd,
         law_length_m=law.L,
         law_length_sd_m=law.L_sd,
-        young_modulus_pa=modulus.E,
-        young_modulus_sd_pa=modulus.E_sd,
-        calibration_sd=math.hypot(*sensor_chain(config).relative_uncertainty()),
+        young_modulus_pa=law.E,
+        young_modulus_sd_pa=law.E_sd,
+        calibration_sd=calibration,
     )

@@ -1,4 +1,4 @@
-"""The local friction law and Young's modulus from the tractions of a drive."""
+"""The local friction law, Young's modulus and the pressure from the ring means of a drive."""
 
 from __future__ import annotations
 
@@ -7,51 +7,52 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from analysis.contact.rings import Rings
 from analysis.friction.local_law import LocalLaw, fit_local_law
-from analysis.friction.modulus import Modulus, balance_modulus
+from analysis.inversion.axisymmetric import AxisymmetricInversion
+from app.engine.setup import grid_of
+from app.engine.tractions import radial_inversion
 from app.numbers import series_of
-from app.records import Snapshot
+from app.records import ContactResult, RingProfile, Snapshot
 from app.settings import Config
 
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
 
 
-def local_law(config: Config, drive: Sequence[Snapshot]) -> tuple[LocalLaw, Modulus]:
-    """The local friction law and Young's modulus from the tractions of a drive; NaN where there are
-    none.
+def local_law(
+    config: Config, drive: Sequence[Snapshot], contact: ContactResult | None, hertz_m: float
+) -> LocalLaw:
+    """The local friction law from the rings of a drive; NaN where no traction was computed.
+
+    `hertz_m` is Hertz's contact radius under the normal force, metres.
     """
-    measured = [s for s in drive if s.traction is not None]
-    if not measured:
-        return LocalLaw(), Modulus()
-    sample, pixel_m = config.sample, config.camera.pixel
-    P, Q, integral, integral_sd = (
-        series_of(measured, name)
-        for name in ("normal_force_n", "shear_force_n", "stress_force_n", "stress_force_sd_n")
-    )
+    if contact is None or not any(s.traction for s in drive):
+        return LocalLaw()
+    measured = [s for s in drive if s.rings is not None]  # a long series keeps those of some frames
+    P, Q = (series_of(measured, name) for name in ("normal_force_n", "shear_force_n"))
+    inversion = radial_inversion(config, *_places(config, contact), hertz_m)
+    rings = [_counted(s.rings, inversion) for s in measured if s.rings is not None]
+    return fit_local_law(rings, P, Q, inversion, Q_sd=force_noise(Q))
+
+
+def force_noise(Q: np.ndarray) -> float:
+    """Standard deviation of the noise of a force from frame to frame, newtons."""
     noise = FORCE_NOISE_N
     if len(Q) > 8:
         noise = float(1.4826 * np.median(np.abs(np.diff(Q, 2))) / math.sqrt(6))
-    noise = max(noise, 0.01 * FORCE_NOISE_N)
-    # a long series keeps the rings of some frames
-    rings = [s.rings for s in measured if s.rings is not None]
-    is_ringed = np.array([s.rings is not None for s in measured])
-    n = max(len(one.radius_m) for one in rings)
-    radii, ux, sd = (
-        np.array([np.pad(row, (0, n - len(row)), constant_values=np.nan) for row in rows])
-        for rows in zip(*((one.radius_m, one.ux_m, one.sd_m) for one in rings), strict=True)
-    )
-    law = fit_local_law(
-        np.nanmedian(radii, axis=0),
-        ux,
-        sd,
-        P[is_ringed],
-        Q[is_ringed],
-        E=sample.young_modulus,
-        nu=sample.poisson,
-        R=sample.lens_radius,
-        Q_sd=noise,
-        thickness=sample.depth,
-        box=config.dic.averaging_box_px * pixel_m,
-        width=config.dic.step * pixel_m,
-    )
-    return law, balance_modulus(integral, integral_sd, Q, sample.young_modulus, Q_sd=noise)
+    return max(noise, 0.01 * FORCE_NOISE_N)
+
+
+def _places(config: Config, contact: ContactResult) -> tuple[np.ndarray, np.ndarray]:
+    """Grid points from the contact's centre, metres, shape (ny, nx)."""
+    grid, pixel_m = grid_of(config), config.camera.pixel
+    x, y = contact.centre_px
+    columns, rows = np.meshgrid(grid.x_px - x, grid.y_px - y)
+    return columns * pixel_m, rows * pixel_m
+
+
+def _counted(rings: RingProfile, inversion: AxisymmetricInversion) -> Rings:
+    """The rings with the number of points that a whole one has."""
+    n = min(len(rings.ux_m), len(inversion.radius))
+    count = np.where(np.isfinite(rings.ux_m[:n]), inversion.points[:n].round(), 0)
+    return Rings(rings.radius_m[:n], rings.ux_m[:n], rings.sd_m[:n], count.astype(np.int64))

@@ -25,7 +25,8 @@ from app.settings import Config
 ITERATIONS = 5
 OFTEN = 0.1  # share of the frames from which a doubt is told
 PEAK_REACH = 0.1  # of a: the parabola through the largest traction goes so far to either side
-MARGIN = 2  # pitches by which the mask is larger than the apparent contact
+# in sqrt(R h), and in pitches: beyond, a rough contact has less than 1 % of its pressure
+RIM, MARGIN = 2.0, 2
 
 
 class Tractions:
@@ -53,19 +54,7 @@ class Tractions:
                 "stress: there is no normal force, so that the contact has no radius; press it"
                 " before the reference is taken"
             )
-        self._profile = AxisymmetricInversion(
-            x_m,
-            y_m,
-            self._pitch,
-            hertz_radius_m + sample.rim + MARGIN * self._pitch,
-            sample.young_modulus,
-            sample.poisson,
-            edge=hertz_radius_m,
-            box=config.dic.averaging_box_px * pixel_m,
-            noise_box=config.dic.box * pixel_m,
-            thickness=sample.depth,
-        )
-
+        self._profile = radial_inversion(config, x_m, y_m, hertz_radius_m)
         self._frames = self._uncovered = self._doubtful = 0
         self._refused, self._refusal = 0, ""
         self._reach = PEAK_REACH * hertz_radius_m
@@ -140,6 +129,26 @@ class Tractions:
         )
         traction = Traction(peak.radius, peak.radius_sd, found.D, found.D_sd, found.Q, found.Q_sd)
         return traction, StressProfile(radius, sigma, found.sigma_sd[inside])
+
+
+def radial_inversion(
+    config: Config, x_m: F64, y_m: F64, hertz_radius_m: float
+) -> AxisymmetricInversion:
+    """The inversion of the ring means of a run; parameters and errors as for `Tractions`."""
+    sample, pixel_m = config.sample, config.camera.pixel
+    pitch = config.dic.step * pixel_m
+    return AxisymmetricInversion(
+        x_m,
+        y_m,
+        pitch,
+        hertz_radius_m + RIM * sample.rim + MARGIN * pitch,
+        sample.young_modulus,
+        sample.poisson,
+        edge=hertz_radius_m,
+        box=config.dic.averaging_box_px * pixel_m,
+        noise_box=config.dic.box * pixel_m,
+        thickness=sample.depth,
+    )
 
 
 def as_seen(ux_m: F64, pitch_m: float) -> tuple[Any, Any]:

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from friction import elasto_plastic_world as smooth
 from scipy.interpolate import CubicSpline
 from scipy.special import ellipe, ellipk
+
+from . import elasto_plastic_world as smooth
 
 E, NU, R, MU, L = smooth.E, smooth.NU, smooth.R, smooth.MU, smooth.L
 H = 0.6e-6  # metres, standard deviation of the heights
@@ -86,8 +87,20 @@ class State(smooth.State):
     """The contact with the block driven by D; `a` is the radius where the pressure ends."""
 
 
+def exponential(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The interface's law: traction over mu p at a slip in mu L, and its derivative."""
+    return -np.expm1(-t), np.exp(-t)
+
+
+def hyperbolic_tangent(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Another law of the same initial slope, which is steeper and saturates earlier."""
+    return np.tanh(t), 1 / np.cosh(t) ** 2
+
+
 class World:
     """A contact under a pressure p(r) that ends at `reach`."""
+
+    share = staticmethod(exponential)
 
     def __init__(
         self,
@@ -131,10 +144,10 @@ class World:
     def _slip(self, D: float, s: np.ndarray) -> np.ndarray:
         soft = self.mu * self.L
         for _ in range(80):
-            decay = np.exp(-s / soft)
-            miss = s + self.matrix @ (self.mu * self.p * (1 - decay)) - D
+            share, slope = self.share(s / soft)
+            miss = s + self.matrix @ (self.mu * self.p * share) - D
             step = np.linalg.solve(
-                np.eye(ANNULI) + self.matrix * (self.mu * self.p * decay / soft), -miss
+                np.eye(ANNULI) + self.matrix * (self.mu * self.p * slope / soft), -miss
             )
             s = s + step * min(1.0, 2 * soft / max(np.abs(step).max(), 1e-300))
             if np.abs(step).max() < FINEST:
@@ -142,7 +155,7 @@ class World:
         raise AssertionError("the truth has not converged")
 
     def _state(self, D: float, s: np.ndarray) -> State:
-        sigma = self.mu * self.p * -np.expm1(-s / (self.mu * self.L))
+        sigma = self.mu * self.p * self.share(s / (self.mu * self.L))[0]
         g0, dense = self._dense @ sigma, smooth.DENSE
         swept = CubicSpline(dense, g0 * dense).antiderivative()(dense)
         mean = np.divide(2 * swept, dense**2, out=g0.copy(), where=dense > 0)
@@ -173,11 +186,13 @@ def drive(
     *,
     end: float = 1.3,
     compliance: float = 1 / 9579 + 0.68e-6,
+    law: Callable = exponential,
 ) -> smooth.Run:
     """Frames evenly spaced in time, from rest to `end` times the distance at which the contact
     slides; h = 0 is Hertz's pressure.
     """
     world = rough(P, h) if h else World(P, *hertz_pressure(P))
+    world.share = law
     D = np.linspace(0, (end + 0.1) * world.full, 60)[1:]
     stage = np.append(0.0, D + compliance * np.array([state.Q for state in world.run(D)]))
     slides = world.full + compliance * world.mu * P

@@ -5,9 +5,8 @@ import pytest
 from friction import elasto_plastic_world as world
 
 from analysis.contact.rings import Rings
-from analysis.friction.local_law import displacement_in_rings
 from analysis.friction.stick import fit_stick_radius, seen_in_rings
-from analysis.friction.stress_peak import calibrate, stress_peak
+from analysis.friction.stress_peak import calibrate, displacement_in_rings, stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact

@@ -1,0 +1,192 @@
+"""The measured pressure p(r) = sigma_sliding/mu beside its models: Hertz, Greenwood and Tripp, and
+the density of the micro-contacts that an image shows.
+
+The width of p(r) gives Young's modulus from the geometry of the contact, independent of the shear
+force: whether force and traction agree is told by comparing it with that of their balance.
+
+References
+----------
+Greenwood, Tripp 1967; Johnson, Contact Mechanics, sections 4.2 and 13.5; Prevost et al. 2013,
+section 2.3.1 and Fig. 3b.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from analysis.arrays import F64
+from analysis.friction.local_law import LocalLaw
+from analysis.mechanics import greenwood_tripp, hertz
+
+DISAGREE = 3.0  # standard uncertainties from which force and traction do not go together
+FEWEST = 5  # rings
+CLEAR = 0.02  # of the peak: rings with a lower pressure tell nothing of its shape
+FURTHEST = 3.0  # factor by which the modulus from the geometry may be off the other
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureCheck:
+    """How the measured pressure compares with models of the same force, radius and modulus.
+
+    Attributes
+    ----------
+    hertz, rough : ndarray, shape (nr,)
+        Pressures after Hertz and after Greenwood and Tripp at the radii measured, pascals.
+    hertz_chi2, rough_chi2 : float
+        Mean square distance of the measured pressure from each, in its uncertainty.
+    effective_radius, effective_radius_sd : float
+        ``(3 pi/4) sum of p r dr / sum of p dr`` of the measured pressure, metres: Hertz's radius of
+        a smooth contact.
+    E, E_sd : float
+        Modulus for which Greenwood and Tripp's contact has that radius, pascals.
+    ratio, ratio_sd : float
+        E from the balance of the forces over E from the geometry; 1 where force and traction agree.
+    notes : tuple of str
+    """
+
+    hertz: F64
+    rough: F64
+    hertz_chi2: float = math.nan
+    rough_chi2: float = math.nan
+    effective_radius: float = math.nan
+    effective_radius_sd: float = math.nan
+    E: float = math.nan
+    E_sd: float = math.nan
+    ratio: float = math.nan
+    ratio_sd: float = math.nan
+    notes: tuple[str, ...] = ()
+
+
+def check_pressure(
+    law: LocalLaw, P: float, nu: float, R: float, h: float, *, relative_sd: float = 0.0
+) -> PressureCheck:
+    """Compare the pressure of a law with its models.
+
+    Parameters
+    ----------
+    law : LocalLaw
+        With a pressure and a modulus.
+    P, nu, R, h : float
+        Normal force (N), Poisson's ratio, radius of the sphere (m), standard deviation of the
+        heights (m).
+    relative_sd : float
+        Relative uncertainty of the ratio of the two moduli from what both rest on: pixel size,
+        forces, R.
+    """
+    r, p, sd = law.radius, law.pressure, law.pressure_sd
+    if not (len(r) and math.isfinite(law.E)):
+        return PressureCheck(
+            hertz=np.empty(0),
+            rough=np.empty(0),
+            notes=("pressure: no law was found, so there is none to compare",),
+        )
+    a = hertz.contact_radius(P, law.E, nu, R)
+    smooth = hertz.pressure(r, P, a)
+    rough = _rough(P, law.E, nu, R, h, r)
+    seen = np.isfinite(sd) & (sd > 0)
+    width, width_sd = _effective_radius(r, p, sd)
+    E = E_sd = ratio = ratio_sd = math.nan
+    notes: tuple[str, ...] = ()
+    if (p > CLEAR * p.max()).sum() >= FEWEST and math.isfinite(width):
+        E, slope = _modulus_of_radius(width, P, law.E, nu, R, h)
+        E_sd = abs(slope) * width_sd
+        ratio = law.E / E
+        ratio_sd = ratio * math.sqrt((law.E_sd / law.E) ** 2 + (E_sd / E) ** 2 + relative_sd**2)
+        if abs(ratio - 1) > DISAGREE * ratio_sd:
+            notes = (
+                f"pressure: force and traction do not agree: E from their balance is {ratio:.3f} ±"
+                f" {ratio_sd:.3f} times that from the contact's width; check both cantilevers, the"
+                " pixel size and R",
+            )
+    return PressureCheck(
+        hertz=smooth,
+        rough=rough,
+        hertz_chi2=_chi2(p, smooth, sd, seen),
+        rough_chi2=_chi2(p, rough, sd, seen),
+        effective_radius=width,
+        effective_radius_sd=width_sd,
+        E=E,
+        E_sd=E_sd,
+        ratio=ratio,
+        ratio_sd=ratio_sd,
+        notes=notes,
+    )
+
+
+def _rough(P: float, E: float, nu: float, R: float, h: float, r: F64) -> F64:
+    """Greenwood and Tripp's pressure, or Hertz's where they are the same."""
+    a = hertz.contact_radius(P, E, nu, R)
+    if h * R / a**2 < greenwood_tripp.SMOOTHEST:
+        return hertz.pressure(r, P, a)
+    return greenwood_tripp.rough_contact(P, E, nu, R, h).pressure(r)
+
+
+def _chi2(p: F64, model: F64, sd: F64, seen: np.ndarray) -> float:
+    return float(np.mean(((p - model)[seen] / sd[seen]) ** 2)) if seen.any() else math.nan
+
+
+def _effective_radius(r: F64, p: F64, sd: F64) -> tuple[float, float]:
+    """``(3 pi/4) sum of p r dr / sum of p dr`` of evenly spaced rings, and its uncertainty: errors
+    of neighbouring rings are shared, those of the whole profile are in neither sum.
+    """
+    width = float(r[1] - r[0])
+    line, force = p.sum() * width, float(p @ r) * width
+    radius = 0.75 * math.pi * force / line
+    gain = (0.75 * math.pi * r - radius) * width / line
+    # smooth errors: each is shared by the ring and its two neighbours
+    spread = math.sqrt(3 * float((gain * np.nan_to_num(sd)) @ (gain * np.nan_to_num(sd))))
+    return radius, spread
+
+
+def _modulus_of_radius(
+    width: float, P: float, near: float, nu: float, R: float, h: float
+) -> tuple[float, float]:
+    """E at which the contact has an effective radius, and its derivative by the radius; NaN where
+    no modulus within a factor of `FURTHEST` has it.
+    """
+
+    def radius(E: float) -> float:
+        a = hertz.contact_radius(P, E, nu, R)
+        if h * R / a**2 < greenwood_tripp.SMOOTHEST:
+            return a
+        return greenwood_tripp.rough_contact(P, E, nu, R, h).effective_radius
+
+    low, high = near / FURTHEST, near * FURTHEST
+    if not radius(high) < width < radius(low):
+        return math.nan, math.nan
+    E = float(brentq(lambda E: radius(E) - width, low, high, rtol=1e-6))
+    step = 0.01 * E
+    return E, 2 * step / (radius(E + step) - radius(E - step))
+
+
+def micro_contact_chi2(distances: ArrayLike, radius: ArrayLike, pressure: ArrayLike) -> float:
+    """Whether micro-contacts lie as densely as the pressure says: reduced chi2 of their numbers in
+    rings, each with ten expected or more.
+
+    Parameters
+    ----------
+    distances : array_like, shape (n,)
+        Of the micro-contacts from the contact's centre, metres.
+    radius, pressure : array_like, shape (nr,)
+        Radii of even rings from the centre on (m) and pressure there (Pa).
+
+    References
+    ----------
+    Greenwood, Tripp 1967: the number of micro-contacts is proportional to the pressure.
+    """
+    at, r, p = (np.asarray(v, dtype=np.float64) for v in (distances, radius, pressure))
+    edges = np.append(r - r[0], r[-1] + r[0])
+    expected = np.maximum(p, 0) * r
+    counts = np.histogram(at, edges)[0].astype(np.float64)
+    if not (expected.sum() > 0 and counts.sum() > 0):
+        return math.nan
+    expected *= counts.sum() / expected.sum()
+    whole = (np.cumsum(expected) // 10).astype(int)
+    pooled = [(counts[whole == k].sum(), expected[whole == k].sum()) for k in np.unique(whole)]
+    found, due = np.array([pair for pair in pooled if pair[1] >= 5]).T
+    return float(((found - due) ** 2 / due).sum() / max(len(due) - 1, 1))
