@@ -26,11 +26,11 @@ import numpy as np
 
 from analysis.contact.rings import Rings
 from analysis.friction.local_law import LocalLaw, fit_local_law
-from analysis.friction.stick import fit_stick_radius, seen_in_rings
-from analysis.friction.stress_peak import calibrate, stress_peak
+from analysis.friction.stick import fit_stick_radius
+from analysis.friction.stress_peak import calibrate, displacement_in_rings, stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin
-from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from benchmarks.report import Report
 from tests.friction import elasto_plastic_world as world
 from tests.friction import rough_world
@@ -73,11 +73,6 @@ def local_law(
     """Estimate mu, L, E and p(r) as a run does."""
     rings = [Rings(run.radius, u, e, run.count) for u, e in zip(ux, error, strict=True)]
     return fit_local_law(rings, P, Q, inversion(P))
-
-
-def mean_displacement(state: LoadingState, r: np.ndarray) -> np.ndarray:
-    """Azimuthal mean of G*sigma in a state, metres."""
-    return state.displacement(r)[0]
 
 
 def samples(clean: Rings, sd: float, shared: bool, runs: int) -> list[Rings]:
@@ -136,13 +131,7 @@ def peaks(report: Report, loads: Sequence[float], runs: int) -> None:
         )
         forces = world.MU * P * (1 - np.linspace(0.2, 0.99, 30) ** 3)
         states = [loading.at_force(force) for force in forces]
-        model = [
-            s.D
-            - seen_in_rings(
-                lambda at, s=s: s.displacement(at)[0], run.radius, world.BOX, world.PITCH
-            )
-            for s in states
-        ]
+        model = [displacement_in_rings(s, run.radius, world.BOX, world.PITCH) for s in states]
         chosen = np.flatnonzero((run.peak > 0.25 * a) & (run.peak < 0.95 * a))[:: FRAMES // 12]
         truth, known = run.peak[chosen], [state.peak_radius for state in states]
         columns = [f"{share:.2f}" for share in truth / a]

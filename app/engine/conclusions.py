@@ -64,11 +64,12 @@ def summarise(
     calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
     sample, common = config.sample, math.hypot(calibration, SCALE_SD)
     told = (force, sample.poisson, sample.lens_radius, sample.roughness)
-    pressure = attempt(
+    nothing: tuple[str, ...] = ()
+    disagreement = attempt(
         notes,
         "pressure",
-        lambda: check_pressure(law, *told, relative_sd=common).notes if law.sliding else (),
-        (),
+        lambda: check_pressure(law, *told, relative_sd=common).notes if law.sliding else nothing,
+        nothing,
     )
     return Summary(
         normal_force_n=force,
@@ -83,7 +84,7 @@ def summarise(
         mu_d=onset.mu_d,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
-        notes=(*notes, *onset.notes, *law.notes, *pressure),
+        notes=(*notes, *onset.notes, *law.notes, *disagreement),
         law_mu=law.mu,
         law_mu_sd=law.mu_sd,
         law_length_m=law.L,
