@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from app.channels import Channels
 from app.schema import column, columns, record, uncertainty
+from app.summary import Summary
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -228,6 +229,14 @@ class Motion:
         "lens_displacement", "m", "motion of the lens since the reference, not taken off fields"
     )
     centre_ux_m: float = column("centre_ux", "m", "u_x at the contact's centre")
+    centre_ux_sd_m: float = uncertainty("centre_ux", "m", since=5, default=NAN)
+    drive_angle_rad: float = column(
+        "drive_angle",
+        "rad",
+        "direction of the drive in the picture, from +x towards +y (down), as used for this frame",
+        since=5,
+        default=NAN,
+    )
 
 
 @record("/entry/fields", rows="fields", shape=("ny", "nx"))
@@ -267,6 +276,9 @@ class Stick:
     stick_radius_sd_m: float = uncertainty("stick_radius", "m")
     full_slip_pa: float = column(
         "full_slip_stress", "Pa", "mu p0 of the profile that gave stick_radius", since=3
+    )
+    reduced_chi2: float = column(
+        "stick_chi2", "1", "reduced chi2 of that profile", since=5, default=NAN
     )
 
 
@@ -343,61 +355,6 @@ class ContactResult:
     )
     profile_grey: F64 = column(
         "profile/grey", "counts", "azimuthal mean of the background difference", shape=("profile",)
-    )
-
-
-@record("/entry/summary")
-class Summary:
-    """What a loading experiment comes down to; NaN where the run did not go far enough, with the
-    reason in `notes`.
-
-    `*_sd` is a standard uncertainty; that of the cantilevers' stiffness is in none but
-    `calibration_sd`.
-    """
-
-    normal_force_n: float = column("normal_force", "N", "P")
-    apparent_radius_m: float = column("apparent_radius", "m", "a")
-    apparent_radius_sd_m: float = uncertainty("apparent_radius", "m")
-    hertz_radius_m: float = column("hertz_radius", "m", "contact radius after Hertz")
-    onset_time_s: float = column(
-        "onset_time", "s", "t_s, the onset of sliding, from the start of the drive"
-    )
-    onset_time_sd_s: float = uncertainty("onset_time", "s")
-    static_force_n: float = column("static_force", "N", "Q_s, the shear force at the onset")
-    mu_s: float = column("mu_s", "1", "static friction coefficient Q_s/P")
-    mu_s_sd: float = uncertainty("mu_s", "1")
-    mu_d: float = column("mu_d", "1", "dynamic friction coefficient")
-    mu_d_range: tuple[float, float] = column(
-        "mu_d_range", "1", "least and greatest Q/P during sliding"
-    )
-    sliding_velocity_m_s: float = column("sliding_velocity", "m/s", "velocity during sliding")
-    notes: tuple[str, ...] = column(
-        "notes", "", "why a quantity above is NaN", shape=("notes",), default=()
-    )
-    law_mu: float = column(
-        "law_mu",
-        "1",
-        "mu of the local friction law mu p (1 - exp(-s/(mu L)))",
-        since=3,
-        default=NAN,
-    )
-    law_mu_sd: float = uncertainty("law_mu", "1", since=3, default=NAN)
-    law_length_m: float = column("law_length", "m", "L of that law", since=3, default=NAN)
-    law_length_sd_m: float = uncertainty("law_length", "m", since=3, default=NAN)
-    young_modulus_pa: float = column(
-        "young_modulus",
-        "Pa",
-        "E from the balance of the shear traction with Q",
-        since=3,
-        default=NAN,
-    )
-    young_modulus_sd_pa: float = uncertainty("young_modulus", "Pa", since=3, default=NAN)
-    calibration_sd: float = column(
-        "calibration_uncertainty",
-        "1",
-        "relative, by the cantilevers, of every friction coefficient",
-        since=4,
-        default=NAN,
     )
 
 

@@ -259,6 +259,20 @@ class CameraSettings(DeviceSettings):
     width: int = option(1600, "Image width", "px", ge=64, le=16384)
     height: int = option(1200, "Image height", "px", ge=64, le=16384)
     pixel: float = option(7.04, "Size of a pixel on the interface", "um", gt=0, le=1000)
+    angle: float = option(
+        0.0,
+        "Direction of the drive in the picture, from its rows (+x) downwards; a mirrored picture"
+        " needs nothing else",
+        "degrees",
+        ge=-180,
+        le=180,
+    )
+    angle_from: str = option(
+        "motion",
+        "Whether that direction is measured by the block's motion, so that `angle` holds until it"
+        " moves, or given by `angle`",
+        choices=("motion", "angle"),
+    )
     exposure: float = option(10.0, "Exposure time", "ms", gt=0, le=1000)
 
     def __post_init__(self) -> None:

@@ -4,6 +4,7 @@ and 11 to 13).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,22 +91,52 @@ def ring_means(
     return _fitted_means(columns[keep], r[keep], values[keep], ring[keep], n, width)
 
 
-def central_value(r: ArrayLike, values: ArrayLike, radius: float) -> float:
-    """Value of a field at the centre: of the parabola ``u0 + k r^2`` through its means over the
-    rings within `radius`, outliers left out.
+def central_value(
+    r: ArrayLike,
+    theta: ArrayLike,
+    values: ArrayLike,
+    radius: float,
+    *,
+    box: float = 0.0,
+    shared: float = 1.0,
+) -> tuple[float, float]:
+    """Value of a field at the centre, and its standard uncertainty: of the parabola ``u0 + k r^2``
+    through its means over the rings within `radius`, outliers left out.
 
     A plain mean over the disc would be off by half of what the field bends over it. NaN where there
     are too few points.
+
+    Parameters
+    ----------
+    r, theta, values : array_like, any common shape
+        Distance from the centre, azimuth and value of each grid point.
+    radius : float
+        In the units of `r`, as is `box`.
+    box : float
+        Side of the boxes over which the values are means: the bending over them, k box^2/6, is
+        taken off.
+    shared : float
+        Number of boxes that overlap in a place, which share their noise.
     """
     if not radius > 0:
-        return float("nan")
-    rings = ring_means(r, values, radius / CENTRAL_RINGS, radius)
-    full = rings.count > 0
+        return math.nan, math.nan
+    width = radius / CENTRAL_RINGS
+    rings = ring_means(r, values, width, radius, theta=theta)
+    full = rings.count > 1
     if full.sum() < CENTRAL_RINGS - 1:
-        return float("nan")
-    weight = np.sqrt(rings.count[full])
-    columns = np.column_stack([np.ones(full.sum()), (rings.radius[full] / radius) ** 2])
-    return float(np.linalg.lstsq(columns * weight[:, None], rings.mean[full] * weight)[0][0])
+        return math.nan, math.nan
+    count = rings.count[full].astype(np.float64)
+    middle = ((np.arange(len(full)) + 0.5) * width)[full]
+    plain = ring_means(r, np.square(r), width, radius).mean[full]
+    # the mean of a fit along the radius is at the ring's middle, and bends over its width
+    is_fitted = rings.radius[full] == middle
+    square = np.where(is_fitted, middle**2 + width**2 / 12, plain) + box**2 / 6
+    columns = np.column_stack([np.ones(len(count)), square / radius**2])
+    covariance = np.linalg.inv(columns.T @ (columns * count[:, None]))
+    centre = float((covariance @ (columns.T @ (rings.mean[full] * count)))[0])
+    told = is_fitted if is_fitted.any() else np.ones(len(count), np.bool_)
+    variance = float(np.average((rings.standard_error[full] ** 2 * count)[told]))
+    return centre, math.sqrt(variance * shared * float(covariance[0, 0]))
 
 
 @compiled

@@ -13,6 +13,7 @@ from analysis.arrays import F64
 from analysis.robust import white_noise
 
 FEWEST = 12  # frames in the fit of the sliding part
+FEWEST_SETTLED = 6  # of them in steady sliding
 BLOCK = 4  # frames by which the fit's window grows
 AGREE = 4.0  # standard deviations by which a block may leave the line and still belong to it
 MARGIN = 0.2  # share of the constant-velocity part, next to the onset, that the fit leaves out
@@ -38,7 +39,7 @@ class Onset:
         Q_s, the shear force at t_s, N.
     mu_s, mu_s_sd : float
         Q_s / P.
-    mu_d : float
+    mu_d, mu_d_sd : float
         Mean of Q/P from t_s on.
     mu_d_range : (float, float)
         Least and greatest Q/P from t_s on, the paper's error bar.
@@ -57,6 +58,7 @@ class Onset:
     mu_s: float = np.nan
     mu_s_sd: float = np.nan
     mu_d: float = np.nan
+    mu_d_sd: float = np.nan
     mu_d_range: tuple[float, float] = (np.nan, np.nan)
     window: tuple[float, float] = (np.nan, np.nan)
     notes: tuple[str, ...] = ()
@@ -88,7 +90,13 @@ class _Line:
 
 
 def sliding_onset(
-    time: ArrayLike, centre_ux: ArrayLike, shear_force: ArrayLike, normal_force: ArrayLike
+    time: ArrayLike,
+    centre_ux: ArrayLike,
+    shear_force: ArrayLike,
+    normal_force: ArrayLike,
+    *,
+    shared_sd: float = 0.0,
+    settled: float = 0.0,
 ) -> Onset:
     """Time, static force and friction coefficients of the transition to sliding.
 
@@ -100,6 +108,11 @@ def sliding_onset(
         u_x at the contact's centre, m; frames with a NaN anywhere are ignored.
     shear_force, normal_force : array_like, shape (n,) or scalar
         Q and P during each frame, N.
+    shared_sd : float
+        Uncertainty of `centre_ux` that all frames share, m: that of the reference image.
+    settled : float
+        u_x at the centre (m) from which sliding is steady: under the local law the whole traction
+        is there only after some mu L of slip, and a line fitted before gives t_s too early.
 
     Notes
     -----
@@ -131,26 +144,36 @@ def sliding_onset(
 
     first = _constant_velocity_start(t, u)
     start = first + int(MARGIN * (len(t) - first - FEWEST))
+    early = np.flatnonzero(u <= settled) if settled > 0 else np.empty(0, np.intp)
+    slid = int(early[-1]) + 1 if len(early) else 0
+    if len(t) - slid < FEWEST_SETTLED:
+        why = (
+            f"onset: {len(t) - slid} frames slid by more than {settled * 1e6:.3g} um, from where on"
+            f" sliding is steady, and {FEWEST_SETTLED} are needed for t_s; drive further"
+        )
+        return Onset(notes=(why,))
+    start = max(start, slid)
     line = _fit(t[start:], u[start:])
     why = _not_sliding(t, q, start, line)
     if why:
         return Onset(notes=(why,))
 
     ts = line.zero
-    ts_sd = np.sqrt(line.variance_at(ts)) / line.slope
+    ts_sd = float(np.hypot(np.sqrt(line.variance_at(ts)), shared_sd)) / line.slope
     shear = _fit(*_around(t, q, ts, FORCE_FRAMES))
     normal = _fit(*_around(t, p, ts, NORMAL_FRAMES))
     static, load = float(shear.at(ts)), float(normal.mean)
     static_sd = float(np.hypot(white_noise(q) / np.sqrt(shear.count), shear.slope * ts_sd))
     load_sd = normal.noise / np.sqrt(normal.count)
     dynamic = (q / p)[t >= ts]
+    scatter = _fit(t[t >= ts], dynamic)
     note = (
         f"onset: line through the central u_x from {t[start]:.2f} to {t[-1]:.2f} s ({line.count}"
         " frames)"
     )
     return Onset(
         time=float(ts),
-        time_sd=float(ts_sd),
+        time_sd=ts_sd,
         velocity=line.slope,
         velocity_sd=line.noise / np.sqrt(line.spread),
         static_force=static,
@@ -158,6 +181,7 @@ def sliding_onset(
         mu_s=static / load,
         mu_s_sd=float(np.hypot(static_sd, static / load * load_sd) / load),
         mu_d=float(dynamic.mean()),
+        mu_d_sd=scatter.noise / np.sqrt(scatter.count),
         mu_d_range=(float(dynamic.min()), float(dynamic.max())),
         window=(float(t[start]), float(t[-1])),
         notes=(note,),

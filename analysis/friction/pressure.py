@@ -42,8 +42,10 @@ class PressureCheck:
     effective_radius, effective_radius_sd : float
         ``(3 pi/4) sum of p r dr / sum of p dr`` of the measured pressure, metres: Hertz's radius of
         a smooth contact.
+    is_rough : bool
+        Greenwood and Tripp's pressure is nearer to the measured one than Hertz's.
     E, E_sd : float
-        Modulus for which Greenwood and Tripp's contact has that radius, pascals.
+        Modulus for which the contact after the nearer model has that radius, pascals.
     ratio, ratio_sd : float
         E from the balance of the forces over E from the geometry; 1 where force and traction agree.
     notes : tuple of str
@@ -55,6 +57,7 @@ class PressureCheck:
     rough_chi2: float = math.nan
     effective_radius: float = math.nan
     effective_radius_sd: float = math.nan
+    is_rough: bool = False
     E: float = math.nan
     E_sd: float = math.nan
     ratio: float = math.nan
@@ -89,11 +92,13 @@ def check_pressure(
     smooth = hertz.pressure(r, P, a)
     rough = _rough(P, law.E, nu, R, h, r)
     seen = np.isfinite(sd) & (sd > 0)
+    hertz_chi2, rough_chi2 = (_chi2(p, model, sd, seen) for model in (smooth, rough))
+    is_rough = rough_chi2 < hertz_chi2
     width, width_sd = _effective_radius(r, p, sd)
     E = E_sd = ratio = ratio_sd = math.nan
     notes: tuple[str, ...] = ()
     if (p > CLEAR * p.max()).sum() >= FEWEST and math.isfinite(width):
-        E, slope = _modulus_of_radius(width, P, law.E, nu, R, h)
+        E, slope = _modulus_of_radius(width, P, law.E, nu, R, h if is_rough else 0.0)
         E_sd = abs(slope) * width_sd
         ratio = law.E / E
         ratio_sd = ratio * math.sqrt((law.E_sd / law.E) ** 2 + (E_sd / E) ** 2 + relative_sd**2)
@@ -106,10 +111,11 @@ def check_pressure(
     return PressureCheck(
         hertz=smooth,
         rough=rough,
-        hertz_chi2=_chi2(p, smooth, sd, seen),
-        rough_chi2=_chi2(p, rough, sd, seen),
+        hertz_chi2=hertz_chi2,
+        rough_chi2=rough_chi2,
         effective_radius=width,
         effective_radius_sd=width_sd,
+        is_rough=is_rough,
         E=E,
         E_sd=E_sd,
         ratio=ratio,

@@ -19,8 +19,9 @@ from app.engine.history import History
 from app.engine.recorder import Recorder
 from app.engine.series import Series
 from app.priority import give_way
-from app.records import RESTART, Conditions, ContactResult, Event, Snapshot, Summary
+from app.records import RESTART, Conditions, ContactResult, Event, Snapshot
 from app.settings import Config
+from app.summary import Summary
 from drivers.protocols import Frame
 
 LOG = logging.getLogger(__name__)

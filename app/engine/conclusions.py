@@ -7,18 +7,24 @@ import math
 from collections.abc import Callable
 from typing import TypeVar
 
+import numpy as np
+
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.onset import Onset, sliding_onset
 from analysis.friction.pressure import check_pressure
 from analysis.mechanics import hertz
+from analysis.mechanics.interface import elastic_length
 from app.engine.law import local_law
 from app.engine.setup import sensor_chain
 from app.numbers import series_of
-from app.records import ContactResult, Phase, Snapshot, Summary
+from app.records import F64, ContactResult, Phase, Snapshot
 from app.settings import Config
+from app.summary import Summary
 
 LOG = logging.getLogger(__name__)
 T = TypeVar("T")
+MISALIGNED = math.radians(15.0)  # directions of frames that differ by more do not go together
+SETTLED = 8.0  # slip in mu L from which all but exp(-8) of the traction is there
 SCALE_SD = 0.01  # relative, of pixel size and radius of the lens together
 
 
@@ -49,17 +55,26 @@ def summarise(
     """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
     drive.
     """
-    drive = [s for s in snapshots if s.conditions.phase is Phase.DRIVE]
+    drive = along_the_drive([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
     time, centre, shear, normal = (
         series_of(drive, name)
         for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n")
     )
     force = float(normal.mean()) if drive else math.nan
     notes = list(notes)
-    onset = attempt(notes, "onset", lambda: sliding_onset(time, centre, shear, normal), Onset())
     hertz_m = hertz_radius_m(config, force)
     law = attempt(
         notes, "local law", lambda: local_law(config, drive, contact, hertz_m), LocalLaw()
+    )
+    # of two images of equal noise one is the reference
+    centre_sd = float(np.nanmedian(series_of(drive, "centre_ux_sd_m"))) if drive else math.nan
+    reference_sd = centre_sd / math.sqrt(2) if math.isfinite(centre_sd) else 0.0
+    settled = SETTLED * slip_scale(config, law, shear, normal)
+    onset = attempt(
+        notes,
+        "onset",
+        lambda: sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled),
+        Onset(),
     )
     calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
     sample, common = config.sample, math.hypot(calibration, SCALE_SD)
@@ -79,12 +94,18 @@ def summarise(
         onset_time_s=onset.time,
         onset_time_sd_s=onset.time_sd,
         static_force_n=onset.static_force,
+        static_force_sd_n=onset.static_force_sd,
         mu_s=onset.mu_s,
         mu_s_sd=onset.mu_s_sd,
         mu_d=onset.mu_d,
+        mu_d_sd=onset.mu_d_sd,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
         notes=(*notes, *onset.notes, *law.notes, *disagreement),
+        law_chi2=law.reduced_chi2,
+        pressure_radius_m=tuple(law.radius.tolist()),
+        pressure_pa=tuple(law.pressure.tolist()),
+        pressure_sd_pa=tuple(law.pressure_sd.tolist()),
         law_mu=law.mu,
         law_mu_sd=law.mu_sd,
         law_length_m=law.L,
@@ -93,3 +114,24 @@ def summarise(
         young_modulus_sd_pa=law.E_sd,
         calibration_sd=calibration,
     )
+
+
+def slip_scale(config: Config, law: LocalLaw, shear: F64, normal: F64) -> float:
+    """Mu L in metres: measured, or else by the greatest Q/P and the roughness of the settings."""
+    if math.isfinite(law.L):
+        return law.mu * law.L
+    sample = config.sample
+    ratio = float(np.nanmax(shear / normal)) if len(shear) and (normal > 0).any() else 0.0
+    return max(ratio, 0.0) * elastic_length(sample.roughness, sample.poisson)
+
+
+def along_the_drive(drive: list[Snapshot]) -> list[Snapshot]:
+    """Those frames of a drive whose direction in the picture is that of most: before the block has
+    moved, a turned picture is not known to be one.
+    """
+    angle = series_of(drive, "drive_angle_rad") if drive else np.empty(0)
+    if not np.isfinite(angle).any():
+        return drive
+    x, y = np.nanmedian(np.cos(angle)), np.nanmedian(np.sin(angle))
+    off = np.cos(angle - math.atan2(y, x)) < math.cos(MISALIGNED)
+    return [s for s, is_off in zip(drive, off, strict=True) if not is_off]

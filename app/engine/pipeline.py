@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.contact.apparent import ApparentContact, apparent_contact
+from analysis.contact.orientation import Direction, drive_direction
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Tracker, open_tracker
+from analysis.dic.field import Field
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from app.engine.conclusions import attempt, hertz_radius_m, summarise
@@ -29,13 +31,16 @@ from app.records import (
     Snapshot,
     Stick,
     StressProfile,
-    Summary,
     Traction,
 )
 from app.settings import Config
+from app.summary import Summary
 
 LOG = logging.getLogger(__name__)
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
+OUTSIDE = 1.3  # in contact radii: there the block moves as the drive does
+MOVED_PX = 0.1  # from which its direction is that of the block's motion, within a degree or so
+TURNED = math.radians(5.0)  # from which the angle of the drive is told
 
 
 def full_slip_stress(config: Config, amplitude: float) -> float:
@@ -54,8 +59,9 @@ class Pipeline:
     those analysed in between only start its search, which can change a displacement by a small part
     of its uncertainty. The same frames give the same bits.
 
-    Everything but the displacement field, which is that of the image, is along the drive: one
-    against +x is the drive along +x, turned by half a turn.
+    Everything but the displacement field, which is that of the image, is along the drive, wherever
+    it goes in the picture. A frame's direction is that of the block's own motion in it, as soon as
+    it has moved.
     """
 
     def __init__(self, config: Config) -> None:
@@ -69,6 +75,11 @@ class Pipeline:
         self._reference: tuple[int, int, NDArray[np.generic], Conditions] | None = None
         self._reference_shear_n = 0.0
         self._tractions: Tractions | None = None
+        self._nominal = Direction.at(config.camera.angle)
+        if config.run.direction < 0:
+            self._nominal = self._nominal.reversed
+        self._direction = self._nominal  # of the last frame
+        self._outside = np.ones(self.grid.shape, np.bool_)
         self._x_m, self._y_m = (
             axis * self._pixel_m for axis in np.meshgrid(self.grid.x_px, self.grid.y_px)
         )
@@ -83,6 +94,11 @@ class Pipeline:
         """
         if self._tractions is not None:
             self.notes.extend(self._tractions.notes())
+        if abs(self._direction.angle) > TURNED and abs(self._nominal.angle) < TURNED:
+            self.notes.append(
+                f"camera: the drive goes at {math.degrees(self._direction.angle):.1f} degrees from"
+                " the rows of the picture; displacements but those of the field are along the drive"
+            )
         if self._tracker is not None:
             self._tracker.close()
         if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:
@@ -97,6 +113,7 @@ class Pipeline:
         if self._tracker is not None:
             self._tracker.close()
         self._tracker = self._tractions = self.contact = self.reference_frame = None
+        self._direction = self._nominal
         self.notes.clear()
         if self._reference is not None:
             self.step(*self._reference)
@@ -126,6 +143,11 @@ class Pipeline:
         self._reference_shear_n = now.shear_force_n
         self.reference_frame = index
         self._find_contact(image)
+        assert self.contact is not None
+        x, y = (c * self._pixel_m for c in self.contact.centre_px)
+        held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
+        radius = next((a for a in held if math.isfinite(a)), 0.0)
+        self._outside = np.hypot(self._x_m - x, self._y_m - y) > OUTSIDE * radius
         if self.config.stress.method != "none":
             self._prepare_tractions(now)
 
@@ -178,22 +200,21 @@ class Pipeline:
         assert self._tracker is not None
         assert self.contact is not None
         now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
-        along = self.config.run.direction
         field = self._tracker.track(image)
+        drive = self._direction = self._drive_in(field, now)
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
         lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
-        ux_m = field.ux_px * pixel_m
+        ux_m, uy_m = field.ux_px * pixel_m, field.uy_px * pixel_m
         centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
         # distances from the lens where the material is now, not where it was at t = 0
-        x = self._x_m + ux_m - centre_x - along * lens_m
-        y = self._y_m + field.uy_px * pixel_m - centre_y
+        x = self._x_m + ux_m - centre_x - drive.x * lens_m
+        y = self._y_m + uy_m - centre_y - drive.y * lens_m
         r = np.hypot(x, y)
-        sliding_ux = along * ux_m - lens_m
+        sliding_ux = drive.along(ux_m, uy_m) - lens_m
         width = self.config.dic.step * self._pixel_m
-        rings = ring_means(
-            r, sliding_ux, width, self._whole_rings_m(), theta=np.arctan2(along * y, along * x)
-        )
+        azimuth = np.arctan2(drive.across(x, y), drive.along(x, y))
+        rings = ring_means(r, sliding_ux, width, self._whole_rings_m(), theta=azimuth)
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         apparent_m = self.contact.apparent_radius_m
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
@@ -207,12 +228,21 @@ class Pipeline:
                 stress_field = attempt(
                     notes,
                     "field of the shear traction",
-                    lambda: of.field(sliding_ux, field.ux_std_px * pixel_m, along),
+                    lambda: of.field(sliding_ux, field.ux_std_px * pixel_m, drive),
                     None,
                 )
+        dic = self.config.dic
+        centre_ux_m, centre_sd_m = central_value(
+            r,
+            azimuth,
+            sliding_ux,
+            inner_m,
+            box=dic.averaging_box_px * self._pixel_m,
+            shared=max(1.0, (dic.box / dic.step) ** 2),
+        )
         return replace(
             snapshot,
-            motion=Motion(lens_m, float(central_value(r, sliding_ux, inner_m))),
+            motion=Motion(lens_m, centre_ux_m, centre_sd_m, drive.angle),
             field=DisplacementField(
                 field.ux_px,
                 field.uy_px,
@@ -228,6 +258,13 @@ class Pipeline:
             stress_field_pa=stress_field,
         )
 
+    def _drive_in(self, field: Field, now: Conditions) -> Direction:
+        """Where the drive goes in the picture, by what the block has moved in a frame."""
+        if now.phase is not Phase.DRIVE or self.config.camera.angle_from == "angle":
+            return self._nominal
+        found = drive_direction(field.ux_px, field.uy_px, self._outside, least=MOVED_PX)
+        return found or self._nominal
+
     def _stick(self, rings: Rings, hertz_m: float) -> Stick | None:
         """The profile that fits the rings of a frame; None where none stands out of the noise."""
         box = self.config.dic.averaging_box_px * self._pixel_m
@@ -238,7 +275,7 @@ class Pipeline:
         if math.isnan(fit.stick_radius):
             return None
         full_slip_pa = full_slip_stress(self.config, fit.amplitude)
-        return Stick(fit.stick_radius, fit.stick_radius_sd, full_slip_pa)
+        return Stick(fit.stick_radius, fit.stick_radius_sd, full_slip_pa, fit.reduced_chi2)
 
     def _whole_rings_m(self) -> float:
         """Radius of the largest ring about the contact's centre that lies inside the grid: cut

@@ -40,8 +40,9 @@ from app.engine.stage import Stage
 from app.engine.usage import Usage
 from app.engine.watchdog import Watchdog
 from app.engine.watched import Watched
-from app.records import Counts, Event, Health, Outcome, Phase, Summary
+from app.records import Counts, Event, Health, Outcome, Phase
 from app.settings import Config
+from app.summary import Summary
 from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
 

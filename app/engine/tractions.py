@@ -4,11 +4,13 @@ then quick enough for every frame.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
 import numpy as np
 
+from analysis.contact.orientation import Direction
 from analysis.contact.rings import Rings
 from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
@@ -23,6 +25,7 @@ from app.records import (
 from app.settings import Config
 
 ITERATIONS = 5
+OBLIQUE = 0.1  # sine of the angle between drive and rows from which there is no field
 OFTEN = 0.1  # share of the frames from which a doubt is told
 PEAK_REACH = 0.1  # of a: the parabola through the largest traction goes so far to either side
 # in sqrt(R h), and in pitches: beyond, a rough contact has less than 1 % of its pressure
@@ -55,7 +58,7 @@ class Tractions:
                 " before the reference is taken"
             )
         self._profile = radial_inversion(config, x_m, y_m, hertz_radius_m)
-        self._frames = self._uncovered = self._doubtful = 0
+        self._frames = self._uncovered = self._doubtful = self._oblique = 0
         self._refused, self._refusal = 0, ""
         self._reach = PEAK_REACH * hertz_radius_m
         self._problem: InversionProblem | None = None
@@ -76,6 +79,11 @@ class Tractions:
                 f"shear traction: {self._refused} of {n} frames were not inverted; the first:"
                 f" {self._refusal}"
             )
+        if self._oblique:
+            said.append(
+                f"field of the shear traction: in {self._oblique} frames there is none, since the"
+                " drive does not go along the rows of the picture; turn the camera"
+            )
         if self._uncovered > OFTEN * n:
             said.append(
                 f"shear traction: in {self._uncovered} of {n} frames the field does not cover the"
@@ -88,17 +96,20 @@ class Tractions:
             )
         return said
 
-    def field(self, ux_m: F64, sd_m: F64, along: float = 1.0) -> F32 | None:
+    def field(self, ux_m: F64, sd_m: F64, drive: Direction = Direction(1.0, 0.0)) -> F32 | None:  # noqa: B008
         """The traction of every grid point from u_x on the material grid, lens compliance removed;
         None where the settings do not ask for it, or the field does not allow it. Both are along
-        the drive, which goes against +x where `along` is -1.0.
+        the drive, which must go along the rows of the picture, either way.
 
         Five conjugate gradients from the last field's solution: detail that one field's noise hides
         lags by a few frames.
         """
         if self._problem is None:
             return None
-        places = as_seen(along * ux_m, self._pitch)
+        if abs(drive.y) > OBLIQUE:
+            self._oblique += 1
+            return None
+        places = as_seen(math.copysign(1.0, drive.x) * ux_m, self._pitch)
         try:
             found = conjugate_gradient(
                 self._problem,

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from analysis.options import quantity
-from app.records import Counts, Health, Outcome, Phase, Summary
+from app.records import Counts, Health, Outcome, Phase
 from app.report.quantities import summary_quantities
 from app.settings import Config
+from app.summary import Summary
 
 DASH = "–"  # stands for a value that is not known
 QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use

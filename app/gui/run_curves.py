@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 from analysis.mechanics import cattaneo_mindlin
 from app.gui.source import Setup
 from app.numbers import series_of
-from app.records import (
-    F64,
-    Phase,
-    Snapshot,
-    Summary,
-)
+from app.records import F64, Phase, Snapshot
+from app.summary import Summary
 
 DRAWN = (
     "travel_m",

@@ -24,7 +24,8 @@ from app.gui.frame_results import (
 )
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.source import Image, PlaybackSource, RunSource, Setup
-from app.records import F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot, Summary
+from app.records import F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot
+from app.summary import Summary
 
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
 

@@ -21,8 +21,9 @@ from app.processes.analysis import Answer
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
 from app.processes.starting import hello_of, started
-from app.records import Conditions, ContactResult, Phase, Snapshot, Summary
+from app.records import Conditions, ContactResult, Phase, Snapshot
 from app.settings import Config
+from app.summary import Summary
 
 LOG = logging.getLogger(__name__)
 STEP_S = 20.0  # of a frame that is never analysed

@@ -22,13 +22,8 @@ from matplotlib.patheffects import withStroke
 
 from analysis.mechanics import cattaneo_mindlin
 from app.numbers import series_of
-from app.records import (
-    F64,
-    ContactResult,
-    Phase,
-    Snapshot,
-    Summary,
-)
+from app.records import F64, ContactResult, Phase, Snapshot
+from app.summary import Summary
 
 # five instants on the way to t_s, and one in sliding or at the end, as multiples of t_s
 INSTANTS = (0.19, 0.38, 0.57, 0.76, 0.95, 1.4)

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from analysis.options import UNITS
-from app.records import Summary
+from app.summary import Summary
 
 
 def decimals_for(number: float, digits: int) -> int:

@@ -6,8 +6,9 @@ import dataclasses
 import math
 from typing import Any, NamedTuple
 
-from app.records import Counts, Outcome, Summary
+from app.records import Counts, Outcome
 from app.report.quantities import summary_quantities
+from app.summary import Summary
 
 
 class Row(NamedTuple):

@@ -11,20 +11,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.records import (
-    ContactResult,
-    Counts,
-    Event,
-    Gap,
-    Header,
-    Position,
-    Samples,
-    Snapshot,
-    Summary,
-)
+from app.records import ContactResult, Counts, Event, Gap, Header, Position, Samples, Snapshot
 from app.schema import Column, column, columns_of, record
+from app.summary import Summary
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type

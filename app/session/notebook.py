@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.records import F64, ContactResult, Event, Phase, Source, Summary
+from app.records import F64, ContactResult, Event, Phase, Source
 from app.session.analyses import analyses_of
 from app.session.reader import SessionReader
+from app.summary import Summary
 from app.toml import parse_toml
 
 

@@ -42,7 +42,6 @@ from app.records import (
     Source,
     SourceFrame,
     StressProfile,
-    Summary,
 )
 from app.schema import Column, build, columns_of
 from app.session import layout
@@ -50,6 +49,7 @@ from app.session.checked import CheckedFile
 from app.session.datasets import samples_of, span_of
 from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
 from app.session.stored import Dataset
+from app.summary import Summary
 
 T = TypeVar("T")
 MOST_CHANNELS = 64  # beside the forces, as many as the settings allow

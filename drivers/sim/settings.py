@@ -60,7 +60,11 @@ class SimSettings(Section):
         0.0, "The stage creeps at this rate, which it does not report", "um/s", ge=-1, le=1
     )
     drive_angle: float = option(
-        0.0, "Angle between the drive and the rows of the image", "degrees", ge=-10, le=10
+        0.0,
+        "Direction of the drive in the image, from its rows (+x) downwards, as of a turned camera",
+        "degrees",
+        ge=-180,
+        le=180,
     )
     faults: tuple[str, ...] = option(
         (),

@@ -92,9 +92,22 @@ def test_central_value_is_that_of_the_middle_of_a_bent_field():
     values = 2.0 + 3e-3 * r**2 + 0.5 * np.cos(2 * np.arctan2(y, x)) * (r > 0)
     values[12, 14] = 1e3  # an outlier near the centre
     # the mean over the disc is 5.7
-    assert central_value(r, values, 50) == pytest.approx(2.0, abs=0.05)
-    assert np.isnan(central_value(r + 100, values, 50))
-    assert np.isnan(central_value(r, values, np.nan))
+    assert central_value(r, np.arctan2(y, x), values, 50)[0] == pytest.approx(2.0, abs=0.05)
+    assert np.isnan(central_value(r + 100, np.arctan2(y, x), values, 50)).all()
+    assert np.isnan(central_value(r, np.arctan2(y, x), values, np.nan)).all()
+
+
+def test_the_bending_over_a_box_is_taken_off_and_the_noise_of_overlapping_boxes_is_stated():
+    x, y = np.meshgrid(np.arange(-60.0, 61, 5), np.arange(-60.0, 61, 5))
+    r, rng, found = np.hypot(x, y), np.random.default_rng(1), []
+    for _ in range(200):
+        white = rng.normal(0, 0.1, (26, 26))
+        noise = (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
+        values = 2.0 + 3e-3 * (r**2 + 10.0**2 / 6) + noise  # boxes of two pitches
+        found.append(central_value(r, np.arctan2(y, x), values, 50, box=10.0, shared=4.0))
+    value, sd = np.array(found).T
+    assert value.mean() == pytest.approx(2.0, abs=4 * value.std() / np.sqrt(200))
+    assert np.median(sd) == pytest.approx(value.std(), rel=0.3)
 
 
 def test_a_width_of_zero_is_refused():

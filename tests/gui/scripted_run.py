@@ -26,10 +26,10 @@ from app.records import (
     Snapshot,
     Stick,
     StressProfile,
-    Summary,
     Traction,
 )
 from app.settings import Config
+from app.summary import Summary
 
 MU, P, STIFFNESS = 0.93, 0.5, 5000.0
 HERTZ_M = float(np.cbrt(0.75 * P * 128.8e-3 * 0.75 / 3.43e6))

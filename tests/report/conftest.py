@@ -16,8 +16,8 @@ from app.records import (
     RingProfile,
     Snapshot,
     Stick,
-    Summary,
 )
+from app.summary import Summary
 
 PIXEL_M, E_PA, NU, MU, P_N, K_T, VELOCITY = 7.04e-6, 3.43e6, 0.5, 0.93, 0.5, 9579.0, 4.83e-6
 SHEAR_PA = E_PA / (2 * (1 + NU))

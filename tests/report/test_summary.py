@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.records import Counts, Outcome, Phase, Summary
+from app.records import Counts, Outcome, Phase
 from app.report.quantities import Measurement, decimals_for
 from app.report.summary import compared_rows, outcome_data, outcome_rows, plain, summary_rows
+from app.summary import Summary
 
 NAN = math.nan
 MEASURED = Summary(

@@ -29,11 +29,11 @@ from app.records import (
     Snapshot,
     Stick,
     StressProfile,
-    Summary,
     Traction,
 )
 from app.session.files import files_of
 from app.session.recorder import SessionRecorder
+from app.summary import Summary
 
 SHAPE = (12, 16)
 GRID_X, GRID_Y = np.array([4.5, 8.5, 12.5]), np.array([3.5, 7.5])
@@ -54,6 +54,13 @@ SUMMARY = Summary(
     (0.9, NAN),
     4.8e-6,
     ("µ_d: too short", "second note"),
+    law_chi2=1.25,
+    pressure_radius_m=(1e-4, 2e-4),
+    pressure_pa=(5e4, NAN),
+    pressure_sd_pa=(1e2, NAN),
+    budget_inputs=("pixel", "k_T"),
+    budget_quantities=("law_mu",),
+    budget=(-0.01, 0.002),
 )
 COUNTS = Counts(8, 7, 7, 1, 6, 1, 1000, 3)
 OUTCOME = Outcome(
@@ -116,10 +123,10 @@ def make_snapshot(frame: int, *, field: bool = True, rings: int = 4) -> Snapshot
     status = rng.integers(0, 5, shape, np.uint8)
     return replace(
         snapshot,
-        motion=Motion(1e-8 * frame, float(rng.normal())),
+        motion=Motion(1e-8 * frame, float(rng.normal()), 1e-9 * frame, 0.1 * frame),
         field=DisplacementField(ux, uy, ux_std, uy_std, zncc, status),
         rings=RingProfile(rng.uniform(size=rings), ring_ux, rng.uniform(size=rings)),
-        stick=Stick(float(rng.uniform()), NAN, 1e4 + frame),
+        stick=Stick(float(rng.uniform()), NAN, 1e4 + frame, 1.0 + frame),
         traction=Traction(1e-3 * frame, 2e-5, 3e-6 * frame, 1e-8, 0.11 * frame, NAN),
         stress=StressProfile(*(rng.normal(size=rings + 2) for _ in range(3))),
     )

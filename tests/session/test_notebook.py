@@ -147,7 +147,7 @@ def test_no_session_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("version", "checksum"), [(1, 2469933011), (2, 2999432660), (3, 2999432660)]
+    ("version", "checksum"), [(1, 2469933011), (2, 2999432660), (3, 2999432660), (4, 3360144010)]
 )
 def test_sessions_of_earlier_versions_are_read(tmp_path: Path, version: int, checksum: int) -> None:
     """Files that the programs of those versions wrote; the checksums of their results are by the

@@ -12,19 +12,10 @@ from nexusformat import nexus
 from numpy.testing import assert_array_equal
 from session_material import CONTACT, OUTCOME, Session, make_snapshot, make_writer
 
-from app.records import (
-    ContactResult,
-    Counts,
-    Event,
-    Gap,
-    Header,
-    Position,
-    Samples,
-    Source,
-    Summary,
-)
+from app.records import ContactResult, Counts, Event, Gap, Header, Position, Samples, Source
 from app.schema import TEXT, columns_of, values
 from app.session import layout
+from app.summary import Summary
 
 
 def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:
@@ -56,7 +47,7 @@ def assert_laid_out(path: Path, without: tuple[str, ...]) -> None:
 
     with h5py.File(path, "r") as file:
         file.visititems(look)
-        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 4
+        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 5
     kinds = {TEXT: "O", layout.IMAGE: "u"}
     expected = {
         i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning)
@@ -78,7 +69,7 @@ def test_every_number_has_a_unit_and_no_text_has() -> None:
 def test_uncertainties_are_beside_what_they_belong_to() -> None:
     paths = {item.path: item for item in layout.COLUMNS}
     errors = [path for path in paths if path.endswith("_errors")]
-    assert len(errors) == 15
+    assert len(errors) == 19
     for path in errors:
         base = paths[path.removesuffix("_errors")]
         assert (paths[path].shape, paths[path].unit) == (base.shape, base.unit)

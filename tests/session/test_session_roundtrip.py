@@ -128,7 +128,8 @@ def test_a_session_of_an_earlier_format_has_what_it_had(
             expected = dataclasses.replace(
                 b,
                 field=dataclasses.replace(b.field, **lacks),
-                stick=dataclasses.replace(b.stick, full_slip_pa=NAN),
+                motion=dataclasses.replace(b.motion, centre_ux_sd_m=NAN, drive_angle_rad=NAN),
+                stick=dataclasses.replace(b.stick, full_slip_pa=NAN, reduced_chi2=NAN),
                 traction=None,
                 stress=None,
             )
