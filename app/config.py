@@ -44,6 +44,8 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "dic",
     "stress",
     "camera.pixel",
+    "camera.angle",
+    "camera.angle_from",
     *(
         f"forces.{of}_{sensor}"
         for of in ("sensitivity", "stiffness")
@@ -249,7 +251,8 @@ def _brief(text: str) -> str:
 def from_record(text: str, where: str) -> Config:
     """Settings as a session holds them.
 
-    A record without `dic.method` is of a time when the direct method was the only one.
+    A record without `dic.method` is of a time when the direct method was the only one, one without
+    `camera.angle_from` of a time when the drive went along the rows of the picture.
     """
     try:
         data = parse_toml(text)
@@ -257,6 +260,8 @@ def from_record(text: str, where: str) -> Config:
         raise ConfigError(f"{where}: not TOML: {error}") from None
     if isinstance(data.setdefault("dic", {}), dict):
         data["dic"].setdefault("method", "direct")
+    if isinstance(data.setdefault("camera", {}), dict):
+        data["camera"].setdefault("angle_from", "angle")
     return from_data(data, where, recorded=True)
 
 

@@ -34,7 +34,7 @@ THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
 
 def scenario(config: Config) -> Scenario:
     """What the simulated world of these settings is made of."""
-    return Scenario(
+    return Scenario.of(
         sim=config.sim,
         sample=config.sample,
         forces=config.forces,

@@ -223,7 +223,7 @@ class Conditions:
 
 @record("/entry/results", rows="results")
 class Motion:
-    """How far the lens and the contact's centre have moved since the reference, along x."""
+    """How far the lens and the contact's centre have moved since the reference, along the drive."""
 
     lens_m: float = column(
         "lens_displacement", "m", "motion of the lens since the reference, not taken off fields"

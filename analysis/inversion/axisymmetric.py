@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
 from analysis.contact.rings import Rings
+from analysis.inversion.grid import check_block, grid_pitch
 from analysis.inversion.result import NOT_COVERED, RadialInversion, Stopped
 from analysis.inversion.smoothing import SmoothFit, shared_noise, smooth_fit
 from analysis.mechanics.cattaneo_mindlin import phi0
@@ -69,7 +70,8 @@ class AxisymmetricInversion:
     Raises
     ------
     ValueError
-        No point inside the mask, too few rings outside, or a parameter out of its range.
+        No point inside the mask, too few rings outside, a grid that is not square and even, or a
+        parameter out of its range.
 
     Notes
     -----
@@ -97,9 +99,10 @@ class AxisymmetricInversion:
         thickness: float = math.inf,
     ) -> None:
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        pitch = grid_pitch(x, y, "axisymmetric inversion")
+        check_block(thickness, box, pitch, "axisymmetric inversion")
         r = np.hypot(x, y)
-        _check(x, r, width, mask_radius, E, nu, edge)
-        pitch = float(x[0, 1] - x[0, 0])
+        _check(r, width, mask_radius, E, nu, edge)
         A = self.mask_radius = float(mask_radius)
         self.E, self.nu = float(E), float(nu)
         radii = self._radii = _basis_radii(A, edge, min(BASIS, int(A / width)))
@@ -252,12 +255,10 @@ class AxisymmetricInversion:
 
 
 def _check(
-    x: F64, r: F64, width: float, mask_radius: float, E: float, nu: float, edge: float | None
+    r: F64, width: float, mask_radius: float, E: float, nu: float, edge: float | None
 ) -> None:
     why = ""
-    if x.ndim != 2 or min(x.shape) < 2:
-        why = f"a grid of shape {x.shape} was given; two or more points each way are needed"
-    elif not (0 < E < math.inf and 0 <= nu <= 0.5):
+    if not (0 < E < math.inf and 0 <= nu <= 0.5):
         why = f"E = {E:g} Pa and nu = {nu:g} were given; use a positive E and nu from 0 to 0.5"
     elif not (width > 0 and mask_radius > 3 * width):
         why = (

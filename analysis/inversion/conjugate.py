@@ -90,7 +90,7 @@ def conjugate_gradient(
             stopped = Stopped.STAGNATION
             break
     if chi2 <= 1:
-        stopped = Stopped.DISCREPANCY
+        stopped = Stopped.SILENT if problem.is_silent(field) else Stopped.DISCREPANCY
     amounts = axes @ (((field.u + image).ravel() * root) @ across)
     sigma = sigma + np.tensordot(amounts[1:], shapes, 1)
     left = field.u + image - (amounts @ known).reshape(sigma.shape)

@@ -183,6 +183,10 @@ class InversionProblem:
             )
         return level
 
+    def is_silent(self, field: MeasuredField) -> bool:
+        """Whether no stress stands out of a field's noise: D alone explains it."""
+        return field.chi2(field.u - field.mean(field.u)) <= 1
+
     def result(
         self,
         sigma: F64,
@@ -200,6 +204,11 @@ class InversionProblem:
         holes = float(np.mean(~valid[self.mask]))
         is_covered = holes <= LARGEST_HOLE and not (self.mask & rim).any()
         notes = [] if is_covered else [NOT_COVERED]
+        if stopped is Stopped.SILENT:
+            notes.append(
+                "inversion: the field is as even as its noise, so that no stress is seen; take a"
+                " frame with more shear force, or check the uncertainty"
+            )
         if chi2 > LARGEST_CHI2:
             notes.append(
                 f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of"
@@ -217,7 +226,7 @@ class InversionProblem:
             iterations=iterations,
             stopped=stopped,
             is_covered=is_covered,
-            is_converged=chi2 <= LARGEST_CHI2,
+            is_converged=chi2 <= LARGEST_CHI2 and stopped is not Stopped.SILENT,
             notes=tuple(notes),
         )
 

@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline
 from analysis.arrays import F64
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.grid import grid_pitch
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import Inversion, Stopped
 from analysis.inversion.smoothing import shared_noise, smooth_fit
@@ -52,12 +53,7 @@ class RegularisedInversion:
         thickness: float = math.inf,
     ) -> None:
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-        if x.ndim != 2 or min(x.shape) < 2:
-            raise ValueError(
-                f"regularised inversion: a grid of shape {x.shape} was given; two or more points"
-                " each way are needed"
-            )
-        pitch = float(x[0, 1] - x[0, 0])
+        pitch = grid_pitch(x, y, "regularised inversion")
         self._noise_box = box if noise_box is None else noise_box
         self.radius, self.azimuth = np.hypot(x, y), np.arctan2(y, x)
         block = {"box": box, "thickness": thickness}

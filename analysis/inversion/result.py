@@ -16,6 +16,7 @@ class Stopped(StrEnum):
     DISCREPANCY = "discrepancy"  # the residual is down to the noise
     STAGNATION = "stagnation"  # the residual no longer falls and is above the noise
     ITERATIONS = "iterations"  # the allowed number of iterations was made
+    SILENT = "silent"  # the displacement far away alone explains the field: no stress is seen
     GCV = "gcv"  # direct solution, its smoothing chosen by generalised cross-validation
 
 
@@ -47,7 +48,7 @@ class Inversion:
     is_covered : bool
         The whole mask lies inside the measured part of the picture.
     is_converged : bool
-        The residual is down to the noise.
+        The residual is down to the noise, by a stress that stands out of it.
     notes : tuple of str
         What limits the result.
     """

@@ -82,6 +82,6 @@ def van_cittert(
     chi2, sigma, far, residual = best
     stopped = Stopped.STAGNATION if since >= PATIENCE else Stopped.ITERATIONS
     if chi2 <= 1:
-        stopped = Stopped.DISCREPANCY
+        stopped = Stopped.SILENT if problem.is_silent(field) else Stopped.DISCREPANCY
     D_sd = np.nan if D is None else 0.0
     return problem.result(sigma, far, field, residual, n, stopped, D_sd=D_sd)

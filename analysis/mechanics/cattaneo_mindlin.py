@@ -26,6 +26,7 @@ from analysis.arrays import F64
 from analysis.mechanics import hertz
 from analysis.mechanics.hertz import check
 
+ROUNDING = 1 + 1e-12  # of a force that is mu P
 # of y - sin y = y^3 (1/6 - y^2/120 + ...)
 _DEFECT = np.cumprod([1 / 6] + [-1 / ((2 * k + 2) * (2 * k + 3)) for k in range(1, 14)])
 
@@ -95,7 +96,7 @@ def _stick(Q: ArrayLike, limit: float) -> tuple[F64, F64]:
 def _carried(Q: float, mu: float, P: float, a: float) -> tuple[float, float]:
     """Stick radius c, and a - c, of a contact that carries Q."""
     check("Cattaneo-Mindlin", mu=mu, P=P, radius=a)
-    if not abs(Q) <= mu * P * (1 + 1e-12):
+    if not abs(Q) <= mu * P * ROUNDING:
         raise ValueError(
             f"Cattaneo-Mindlin: Q = {Q:g} N asked of a contact that slides at mu P = {mu * P:g} N;"
             " give no more than that"
@@ -139,14 +140,14 @@ def shift(Q: ArrayLike, mu: float, P: float, a: float, E: float, nu: float) -> F
     force Q; shape of `Q`.
 
     ``delta = 3 mu P (2 - nu)/(16 G a) [1 - (1 - Q/(mu P))^(2/3)]``; NaN where the size of Q is
-    above mu P, which no contact carries.
+    above mu P by more than rounding, which no contact carries.
 
     References
     ----------
     Johnson, Contact Mechanics, eq. 7.42.
     """
     share, rest = _stick(Q, mu * P)
-    part = np.where(np.abs(Q) <= mu * P, rest * (1 + share), np.nan)
+    part = np.where(np.abs(Q) <= mu * P * ROUNDING, rest * (1 + share), np.nan)
     return np.asarray(np.copysign(full_shift(mu, P, a, E, nu) * part, Q))
 
 

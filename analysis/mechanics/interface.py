@@ -26,12 +26,21 @@ from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64
 from analysis.kernels import compiled
+from analysis.mechanics import hertz
 
 
 def elastic_length(roughness: float, nu: float) -> float:
     """L = (2 - nu)/(2 (1 - nu)) h in metres, of a surface with rms roughness h (Bureau et al.
     2003).
+
+    Raises
+    ------
+    ValueError
+        A roughness below 0, or a Poisson's ratio outside 0 to 0.5.
     """
+    if not 0 <= roughness < np.inf:
+        raise ValueError(f"elastic length: a roughness of {roughness:g} m found; give 0 or more")
+    hertz.check("elastic length", nu=nu)
     return (2 - nu) / (2 * (1 - nu)) * roughness
 
 

@@ -3,8 +3,8 @@ surface displacement. SI units throughout.
 
 Every point of the contact obeys ``s = D - G*sigma(s)``: D is the block's displacement, G*sigma the
 elastic displacement of its surface (azimuthal mean) and sigma(s) the local law of `interface`. In
-the polynomials of `modes` G is diagonal, and Hertz's pressure makes ``xi sigma`` a smooth even
-function of xi: a few modes give many digits.
+the polynomials of `modes` G is diagonal, and both Hertz's pressure and Greenwood and Tripp's make
+``xi sigma`` a smooth even function of xi: a few modes give many digits.
 
 References
 ----------
@@ -25,10 +25,13 @@ from scipy.interpolate import PchipInterpolator
 
 from analysis.arrays import F64
 from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.mechanics.greenwood_tripp import RoughContact, rough_contact
 from analysis.mechanics.half_space import layer_correction
 from analysis.mechanics.interface import Interface, Memory, TabulatedLaw
 from analysis.mechanics.modes import basis, chebyshev_series
 
+MODES, ROUGH_MODES = 64, 96
+FAINTEST = 1e-9  # of the peak, of the pressure at the end of a rough contact
 MOST_STEPS = 80
 FAR = 6.0  # in thicknesses of a layer: beyond, its surface does not move
 LAYER_TERMS, LAYER_ANGLES = 128, 16
@@ -49,9 +52,12 @@ class SphereContact:
     mu, L : float
         Friction coefficient and elastic length (m) of the interface; the limit L -> 0 is
         `cattaneo_mindlin`.
+    h : float
+        Standard deviation of the heights of the rough face, metres: the pressure is Greenwood and
+        Tripp's for exponential heights; 0: Hertz's.
     thickness : float
         Of the block on its rigid plate, metres, two contact radii or more; default a half-space.
-        Hertz's pressure is kept.
+        The pressure is that on a half-space.
 
     Raises
     ------
@@ -66,10 +72,13 @@ class SphereContact:
     mu: float
     L: float
     thickness: float = math.inf
+    h: float = 0.0
 
     def __post_init__(self) -> None:
         positive = {"normal_force": self.P, "E": self.E, "R": self.R, "mu": self.mu, "L": self.L}
         hertz.check("loading", nu=self.nu, **positive)
+        if self.h:
+            hertz.check("loading", h=self.h)
         if not self.thickness >= 2 * self.a:
             raise ValueError(
                 f"loading: a block {self.thickness:g} m thick found; give two contact radii"
@@ -80,6 +89,23 @@ class SphereContact:
     def a(self) -> float:
         """Hertz's contact radius, metres."""
         return hertz.contact_radius(self.P, self.E, self.nu, self.R)
+
+    @cached_property
+    def rough(self) -> RoughContact | None:
+        """The rough face; None where it is smooth."""
+        return rough_contact(self.P, self.E, self.nu, self.R, self.h) if self.h else None
+
+    @cached_property
+    def reach(self) -> float:
+        """Radius beyond which there is no pressure, metres: a, or where a rough face carries
+        `FAINTEST` of the peak.
+        """
+        return self.rough.radius_at(FAINTEST) if self.rough else self.a
+
+    @property
+    def peak_pressure(self) -> float:
+        """At the centre, pascals."""
+        return self.rough.peak_pressure if self.rough else hertz.peak_pressure(self.P, self.a)
 
     @property
     def G(self) -> float:
@@ -99,8 +125,10 @@ class SphereContact:
         return cattaneo_mindlin.full_shift(self.mu, self.P, self.a, self.E, self.nu)
 
     def pressure(self, r: ArrayLike) -> F64:
-        """Hertz's pressure, pascals, shape of `r`."""
-        return hertz.pressure(r, self.P, self.a)
+        """Pressure in pascals, shape of `r`."""
+        if self.rough is None:
+            return hertz.pressure(r, self.P, self.a)
+        return np.where(np.abs(r) <= self.reach, self.rough.pressure(r), 0.0)
 
 
 @dataclass(frozen=True)
@@ -149,7 +177,7 @@ class LoadingState:
     @property
     def peak_radius(self) -> float:
         """Radius (m) of the greatest shear traction: c as read from a measured traction."""
-        r = np.linspace(0, self.loading.contact.a, 1025)
+        r = np.linspace(0, self.loading.contact.reach, 1025)
         sigma = np.abs(self.traction(r))
         i = int(np.argmax(sigma))
         if i == 0:
@@ -160,7 +188,7 @@ class LoadingState:
     def traction(self, r: ArrayLike) -> F64:
         """Shear traction along x at any distance r (m) from the centre, pascals, shape of `r`."""
         contact = self.loading.contact
-        x = np.minimum(np.asarray(r, dtype=np.float64) / contact.a, 1.0)
+        x = np.minimum(np.asarray(r, dtype=np.float64) / contact.reach, 1.0)
         share = chebyshev.chebval(1 - 2 * x * x, self._series.share)
         return np.asarray(contact.pressure(r) * share)
 
@@ -170,7 +198,7 @@ class LoadingState:
         """
         contact = self.loading.contact
         r = np.asarray(r, dtype=np.float64)
-        x = np.atleast_1d(r) / contact.a
+        x = np.atleast_1d(r) / contact.reach
         is_in = x <= 1
         inner, opening = 1 - 2 * x[is_in] ** 2, np.arcsin(1 / x[~is_in])
         outer = 2 * (2 / np.pi * opening) ** 2 - 1
@@ -180,7 +208,7 @@ class LoadingState:
             g[is_in] = chebyshev.chebval(inner, inside)
             g[~is_in] = opening * chebyshev.chebval(outer, outside)
             if layer.size:
-                near = 2 * x * contact.a / (FAR * contact.thickness) - 1
+                near = 2 * x * contact.reach / (FAR * contact.thickness) - 1
                 g = np.where(near <= 1, g + chebyshev.chebval(np.minimum(near, 1.0), layer), 0.0)
             fields.append(g.reshape(r.shape))
         return fields[0], fields[1]
@@ -205,8 +233,8 @@ class AxisymmetricLoading:
     Parameters
     ----------
     contact : SphereContact
-    modes : int
-        Number of Legendre polynomials, and of radii.
+    modes : int, optional
+        Number of Legendre polynomials, and of radii; default 64, on a rough face 96.
     law : TabulatedLaw, optional
         Instead of the contact's interface, with the same mu and L. First loadings only.
 
@@ -222,14 +250,21 @@ class AxisymmetricLoading:
     """
 
     def __init__(
-        self, contact: SphereContact, modes: int = 64, *, law: TabulatedLaw | None = None
+        self,
+        contact: SphereContact,
+        modes: int | None = None,
+        *,
+        law: TabulatedLaw | None = None,
     ) -> None:
+        if modes is None:
+            modes = ROUGH_MODES if contact.h else MODES
         if modes < 4:
             raise ValueError(f"loading: {modes} modes were asked for; use 4 or more")
         self.contact, self.modes, self._basis = contact, int(modes), basis(int(modes))
-        a, xi = contact.a, self._basis.xi
+        a, xi = contact.reach, self._basis.xi
         self.r = a * np.sqrt((1 - xi) * (1 + xi))
-        self.p = hertz.peak_pressure(contact.P, a) * xi
+        # to the last digit also where nearly none is left
+        self.p = contact.pressure(self.r) if contact.rough else contact.peak_pressure * xi
         self._law = law
         self._interface = Interface(contact.mu, contact.L)
         self._scale = a / (2 * np.pi * contact.G) * np.array([1 - contact.nu / 2, contact.nu / 2])
@@ -331,7 +366,7 @@ class AxisymmetricLoading:
         before = old.contact.pressure(self.r)
         if memory.slopes.size:
             nodes = old._basis.xi
-            xi = before / hertz.peak_pressure(old.contact.P, old.contact.a)
+            xi = np.sqrt(np.maximum(1 - (self.r / old.contact.reach) ** 2, 0.0))
             share = np.where(memory.touched > 1e-100 * old.p, memory.touched / old.p, 0.0)
             there = PchipInterpolator(nodes, share, axis=1)(np.clip(xi, nodes[0], nodes[-1]))
             memory = replace(memory, touched=before * there)

@@ -73,7 +73,7 @@ def hertz_cells(contact: SphereContact, cells: int) -> tuple[F64, float]:
     """
     if cells < 8:
         raise ValueError(f"loading: a grid of {cells} cells a side was asked for; use 8 or more")
-    pitch = 2 * contact.a / (cells - 2)
+    pitch = 2 * contact.reach / (cells - 2)
     at = (np.arange(cells * SUB) - (cells * SUB - 1) / 2) * pitch / SUB
     fine = contact.pressure(np.hypot(at[:, None], at))
     p = fine.reshape(cells, SUB, cells, SUB).mean(axis=(1, 3))

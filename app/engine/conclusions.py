@@ -67,8 +67,9 @@ def summarise(
         notes, "local law", lambda: local_law(config, drive, contact, hertz_m), LocalLaw()
     )
     # of two images of equal noise one is the reference
-    centre_sd = float(np.nanmedian(series_of(drive, "centre_ux_sd_m"))) if drive else math.nan
-    reference_sd = centre_sd / math.sqrt(2) if math.isfinite(centre_sd) else 0.0
+    centre_sd = series_of(drive, "centre_ux_sd_m")
+    known = centre_sd[np.isfinite(centre_sd)]
+    reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
     settled = SETTLED * slip_scale(config, law, shear, normal)
     onset = attempt(
         notes,

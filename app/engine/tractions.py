@@ -4,10 +4,6 @@ then quick enough for every frame.
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
-import cv2
 import numpy as np
 
 from analysis.contact.orientation import Direction
@@ -15,6 +11,7 @@ from analysis.contact.rings import Rings
 from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.material import UPRIGHT, as_seen
 from analysis.inversion.problem import InversionProblem
 from app.records import (
     F32,
@@ -96,7 +93,7 @@ class Tractions:
             )
         return said
 
-    def field(self, ux_m: F64, sd_m: F64, drive: Direction = Direction(1.0, 0.0)) -> F32 | None:  # noqa: B008
+    def field(self, ux_m: F64, sd_m: F64, drive: Direction = UPRIGHT) -> F32 | None:
         """The traction of every grid point from u_x on the material grid, lens compliance removed;
         None where the settings do not ask for it, or the field does not allow it. Both are along
         the drive, which must go along the rows of the picture, either way.
@@ -109,14 +106,10 @@ class Tractions:
         if abs(drive.y) > OBLIQUE:
             self._oblique += 1
             return None
-        places = as_seen(math.copysign(1.0, drive.x) * ux_m, self._pitch)
+        seen, seen_sd = as_seen(ux_m, sd_m, self._pitch, drive)
         try:
             found = conjugate_gradient(
-                self._problem,
-                _at(ux_m, places),
-                _at(sd_m, places),
-                start=self._last,
-                iterations=ITERATIONS,
+                self._problem, seen, seen_sd, start=self._last, iterations=ITERATIONS
             )
         except ValueError:
             return None
@@ -160,28 +153,3 @@ def radial_inversion(
         noise_box=config.dic.box * pixel_m,
         thickness=sample.depth,
     )
-
-
-def as_seen(ux_m: F64, pitch_m: float) -> tuple[Any, Any]:
-    """Where on the material grid, in columns and rows, the points are that a camera at rest sees at
-    its own grid's points.
-    """
-    rows, columns = np.indices(ux_m.shape, dtype=np.float32)
-    moved = (np.nan_to_num(ux_m, nan=float(np.nanmedian(ux_m))) / pitch_m).astype(np.float32)
-    x = columns
-    for _ in range(2):  # gradients are a few per cent
-        x = columns - cv2.remap(moved, x, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return x, rows
-
-
-def _at(values: F64, places: tuple[Any, Any]) -> F64:
-    """A field at other places, NaN outside and next to points that were not measured."""
-    typical = float(np.nanmedian(values))
-    seen = cv2.remap(
-        (values - typical).astype(np.float32),
-        *places,
-        cv2.INTER_CUBIC,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=np.nan,
-    )
-    return np.asarray(seen + typical, np.float64)

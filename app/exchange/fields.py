@@ -13,7 +13,9 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.contact.orientation import Direction
 from analysis.dic import Field, Status
+from analysis.inversion.material import UPRIGHT
 from app.config import from_record
 from app.errors import UserError
 from app.exchange.tables import LENGTH, NUMBER, Table, read_table
@@ -44,12 +46,15 @@ class FieldSeries:
     frames : tuple of int
         Number of each field.
     fields : callable
-        Makes an iterator over number, u_x and its standard uncertainty, both of shape (ny, nx), of
-        each field; NaN where not measured, and where no uncertainty is known.
+        Makes an iterator over number, displacement along `direction` against the lens and its
+        standard uncertainty, both of shape (ny, nx), of each field at the places of the material at
+        the reference; NaN where not measured, and where no uncertainty is known.
     box_m, noise_box_m : float
         Side of the box whose average a displacement is, and of that over which noise is correlated.
     centre_m : (float, float) or None
         Centre of the contact, (x, y); None where it is not known.
+    direction : Direction
+        Of the drive, x and y along the axes of the grid.
     contact : mapping
         What is known of the contact, by names of `app.settings.ContactSettings`, in SI units.
 
@@ -67,6 +72,7 @@ class FieldSeries:
     box_m: float
     noise_box_m: float
     centre_m: tuple[float, float] | None = None
+    direction: Direction = UPRIGHT
     contact: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -140,6 +146,9 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
     if not rows:
         raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
     sample, dic, pixel = config.sample, config.dic, pixel_m or config.camera.pixel
+    angle = results["drive_angle_rad"][rows]
+    known = angle[np.isfinite(angle)]
+    direction = Direction.at(float(known[-1])) if len(known) else UPRIGHT
     centre = None
     if contact is not None:
         centre = contact.centre_px[0] * pixel, contact.centre_px[1] * pixel
@@ -149,8 +158,9 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
             for row in rows:
                 found = session.snapshot(row).field
                 assert found is not None
-                ux, sd = (np.float64(pixel) * plane for plane in (found.ux_px, found.ux_std_px))
-                yield int(results["frame"][row]), ux - results["lens_m"][row], sd
+                u = direction.along(found.ux_px, found.uy_px)
+                sd = np.asarray(found.ux_std_px, np.float64)
+                yield int(results["frame"][row]), u * pixel - results["lens_m"][row], sd * pixel
 
     return FieldSeries(
         path,
@@ -161,6 +171,7 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
         box_m=dic.averaging_box_px * pixel,
         noise_box_m=dic.box * pixel,
         centre_m=centre,
+        direction=direction,
         contact={
             # of some twenty frames
             "normal_force": np.median(results["normal_force_n"][rows[:: len(rows) // 20 or 1]]),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.material import as_seen
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
 from analysis.inversion.result import Inversion, RadialInversion
@@ -29,6 +30,7 @@ F64 = NDArray[np.float64]
 ENDINGS = (".csv", ".npz")
 # share of the bump that the contact makes in the field: the part above gives the contact's centre
 HALF = 0.5
+OBLIQUE = 0.1  # sine of the angle between drive and rows up to which a field is along x
 _PROFILE = "r_mm,sigma_kpa,sigma_sd_kpa"
 _WHOLE = "x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um"
 
@@ -74,8 +76,11 @@ def with_centre(series: FieldSeries) -> FieldSeries:
         raise UserError(
             "invert: no contact stands out of the last field; give its place with --centre"
         )
-    x, y = weight.sum(axis=0) @ series.x_m, weight.sum(axis=1) @ series.y_m
-    return replace(series, centre_m=(float(x / weight.sum()), float(y / weight.sum())))
+    x, y = np.meshgrid(series.x_m, series.y_m)
+    weight, moved = weight / weight.sum(), np.nan_to_num(ux)
+    now_x, now_y = x + series.direction.x * moved, y + series.direction.y * moved
+    centre = float(np.vdot(weight, now_x)), float(np.vdot(weight, now_y))
+    return replace(series, centre_m=centre)
 
 
 def invert_series(
@@ -90,13 +95,19 @@ def invert_series(
     UserError
         The fields do not allow any inversion.
     """
-    pitch, centre = series.pitch_m, series.centre_m
+    pitch, centre, drive = series.pitch_m, series.centre_m, series.direction
     if centre is None:
         raise ValueError("invert_series: the centre must be known; use `with_centre`")
     if abs(float(series.y_m[1] - series.y_m[0]) / pitch - 1) > 1e-3:
         raise UserError(
             "invert: the points lie at another distance along x than along y; interpolate them on a"
             " square grid"
+        )
+    if settings.method != "axisymmetric" and abs(drive.y) > OBLIQUE:
+        raise UserError(
+            f"invert: the drive goes at {math.degrees(drive.angle):.1f} degrees from the rows of"
+            f" the fields, and --method {settings.method} needs one along them; use --method"
+            " axisymmetric, or turn the camera"
         )
     x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
     P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
@@ -108,7 +119,7 @@ def invert_series(
     return _inverted(series, solve, x, y, radius, failures)
 
 
-Solve = Callable[[F64, F64 | None], Inversion]
+Solve = Callable[[F64, F64], Inversion]
 
 
 def _solver(
@@ -116,18 +127,35 @@ def _solver(
 ) -> Solve:
     """The function that inverts a field and its standard uncertainty."""
     pitch, E, nu = series.pitch_m, settings.modulus, settings.poisson
-    r, theta = np.hypot(x, y), np.arctan2(y, x)
+    drive = series.direction
     more = {"box": series.box_m, "thickness": settings.depth}
     if settings.method in ("cgls", "van-cittert"):
-        problem = InversionProblem(r < radius, pitch, E, nu, **more)
+        problem = InversionProblem(np.hypot(x, y) < radius, pitch, E, nu, **more)
         iterate = conjugate_gradient if settings.method == "cgls" else van_cittert
-        return lambda ux, sd: iterate(problem, ux, sd)
+        return _following(series, lambda ux, sd: iterate(problem, ux, sd))
     more["edge"] = hertz.contact_radius(settings.normal_force, E, nu, settings.radius)
     more["noise_box"] = series.noise_box_m
     if settings.method == "regularised":
-        return RegularisedInversion(x, y, radius, E, nu, **more).solve
+        whole = RegularisedInversion(x, y, radius, E, nu, **more)
+        return _following(series, whole.solve)
     profile = AxisymmetricInversion(x, y, pitch, radius, E, nu, **more)
-    return lambda ux, sd: profile.solve(ring_means(r, ux, pitch, theta=theta))
+
+    def solve(u: F64, _: F64) -> Inversion:
+        now_x, now_y = x + drive.x * u, y + drive.y * u  # where the material is now
+        theta = np.arctan2(drive.across(now_x, now_y), drive.along(now_x, now_y))
+        return profile.solve(ring_means(np.hypot(now_x, now_y), u, pitch, theta=theta))
+
+    return solve
+
+
+def _following(series: FieldSeries, solve: Callable[[F64, F64 | None], Inversion]) -> Solve:
+    """An inversion of a whole field that follows the material through the contact."""
+
+    def follow(u: F64, sd: F64) -> Inversion:
+        seen, seen_sd = as_seen(u, sd, series.pitch_m, series.direction)
+        return solve(seen, seen_sd if np.isfinite(sd).any() else None)
+
+    return follow
 
 
 def _inverted(
@@ -136,7 +164,7 @@ def _inverted(
     r, theta = np.hypot(x, y), np.arctan2(y, x)
     for number, ux, sd in series.fields():
         try:
-            result = solve(ux, sd if np.isfinite(sd).any() else None)
+            result = solve(ux, sd)
         except ValueError as error:
             failures.append(f"field {number}: {error}")
             continue

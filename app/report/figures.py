@@ -124,8 +124,8 @@ def experiment_figure(
             when = f"$t$ = {now.time_s:.1f} s,  $Q$ = {now.shear_force_n:.3f} N"
             panel.set_title(f"{number}:  {when}", pad=3)
             _draw_circle(panel, apparent_m, ec="#ff5a4d", ls="--")
-            if shot.stick:
-                _draw_circle(panel, shot.stick.stick_radius_m, ec="white")
+            if shot.traction or shot.stick:
+                _draw_circle(panel, _stick_radius(shot), ec="white")
             panel.label_outer()
         if title:
             figure.suptitle(title, fontsize=8, color=GREY)
@@ -162,18 +162,28 @@ def _draw_force(
 
 
 def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | None) -> None:
-    """Draw the stick radius against Q, and Cattaneo and Mindlin's (Fig. 14)."""
-    stuck = [s for s in drive if s.stick]
+    """Draw where the traction is largest against Q (Fig. 14), the radius of the Cattaneo-Mindlin
+    profile that fits each frame with its median chi2, and Cattaneo and Mindlin's.
+    """
+    seen = [s for s in drive if s.traction and math.isfinite(s.traction.peak_radius_m)]
+    fitted = [s for s in drive if s.stick]
+    chi2 = series_of(fitted, "reduced_chi2")
+    known = chi2[np.isfinite(chi2)]
+    told = rf", $\chi^2$ = {np.median(known):.2g}" if len(known) else ""
+    if seen:
+        force, c_mm = series_of(fitted, "shear_force_n"), series_of(fitted, "stick_radius_m") * 1e3
+        axes.plot(force, c_mm, "-", color=GREY, lw=0.9, label=f"fitted profile{told}", zorder=2)
+    shown, name = (seen, "peak_radius") if seen else (fitted, "stick_radius")
     axes.errorbar(
-        series_of(stuck, "shear_force_n"),
-        series_of(stuck, "stick_radius_m") * 1e3,
-        np.nan_to_num(series_of(stuck, "stick_radius_sd_m") * 1e3),
+        series_of(shown, "shear_force_n"),
+        series_of(shown, f"{name}_m") * 1e3,
+        np.nan_to_num(series_of(shown, f"{name}_sd_m") * 1e3),
         fmt="o",
         ms=2,
         color=BLUE,
         ecolor="#9dbbe0",
         elinewidth=0.6,
-        label="measured",
+        label="largest traction" if seen else f"fitted profile{told}",
         zorder=3,
     )
     limit = summary.mu_d * summary.normal_force_n if summary else 0.0
@@ -187,6 +197,13 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
     axes.set_xlim(left=-0.04 * axes.get_xlim()[1])
     axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
     axes.set(xlabel=r"shear force $Q$ (N)", ylabel=r"stick radius $c$ (mm)", title=r"(b) $c(Q)$")
+
+
+def _stick_radius(shot: Snapshot) -> float:
+    """Where the traction is largest; where there is none, that of the fitted profile."""
+    if shot.traction and math.isfinite(shot.traction.peak_radius_m):
+        return shot.traction.peak_radius_m
+    return shot.stick.stick_radius_m if shot.stick else math.nan
 
 
 def _draw_ring_displacements(

@@ -117,7 +117,14 @@ class ElastoPlastic:
         law = TabulatedLaw(s.mu, *read_law(s.sim.law_table)) if is_table else None
         L = law.L if law else s.sim.slip_length
         sphere = SphereContact(
-            s.normal_force, block.young_modulus, block.poisson, block.lens_radius, s.mu, L, s.depth
+            s.normal_force,
+            block.young_modulus,
+            block.poisson,
+            block.lens_radius,
+            s.mu,
+            L,
+            s.depth,
+            s.roughness,
         )
         self._loading = AxisymmetricLoading(sphere, law=law)
         self._has_memory = law is None
@@ -207,9 +214,12 @@ def sheared_contact(scenario: Scenario) -> Contact:
     """
     if scenario.sim.law != "cattaneo-mindlin":
         return ElastoPlastic(scenario)
-    if scenario.sim.thickness:
-        raise ValueError(
-            "simulated world: the law 'cattaneo-mindlin' has no block of finite thickness; use"
-            " 'elasto-plastic'"
-        )
+    for name, is_asked in (
+        ("block of finite thickness", scenario.sim.thickness),
+        ("rough contact", scenario.roughness),
+    ):
+        if is_asked:
+            raise ValueError(
+                f"simulated world: the law 'cattaneo-mindlin' has no {name}; use 'elasto-plastic'"
+            )
     return CattaneoMindlin(scenario)

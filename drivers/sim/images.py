@@ -103,9 +103,12 @@ class Renderer:
         )
         near = np.hypot(base[0], base[1]) < move.radius + move.largest_elastic
         places = warp.place(base[:, near], spots.sigma[near], move)
-        lit = speckle.brightness(
-            np.hypot(places[0], places[1]), move.radius, self._spots.threshold[near]
-        )
+        distance, threshold = np.hypot(places[0], places[1]), self._spots.threshold[near]
+        if move.lit is None:
+            lit = speckle.brightness(distance, move.radius, threshold)
+        else:
+            share = np.interp(distance * move.per_px, np.arange(len(move.lit)), move.lit)
+            lit = speckle.brightened(share, threshold)
         _add(scene, spots.peak[near] * lit, places, move)
 
     def _expose(self, scene: NDArray[Any], frame_index: int) -> NDArray[np.uint8]:

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from analysis.settings import Sample
 from drivers.settings import CameraSettings, ForceSettings
 from drivers.sim.faults import Fault, parse
-from drivers.sim.settings import SimSettings
+from drivers.sim.settings import SimSettings, parse_error
 
 Pair = tuple[float, float]
 ADC_BITS = 16
 PRESS_SHIFT_PX = (3.3, -1.7)
 """How far the block moves as a whole, (x, y), while it is pressed on."""
-CONTACT_OFFSET_PX = (6.4, -4.7)
-"""Where the block touches the lens, (x, y) from the middle of the image."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +41,25 @@ class Scenario:
     normal_force: float = 0.5
     press_samples: int | None = None
 
+    @classmethod
+    def of(
+        cls,
+        *,
+        sim: SimSettings,
+        sample: Sample,
+        forces: ForceSettings,
+        camera: CameraSettings,
+        normal_force: float,
+        press_samples: int | None = None,
+    ) -> Scenario:
+        """The world behind a bench's settings, with the errors that `sim.errors` puts into them."""
+        sections: dict[str, Any] = {"sample": sample, "forces": forces, "camera": camera}
+        for text in sim.errors:
+            section, name, factor = parse_error(text)
+            given = sections[section]
+            sections[section] = replace(given, **{name: factor * getattr(given, name)})
+        return cls(sim=sim, normal_force=normal_force, press_samples=press_samples, **sections)
+
     @property
     def mu(self) -> float:
         """Friction coefficient under the normal force."""
@@ -51,6 +69,11 @@ class Scenario:
     def drive(self) -> Pair:
         """Unit vector of the drive in the image, (x, y)."""
         return math.cos(self.sim.drive_angle), math.sin(self.sim.drive_angle)
+
+    @property
+    def roughness(self) -> float:
+        """Of the pressure, metres; 0: Hertz's."""
+        return self.sample.roughness if self.sim.pressure == "greenwood-tripp" else 0.0
 
     @property
     def depth(self) -> float:
@@ -71,7 +94,7 @@ class Scenario:
     def contact_centre_px(self) -> Pair:
         """Where the block touches the lens while there is no shear, (x, y) in the image."""
         rows, columns = self.camera.shape
-        x, y = CONTACT_OFFSET_PX
+        x, y = self.sim.contact_offset
         return (columns - 1) / 2 + x, (rows - 1) / 2 + y
 
     @cached_property

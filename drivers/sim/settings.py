@@ -7,6 +7,37 @@ from dataclasses import dataclass
 from analysis.options import Section, option
 from drivers.sim.faults import parse
 
+MISTAKEN = {  # what a world may have otherwise than the settings say
+    "camera": ("pixel",),
+    "sample": ("young_modulus", "poisson", "lens_radius", "roughness", "lens_compliance"),
+    "forces": tuple(
+        f"{of}_{sensor}" for of in ("stiffness", "sensitivity") for sensor in ("normal", "shear")
+    ),
+}
+
+
+def parse_error(text: str) -> tuple[str, str, float]:
+    """Section, option and factor of an entry of `SimSettings.errors`.
+
+    Raises
+    ------
+    ValueError
+        The message says what was found and what can be written.
+    """
+    name, _, factor = text.strip().partition(" ")
+    section, _, option_name = name.partition(".")
+    try:
+        value = float(factor)
+    except ValueError:
+        value = 0.0
+    if option_name not in MISTAKEN.get(section, ()) or not 0.5 <= value <= 2:
+        known = ", ".join(f"{table}.{one}" for table, names in MISTAKEN.items() for one in names)
+        raise ValueError(
+            f"'{text}' found; write one of {known} and the true value over that of the settings,"
+            " 0.5 to 2, as in 'camera.pixel 1.01'"
+        )
+    return section, option_name, value
+
 
 @dataclass(frozen=True, kw_only=True)
 class SimSettings(Section):
@@ -26,6 +57,20 @@ class SimSettings(Section):
     law_table: str = option(
         "",
         "CSV file for law = 'table': slip (um) and shear traction as a share of mu p, two columns",
+    )
+    pressure: str = option(
+        "hertz",
+        "Pressure of the contact: of smooth faces, or Greenwood and Tripp's of a face with"
+        " sample.roughness (elasto-plastic, table)",
+        choices=("hertz", "greenwood-tripp"),
+    )
+    errors: tuple[str, ...] = option(
+        (),
+        "What is not as the settings say, and by which factor: 'camera.pixel 1.01',"
+        " 'forces.stiffness_shear 0.997'; docs/simulation.md lists them",
+    )
+    contact_offset: tuple[float, float] = option(
+        (6.4, -4.7), "Where the block touches the lens, (x, y) from the middle of the image", "px"
     )
     thickness: float = option(
         0.0,
@@ -77,8 +122,12 @@ class SimSettings(Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        try:
-            for text in self.faults:
-                parse(text)
-        except ValueError as error:
-            raise ValueError(f"sim.faults: {error}") from None
+        for name, texts, parser in (
+            ("faults", self.faults, parse),
+            ("errors", self.errors, parse_error),
+        ):
+            try:
+                for text in texts:
+                    parser(text)
+            except ValueError as error:
+                raise ValueError(f"sim.{name}: {error}") from None

@@ -125,7 +125,11 @@ def brightness(distance: Array, radius: float, threshold: Array) -> Array:
     """
     if radius <= 0.0:
         return np.zeros_like(distance)
-    pressure = np.sqrt(np.clip(1.0 - (distance / radius) ** 2, 0.0, None))
+    return brightened(np.sqrt(np.clip(1.0 - (distance / radius) ** 2, 0.0, None)), threshold)
+
+
+def brightened(pressure: Array, threshold: Array) -> Array:
+    """Relative brightness of each micro-contact, 0 to 1, under a pressure relative to its peak."""
     t = np.clip((pressure - threshold) / SPOT_RAMP, 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 

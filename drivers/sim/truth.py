@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from analysis.mechanics import hertz
+from analysis.mechanics.greenwood_tripp import RoughContact
 from drivers.sim.contact import Sheared
 
 F64 = NDArray[np.float64]
@@ -42,6 +44,8 @@ class State:
         Centre of the contact in the image.
     hertz_radius_m, apparent_radius_m : float
         a_H, and a_H + sqrt(R h); 0 without contact.
+    rough : RoughContact or None
+        The rough face under the whole normal force; None where it is smooth.
     friction : float
         mu under the normal force.
     drive : (x, y)
@@ -61,6 +65,7 @@ class State:
     hertz_radius_m: float
     apparent_radius_m: float
     friction: float
+    rough: RoughContact | None = None
     drive: tuple[float, float]
     contact: Sheared | None = field(compare=False)
 
@@ -84,6 +89,23 @@ class State:
         """
         r = np.asarray(r_m, dtype=np.float64)
         return self.contact.traction(r) if self.contact else np.zeros_like(r)
+
+    def pressure(self, r_m: ArrayLike) -> F64:
+        """Pressure in pascals at the distance `r_m` from the contact's centre."""
+        if self.rough is not None:
+            return self.rough.pressure(r_m)
+        return hertz.pressure(r_m, self.normal_force_n, self.hertz_radius_m)
+
+    def lit_share(self, r_m: ArrayLike) -> F64:
+        """Share of the micro-contacts that touch at the distance `r_m` from the centre: pressure
+        over its peak; where it is Hertz's, stretched to the apparent radius.
+        """
+        r = np.asarray(r_m, dtype=np.float64)
+        if self.rough is not None:
+            return np.asarray(self.rough.pressure(r) / self.rough.peak_pressure)
+        if not self.apparent_radius_m > 0:
+            return np.zeros_like(r)
+        return np.sqrt(np.clip(1.0 - (r / self.apparent_radius_m) ** 2, 0.0, None))
 
     def surface(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[F64, F64]:
         """G*sigma (gx, gy) in metres at points (x, y) of the image."""

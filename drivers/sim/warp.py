@@ -29,6 +29,7 @@ CELL_PX = 4
 RUN_PX = 16
 """Pixels are resampled in runs of a multiple of this length, with one integer shift for each run.
 """
+UNSEEN = 1e-5  # of the peak pressure: no micro-contact of a picture touches
 _ITERATIONS = 8  # gradients are below 3 %, so that each iteration gains one and a half digits
 
 
@@ -37,7 +38,8 @@ class Motion:
     """The block's displacement in pixels: rigid (x, y), centre (x, y) of the contact, and g0, g2
     tabulated over the distance to it.
 
-    `drive` is the unit vector of the direction of the drive.
+    `drive` is the unit vector of the direction of the drive, `radius` that within which
+    micro-contacts touch, `lit` their share over that distance; None: that of a smooth face.
     """
 
     rigid: tuple[float, float]
@@ -47,6 +49,7 @@ class Motion:
     g2: Array
     per_px: float
     drive: tuple[float, float] = (1.0, 0.0)
+    lit: Array | None = None
 
     @property
     def largest_elastic(self) -> float:
@@ -74,14 +77,17 @@ def motion(
     far_y = max(abs(centre[1]), abs(shape[0] - centre[1])) + margin_px
     distance = np.arange(math.ceil(math.hypot(far_x, far_y) * per_px) + 2) / per_px
     g0, g2 = state.radial(distance * pixel_m)
+    rough = state.rough
+    seen = state.apparent_radius_m if rough is None else rough.radius_at(UNSEEN)
     return Motion(
         rigid=(state.rigid_m[0] / pixel_m, state.rigid_m[1] / pixel_m),
         centre=centre,
-        radius=state.apparent_radius_m / pixel_m,
+        radius=seen / pixel_m,
         g0=np.asarray(g0, float) / pixel_m,
         g2=np.asarray(g2, float) / pixel_m,
         per_px=float(per_px),
         drive=state.drive,
+        lit=None if rough is None else state.lit_share(distance * pixel_m),
     )
 
 

@@ -15,11 +15,13 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mechanics import hertz
+from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.contact import sheared_contact
@@ -387,9 +389,20 @@ class World:
             if P > 0
             else 0.0,
             friction=s.mu,
+            rough=self._rough(P),
             drive=s.drive,
             contact=self._contact.sheared(driven) if Q > 0 else None,
         )
+
+    @lru_cache(maxsize=4)  # noqa: B019 - a world is made for one run
+    def _rough(self, P: float) -> RoughContact | None:
+        """The rough face under a normal force; None where it is smooth, or only just touches."""
+        s = self.scenario
+        E, nu, R = s.sample.young_modulus, s.sample.poisson, s.sample.lens_radius
+        a = hertz.contact_radius(P, E, nu, R)
+        if not (s.roughness and a and s.roughness * R / a**2 < ROUGHEST):
+            return None
+        return rough_contact(P, E, nu, R, s.roughness)
 
     def onset_sample(self) -> int | None:
         """First sample at which the whole contact slides; None if it does not slide yet."""

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from app.numbers import numbers_of
 from app.records import (
     Phase,
+    Traction,
 )
 from app.report.figures import experiment_figure, numbered_instants, write_picture
 
@@ -98,6 +99,26 @@ def test_the_measured_stick_radii_have_their_error_bars(figure: Figure, loading:
     np.testing.assert_allclose(
         [s[1][1] - s[0][1] for s in segments], [2e3 * stick.stick_radius_sd_m for stick in measured]
     )
+
+
+def test_c_is_the_place_of_the_largest_traction_where_there_is_one(loading: Any) -> None:
+    """Not the radius of a fitted Cattaneo-Mindlin profile, which lies below theory where the
+    largest traction lies above.
+    """
+    snapshots = [
+        replace(s, traction=Traction(2 * s.stick.stick_radius_m, 1e-5, 0, 0, 0, 0))
+        if s.stick
+        else s
+        for s in loading.snapshots
+    ]
+    drawn = draw(loading, snapshots=snapshots)
+    measured = [s for s in snapshots if s.traction]
+    axes = drawn.subfigs[0].axes[1]
+    (line,) = axes.containers[0].lines[:1]
+    np.testing.assert_allclose(line.get_ydata(), [1e3 * s.traction.peak_radius_m for s in measured])
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert "largest traction" in names
+    assert any("fitted profile" in name for name in names)
 
 
 def test_the_fields_are_in_micrometres_with_the_lens_taken_off(

@@ -32,6 +32,7 @@ class Block:
     g: tuple[float, float] = (0.0, 0.0)
     centre: tuple[float, float] = (150.3, 112.8)
     angle: float = 0.0
+    rough: None = None
 
     @property
     def drive(self):

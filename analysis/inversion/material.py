@@ -1,0 +1,60 @@
+"""From the points of the material, where displacements are measured, to the places in the lab where
+they act: the contact stays with the lens while the block slides through it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from analysis.arrays import F64
+from analysis.contact.orientation import Direction
+
+UPRIGHT = Direction(1.0, 0.0)
+
+
+def as_seen(
+    u: F64, sd: F64, pitch: float, direction: Direction = UPRIGHT, moves: F64 | None = None
+) -> tuple[F64, F64]:
+    """A field and its uncertainty at the grid's points as the lens sees them; both (ny, nx).
+
+    Parameters
+    ----------
+    u, sd : ndarray, shape (ny, nx)
+        Displacement along `direction`, against the lens, at the places where the points of the
+        material were at the reference, and its uncertainty; metres.
+    pitch : float
+        Of the square grid, metres.
+    direction : Direction
+        In which the material moves.
+    moves : ndarray, shape (ny, nx), optional
+        By how much it does, metres; default `u`.
+
+    Returns
+    -------
+    u, sd : ndarray, shape (ny, nx)
+        NaN outside what was measured, and next to points that were not.
+    """
+    moved = u if moves is None else moves
+    if not np.isfinite(moved).any():
+        return u, sd
+    places = np.indices(u.shape, dtype=np.float64)
+    steps = np.nan_to_num(moved, nan=float(np.nanmedian(moved))) / pitch
+    ways = np.array([direction.y, direction.x])[:, None, None]
+    now = places
+    for _ in range(3):  # gradients are a few per cent
+        now = places - ways * ndimage.map_coordinates(steps, now, order=1, mode="nearest")
+    return _at(u, now), _at(sd, now)
+
+
+def _at(values: F64, places: F64) -> F64:
+    """A field at other places, (row, column); NaN outside and next to points that were not
+    measured.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return values
+    typical = float(np.median(values[known]))
+    seen = ndimage.map_coordinates(np.where(known, values - typical, 0.0), places, mode="nearest")
+    doubt = ndimage.map_coordinates((~known).astype(np.float64), places, order=1, cval=1.0)
+    return np.where(doubt > 1e-9, np.nan, seen + typical)
