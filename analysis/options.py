@@ -19,6 +19,7 @@ UNITS = {
     # what is SI already, or is counted
     **dict.fromkeys(("", "N", "N/m", "V", "Hz", "s", "baud", "dB", "electrons", "frames/s"), 1.0),
     **dict.fromkeys(("grey levels", "images", "px", "px/s", "samples"), 1.0),
+    "%": 1e-2,
     "um": 1e-6,
     "um/N": 1e-6,
     "um/V": 1e-6,

@@ -46,6 +46,34 @@ class Sample(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Uncertainties(Section):
+    """How well the operator knows what the settings say: standard uncertainties, for the budget of
+    each result. Those of the cantilevers' stiffness stand with them, in forces.
+    """
+
+    pixel: float = option(0.5, "Of camera.pixel", "%", ge=0, le=20)
+    sensitivity: float = option(0.3, "Of the sensitivity of each force sensor", "%", ge=0, le=20)
+    lens_radius: float = option(0.5, "Of sample.lens_radius", "%", ge=0, le=20)
+    young_modulus: float = option(
+        5.0,
+        "Of sample.young_modulus: sigma of a frame rests on it; the E that is measured does not",
+        "%",
+        ge=0,
+        le=50,
+    )
+    poisson: float = option(0.01, "Of sample.poisson", ge=0, le=0.2)
+    roughness: float = option(10.0, "Of sample.roughness", "%", ge=0, le=50)
+    thickness: float = option(5.0, "Of sample.thickness, where it is given", "%", ge=0, le=50)
+    lens_compliance: float = option(10.0, "Of sample.lens_compliance", "%", ge=0, le=100)
+    averaging: float = option(
+        5.0, "Of the box over which the correlation averages u_x", "%", ge=0, le=50
+    )
+    drift: float = option(
+        0.0005, "Of the creep of image and stage against each other, which is 0", "um/s", ge=0, le=1
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Correlation(Section):
     """Digital image correlation of each frame with the reference.
 

@@ -41,6 +41,7 @@ CHECKS = {  # what names something outside, and what it may be
 }
 ANALYSED = (  # tables and options that say how a measurement is analysed, not what was measured
     "sample",
+    "uncertainty",
     "dic",
     "stress",
     "camera.pixel",

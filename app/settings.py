@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from analysis.options import Section, like, option, quantity
-from analysis.settings import Correlation, Sample, StressSettings
+from analysis.settings import Correlation, Sample, StressSettings, Uncertainties
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sim.settings import SimSettings
 
@@ -133,6 +133,7 @@ class Config:
     actuator: ActuatorSettings = field(default_factory=ActuatorSettings)
     limits: Limits = field(default_factory=Limits)
     sample: Sample = field(default_factory=Sample)
+    uncertainty: Uncertainties = field(default_factory=Uncertainties)
     dic: Correlation = field(default_factory=Correlation)
     stress: StressSettings = field(default_factory=StressSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)

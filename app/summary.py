@@ -95,7 +95,12 @@ class Summary:
         "budget_inputs", "", "what the operator gives", shape=("inputs",), since=5, default=()
     )
     budget_quantities: tuple[str, ...] = column(
-        "budget_quantities", "", "names in this group", shape=("quantities",), since=5, default=()
+        "budget_quantities",
+        "",
+        "names here or in results",
+        shape=("quantities",),
+        since=5,
+        default=(),
     )
     budget: tuple[float, ...] = column(
         "budget",
@@ -106,3 +111,18 @@ class Summary:
         since=5,
         default=(),
     )
+
+    def shares(self, quantity: str) -> dict[str, float]:
+        """Relative uncertainty of a quantity by each input, with its sign; empty where it is not
+        known.
+        """
+        if quantity not in self.budget_quantities:
+            return {}
+        column = self.budget_quantities.index(quantity)
+        row = self.budget[column :: len(self.budget_quantities)]
+        return dict(zip(self.budget_inputs, row, strict=True))
+
+    def systematic(self, quantity: str) -> float:
+        """Relative uncertainty of a quantity by all inputs together; NaN where it is not known."""
+        shares = self.shares(quantity)
+        return math.hypot(*shares.values()) if shares else NAN

@@ -108,6 +108,7 @@ def fit_local_law(
     *,
     Q_sd: float = 1e-3,
     seed: int = 0,
+    draws: int = DRAWS,
 ) -> LocalLaw:
     """mu, L, E and p(r) from a loading run that ends in sliding.
 
@@ -123,6 +124,9 @@ def fit_local_law(
         Noise of the shear force, newtons.
     seed : int
         Of the noise that is drawn for the uncertainties.
+    draws : int
+        Number of runs that are drawn for them. 0: no uncertainties, and L is not corrected for
+        noise in the slip.
 
     Notes
     -----
@@ -147,21 +151,32 @@ def fit_local_law(
     found = _fit(run)
     if isinstance(found, str):
         return _no_law(found)
-    draws = _draws(run, found, inversion, seed)
-    if len(draws) < DRAWS // 2:
-        return _no_law(f"with its noise drawn anew only {len(draws)} of {DRAWS} runs give a law")
+    if not draws:
+        return LocalLaw(
+            mu=found.mu,
+            L=found.L,
+            E=found.slope.E * inversion.E,
+            D=run.D,
+            radius=run.radius,
+            pressure=found.pressure,
+            pressure_sd=np.full(len(run.radius), np.nan),
+            sliding=int(found.sliding.sum()),
+        )
+    drawn = _draws(run, found, inversion, seed, draws)
+    if len(drawn) < max(draws // 2, 2):
+        return _no_law(f"with its noise drawn anew only {len(drawn)} of {draws} runs give a law")
     slides = found.sliding
     mu_sd = _mean_sd((run.Q / run.P)[slides], Q_sd / float(run.P[slides].mean()))
-    shares = np.array([d.L for d in draws]) / found.L
+    shares = np.array([d.L for d in drawn]) / found.L
     # what noise in the slip adds: the runs drawn have it once more
     L = found.L / float(shares.mean())
-    wide = float(np.var(shares, ddof=1)) * max(found.chi2, 1.0) * (1 + 1 / len(draws))
+    wide = float(np.var(shares, ddof=1)) * max(found.chi2, 1.0) * (1 + 1 / len(drawn))
     L_sd = L * math.hypot(math.sqrt(wide), mu_sd / found.mu)
     if not L_sd < LOST * L:
         return _no_law(f"L comes out within {L_sd / L:.0%} only; drive until it slides")
     pressure_sd = np.hypot(
         found.slope.E / found.mu * run.sigma_sd[slides].mean(axis=0),
-        np.std([d.pressure for d in draws], axis=0, ddof=1),
+        np.std([d.pressure for d in drawn], axis=0, ddof=1),
     )
     notes = [
         f"local law: {len(run.Q)} frames, {int(slides.sum())} of them sliding,"
@@ -351,14 +366,16 @@ def _slip_scale(run: _Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float
     return start * math.exp(float(np.clip(found.x[0], -3, 3)))
 
 
-def _draws(run: _Run, found: _Fitted, inversion: AxisymmetricInversion, seed: int) -> list[_Fitted]:
+def _draws(
+    run: _Run, found: _Fitted, inversion: AxisymmetricInversion, seed: int, count: int
+) -> list[_Fitted]:
     """The fit to runs with noise drawn anew on the fitted displacements."""
     rng = np.random.default_rng(seed)
     frames = np.unique(np.linspace(0, len(run.Q) - 1, MOST_FRAMES).round().astype(int))
     slides = np.flatnonzero(found.sliding)
     frames = np.union1d(frames, slides[-min(len(slides), 2 * FEWEST_SLIDING) :])
     drawn = []
-    for _ in range(DRAWS):
+    for _ in range(count):
         reference = inversion.drawn_noise(run.rings[frames[0]], rng)
         rings = []
         for i in frames:

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, I64
 from analysis.contact.rings import Rings
 from analysis.inversion.grid import check_block, grid_pitch
 from analysis.inversion.result import NOT_COVERED, RadialInversion, Stopped
-from analysis.inversion.smoothing import SmoothFit, shared_noise, smooth_fit
+from analysis.inversion.smoothing import SmoothFit, overlaps, smooth_fit
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.half_space import layer_correction
 from analysis.robust import robust_sd
@@ -317,13 +317,24 @@ def _ring_correlation(r: F64, n: int, width: float, pitch: float, box: float) ->
     independent points, shape (n,).
     """
     ring = (r / width).astype(np.int64)
-    mean = np.stack([ring == i for i in range(n)]).astype(np.float64)
-    mean /= np.maximum(mean.sum(axis=(1, 2), keepdims=True), 1)
-    flat = mean.reshape(n, -1)
-    covariance = flat @ shared_noise(mean, pitch, box).reshape(n, -1).T
-    independent = np.maximum(np.einsum("ij,ij->i", flat, flat), 1e-300)
+    count = np.maximum(np.bincount(ring.ravel(), minlength=n)[:n], 1).astype(np.float64)
+    # over all pairs of boxes that overlap
+    covariance = np.zeros(n * n)
+    for down, across, share in overlaps(pitch, box):
+        one, other = _shifted(ring, down, across)
+        covariance += share * np.bincount((one * n + other).ravel(), minlength=n * n)
+    covariance = covariance.reshape(n, n) / np.outer(count, count)
+    independent = 1 / count
     spread = np.sqrt(np.maximum(np.diag(covariance), independent))
     return covariance / np.outer(spread, spread), spread / np.sqrt(independent)
+
+
+def _shifted(values: I64, down: int, across: int) -> tuple[I64, I64]:
+    """Values of a grid's points, and of those so many rows and columns further."""
+    rows, columns = values.shape
+    here = values[max(-down, 0) : rows - max(down, 0), max(-across, 0) : columns - max(across, 0)]
+    there = values[max(down, 0) : rows + min(down, 0), max(across, 0) : columns + min(across, 0)]
+    return here, there
 
 
 def _pooled(rings: Rings) -> F64:

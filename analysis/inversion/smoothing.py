@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,6 +92,17 @@ def smooth_fit(
     chi2 = max(power - 2 * b @ (scale * right) + b @ gram @ b, 0.0) / freedom
     covariance = chosen @ (V.T @ shared @ V + np.diag(strength[best] * g)) @ chosen.T
     return SmoothFit(scale * b, max(chi2, 1.0) * covariance * square, float(chi2), freedom)
+
+
+def overlaps(pitch: float, box: float) -> list[tuple[int, int, float]]:
+    """Steps down and across a grid to the boxes that overlap one, itself among them, and the
+    correlation of their noise with its.
+    """
+    if box == 0:
+        return [(0, 0, 1.0)]
+    reach = range(-math.ceil(box / pitch), math.ceil(box / pitch) + 1)
+    share = {k: max(1 - abs(k * pitch) / box, 0.0) for k in reach}
+    return [(j, i, share[j] * share[i]) for j in reach for i in reach if share[j] * share[i] > 0]
 
 
 def shared_noise(fields: F64, pitch: float, box: float) -> F64:

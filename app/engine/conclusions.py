@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from analysis.friction.onset import Onset, sliding_onset
 from analysis.friction.pressure import check_pressure
 from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
-from app.engine.law import local_law
+from app.engine.budget import Budget, Measured, Values, budget
+from app.engine.law import inverted
 from app.engine.setup import sensor_chain
+from app.engine.tractions import PEAK_REACH
 from app.numbers import series_of
 from app.records import F64, ContactResult, Phase, Snapshot
 from app.settings import Config
@@ -25,7 +27,10 @@ LOG = logging.getLogger(__name__)
 T = TypeVar("T")
 MISALIGNED = math.radians(15.0)  # directions of frames that differ by more do not go together
 SETTLED = 8.0  # slip in mu L from which all but exp(-8) of the traction is there
-SCALE_SD = 0.01  # relative, of pixel size and radius of the lens together
+BUDGET_FRAMES = 96  # of the law, evenly spaced: a derivative needs no more
+CENTRAL = 3  # rings whose mean is the pressure at the centre
+HALF_WAY = 0.5  # of the largest Q: c is told there
+AGREEMENT = "agreement"  # of force and traction, among the results that have a budget
 
 
 def attempt(notes: list[str], what: str, estimator: Callable[[], T], otherwise: T) -> T:
@@ -49,6 +54,77 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
     return float(hertz.contact_radius(normal_force_n, s.young_modulus, s.poisson, s.lens_radius))
 
 
+class Conclusion(NamedTuple):
+    """What a drive says, before it is told what the inputs cost."""
+
+    force: float
+    hertz_m: float
+    law: LocalLaw
+    onset: Onset
+
+
+def conclude(
+    measured: Measured, hertz_m: float, law: LocalLaw, notes: list[str] | None = None
+) -> Conclusion:
+    """The onset of sliding, once the law is known; failures go to `notes`."""
+    drive = measured.drive
+    time, centre, shear, normal, centre_sd = (
+        series_of(drive, name)
+        for name in (
+            "time_s",
+            "centre_ux_m",
+            "shear_force_n",
+            "normal_force_n",
+            "centre_ux_sd_m",
+        )
+    )
+    # of two images of equal noise one is the reference
+    known = centre_sd[np.isfinite(centre_sd)]
+    reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
+    settled = SETTLED * slip_scale(measured.config, law, shear, normal)
+    onset = attempt(
+        [] if notes is None else notes,
+        "onset",
+        lambda: sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled),
+        Onset(),
+    )
+    return Conclusion(float(normal.mean()) if drive else math.nan, hertz_m, law, onset)
+
+
+def results_of(measured: Measured) -> Values:
+    """The results that have a budget, by their names in the session, without uncertainties."""
+    config, contact = measured.config, measured.contact
+    normal = series_of(measured.drive, "normal_force_n")
+    hertz_m = hertz_radius_m(config, float(normal.mean()))
+    frames = inverted(measured, hertz_m, BUDGET_FRAMES)
+    law = frames.law(draws=0) if frames else LocalLaw()
+    found = conclude(measured, hertz_m, law)
+    onset, sample = found.onset, config.sample
+    results = {
+        "apparent_radius": contact.apparent_radius_m if contact else math.nan,
+        "hertz_radius": hertz_m,
+        "onset_time": onset.time,
+        "static_force": onset.static_force,
+        "mu_s": onset.mu_s,
+        "mu_d": onset.mu_d,
+        "law_mu": law.mu,
+        "law_length": law.L,
+        "young_modulus": law.E,
+        "sliding_velocity": onset.velocity,
+    }
+    if frames and math.isfinite(law.E):
+        told = (found.force, sample.poisson, sample.lens_radius, sample.roughness)
+        at_centre = float(law.pressure[:CENTRAL].mean())
+        results |= {
+            "pressure": at_centre,
+            "stress": at_centre * law.mu * sample.young_modulus / law.E,
+            "block_displacement": float(law.D[-1]),
+            "peak_radius": frames.stick_radius(HALF_WAY, PEAK_REACH * hertz_m),
+            AGREEMENT: check_pressure(law, *told).ratio,
+        }
+    return results
+
+
 def summarise(
     config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]
 ) -> Summary:
@@ -56,37 +132,33 @@ def summarise(
     drive.
     """
     drive = along_the_drive([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
-    time, centre, shear, normal = (
-        series_of(drive, name)
-        for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n")
-    )
-    force = float(normal.mean()) if drive else math.nan
+    measured = Measured(config, drive, contact)
+    normal = series_of(drive, "normal_force_n")
+    hertz_m = hertz_radius_m(config, float(normal.mean())) if drive else math.nan
     notes = list(notes)
-    hertz_m = hertz_radius_m(config, force)
-    law = attempt(
-        notes, "local law", lambda: local_law(config, drive, contact, hertz_m), LocalLaw()
-    )
-    # of two images of equal noise one is the reference
-    centre_sd = series_of(drive, "centre_ux_sd_m")
-    known = centre_sd[np.isfinite(centre_sd)]
-    reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
-    settled = SETTLED * slip_scale(config, law, shear, normal)
-    onset = attempt(
-        notes,
-        "onset",
-        lambda: sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled),
-        Onset(),
-    )
+
+    def law_of_frames() -> LocalLaw:
+        frames = inverted(measured, hertz_m)
+        return frames.law() if frames else LocalLaw()
+
+    law = attempt(notes, "local law", law_of_frames, LocalLaw())
+    force, _, _, onset = conclude(measured, hertz_m, law, notes)
+    nothing = Budget()
+    spent = nothing
+    if math.isfinite(onset.time) or law.sliding:
+        spent = attempt(notes, "budget", lambda: budget(measured, results_of), nothing)
     calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
-    sample, common = config.sample, math.hypot(calibration, SCALE_SD)
+    sample, agreement = config.sample, spent.relative_sd(AGREEMENT)
     told = (force, sample.poisson, sample.lens_radius, sample.roughness)
-    nothing: tuple[str, ...] = ()
-    disagreement = attempt(
-        notes,
-        "pressure",
-        lambda: check_pressure(law, *told, relative_sd=common).notes if law.sliding else nothing,
-        nothing,
-    )
+    silent: tuple[str, ...] = ()
+    disagreement = silent
+    if law.sliding and math.isfinite(agreement):
+        disagreement = attempt(
+            notes,
+            "pressure",
+            lambda: check_pressure(law, *told, relative_sd=agreement).notes,
+            silent,
+        )
     return Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
@@ -114,6 +186,9 @@ def summarise(
         young_modulus_pa=law.E,
         young_modulus_sd_pa=law.E_sd,
         calibration_sd=calibration,
+        budget_inputs=spent.inputs,
+        budget_quantities=spent.results,
+        budget=tuple(share for row in spent.shares for share in row),
     )
 
 

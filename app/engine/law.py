@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from analysis.contact.rings import Rings
 from analysis.friction.local_law import LocalLaw, fit_local_law
+from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
+from app.engine.budget import Measured
 from app.engine.setup import grid_of
 from app.engine.tractions import radial_inversion
 from app.numbers import series_of
@@ -19,20 +21,54 @@ from app.settings import Config
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
 
 
-def local_law(
-    config: Config, drive: Sequence[Snapshot], contact: ContactResult | None, hertz_m: float
-) -> LocalLaw:
-    """The local friction law from the rings of a drive; NaN where no traction was computed.
+class Inverted(NamedTuple):
+    """The inversion of a drive, and the frames with rings for it."""
 
-    `hertz_m` is Hertz's contact radius under the normal force, metres.
+    inversion: AxisymmetricInversion
+    frames: list[Snapshot]
+    rings: list[Rings]
+    P: np.ndarray
+    Q: np.ndarray
+
+    def law(self, **options: int) -> LocalLaw:
+        """The local friction law; options as for `fit_local_law`."""
+        return fit_local_law(
+            self.rings, self.P, self.Q, self.inversion, Q_sd=force_noise(self.Q), **options
+        )
+
+    def stick_radius(self, share: float, reach: float) -> float:
+        """c, where the traction is largest, in metres, in the frame in which Q has come to that
+        share of its maximum; `reach` as for `stress_peak`.
+        """
+        frame = int(np.argmax(share * self.Q.max() <= self.Q))
+        try:
+            found = self.inversion.solve(self.rings[frame])
+        except ValueError:
+            return math.nan
+        inside = found.radius < self.inversion.mask_radius
+        radius, covariance = found.radius[inside], found.covariance[np.ix_(inside, inside)]
+        return stress_peak(radius, found.sigma[inside], covariance, reach=reach).radius
+
+
+def inverted(measured: Measured, hertz_m: float, most_frames: int | None = None) -> Inverted | None:
+    """What inverts the rings of a drive; None where no traction was computed.
+
+    `hertz_m` is Hertz's contact radius under the normal force, metres; `most_frames` takes as many
+    at most, evenly spaced.
     """
+    config, contact, drive = measured.config, measured.contact, measured.drive
     if contact is None or not any(s.traction for s in drive):
-        return LocalLaw()
-    measured = [s for s in drive if s.rings is not None]  # a long series keeps those of some frames
-    P, Q = (series_of(measured, name) for name in ("normal_force_n", "shear_force_n"))
-    inversion = radial_inversion(config, *_places(config, contact), hertz_m)
-    rings = [_counted(s.rings, inversion) for s in measured if s.rings is not None]
-    return fit_local_law(rings, P, Q, inversion, Q_sd=force_noise(Q))
+        return None
+    frames = [s for s in drive if s.rings is not None]  # a long series keeps those of some
+    if most_frames and len(frames) > most_frames:
+        chosen = np.linspace(0, len(frames) - 1, most_frames).round().astype(int)
+        frames = [frames[i] for i in chosen]
+    inversion = radial_inversion(
+        config, *_places(config, contact), hertz_m, averaging=measured.averaging
+    )
+    rings = [_counted(s.rings, inversion) for s in frames if s.rings is not None]
+    P, Q = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n"))
+    return Inverted(inversion, frames, rings, P, Q)
 
 
 def force_noise(Q: np.ndarray) -> float:

@@ -136,9 +136,12 @@ class Tractions:
 
 
 def radial_inversion(
-    config: Config, x_m: F64, y_m: F64, hertz_radius_m: float
+    config: Config, x_m: F64, y_m: F64, hertz_radius_m: float, averaging: float = 1.0
 ) -> AxisymmetricInversion:
-    """The inversion of the ring means of a run; parameters and errors as for `Tractions`."""
+    """The inversion of the ring means of a run; parameters and errors as for `Tractions`.
+
+    `averaging` is the side of the box over which u_x is averaged over that of the settings.
+    """
     sample, pixel_m = config.sample, config.camera.pixel
     pitch = config.dic.step * pixel_m
     return AxisymmetricInversion(
@@ -149,7 +152,7 @@ def radial_inversion(
         sample.young_modulus,
         sample.poisson,
         edge=hertz_radius_m,
-        box=config.dic.averaging_box_px * pixel_m,
+        box=averaging * config.dic.averaging_box_px * pixel_m,
         noise_box=config.dic.box * pixel_m,
         thickness=sample.depth,
     )

@@ -30,11 +30,13 @@ class Measurement:
     name, symbol : str
         What it is, and how the paper writes it, ``"Q_s"``.
     value, sd : float
-        In SI units; `sd` is the standard uncertainty. NaN: not measured.
+        In SI units; `sd` is the standard uncertainty by noise. NaN: not measured.
     unit : str
         One of `UNITS`: the unit in which people read the quantity.
     extremes : (float, float)
         Least and greatest of the readings that `value` is the mean of, in place of `sd`.
+    systematic : float
+        Standard uncertainty by the operator's inputs.
     """
 
     name: str
@@ -43,26 +45,31 @@ class Measurement:
     sd: float = math.nan
     unit: str = ""
     extremes: tuple[float, float] = (math.nan, math.nan)
+    systematic: float = math.nan
 
     @property
     def rounded(self) -> tuple[str, str]:
-        """Value and uncertainty, as ``("2.205", "± 0.041")`` or ``("0.930", "0.921 to 0.938")``.
+        """Value and uncertainty, as ``("2.205", "± 0.041")``, with that by the inputs too
+        ``("2.205", "± 0.041 ± 0.012")``, or ``("0.930", "0.921 to 0.938")``.
 
-        The value has as many decimals as two significant digits of the uncertainty need, or three
-        significant digits where the uncertainty is unknown and its text empty. Both texts are empty
-        where nothing was measured.
+        The value has as many decimals as two significant digits of the uncertainty by noise need,
+        but not more than three of that by the inputs; three significant digits where neither is
+        known, and its text is empty then. Both texts are empty where nothing was measured.
         """
         factor = UNITS[self.unit]
-        value, sd, low, high = (x / factor for x in (self.value, self.sd, *self.extremes))
+        value, sd, by_inputs, low, high = (
+            x / factor for x in (self.value, self.sd, self.systematic, *self.extremes)
+        )
         if not math.isfinite(value):
             return "", ""
         if 0 < high - low < math.inf:
             decimals = decimals_for((high - low) / 2, 2)
             return f"{value:.{decimals}f}", f"{low:.{decimals}f} to {high:.{decimals}f}"
-        if 0 < sd < math.inf:
-            decimals = decimals_for(sd, 2)
-            return f"{value:.{decimals}f}", f"± {sd:.{decimals}f}"
-        return f"{value:.{decimals_for(value, 3)}f}", ""
+        known = [part for part in (sd, by_inputs) if 0 < part < math.inf]
+        if not known:
+            return f"{value:.{decimals_for(value, 3)}f}", ""
+        decimals = decimals_for(max(known[0], known[-1] / 10), 2)
+        return f"{value:.{decimals}f}", " ".join(f"± {part:.{decimals}f}" for part in known)
 
     def __str__(self) -> str:
         """As ``2.205 ± 0.041 mm`` or ``0.930 (0.921 to 0.938)``, or "not measured"."""
@@ -82,20 +89,28 @@ def measured_text(value: float, sd: float) -> str:
 def summary_quantities(summary: Summary) -> tuple[Measurement, ...]:
     """What the experiment comes down to, in the units of the paper."""
     s = summary
+
+    def by_inputs(value: float, name: str) -> float:
+        return abs(value) * s.systematic(name)
+
+    a, E = s.apparent_radius_m, s.young_modulus_pa
+    a_sd, E_sd, t_sd = s.apparent_radius_sd_m, s.young_modulus_sd_pa, s.onset_time_sd_s
+    rows = (
+        ("apparent radius", "a", a, a_sd, "mm", "apparent_radius"),
+        ("Hertz contact radius", "a_H", s.hertz_radius_m, math.nan, "mm", "hertz_radius"),
+        ("onset of sliding", "t_s", s.onset_time_s, t_sd, "s", "onset_time"),
+        ("force at the onset", "Q_s", s.static_force_n, s.static_force_sd_n, "N", "static_force"),
+        ("static friction", "mu_s", s.mu_s, s.mu_s_sd, "", "mu_s"),
+        ("dynamic friction", "mu_d", s.mu_d, s.mu_d_sd, "", "mu_d"),
+        ("friction of the local law", "mu", s.law_mu, s.law_mu_sd, "", "law_mu"),
+        ("length of the local law", "L", s.law_length_m, s.law_length_sd_m, "um", "law_length"),
+        ("Young's modulus from the stress", "E", E, E_sd, "MPa", "young_modulus"),
+        ("sliding velocity", "v", s.sliding_velocity_m_s, math.nan, "um/s", "sliding_velocity"),
+    )
     return (
         Measurement("normal force", "P", s.normal_force_n, unit="N"),
-        Measurement("apparent radius", "a", s.apparent_radius_m, s.apparent_radius_sd_m, "mm"),
-        Measurement("Hertz contact radius", "a_H", s.hertz_radius_m, unit="mm"),
-        Measurement("onset of sliding", "t_s", s.onset_time_s, s.onset_time_sd_s, "s"),
-        Measurement(
-            "force at the onset", "Q_s", s.static_force_n, s.mu_s_sd * s.normal_force_n, "N"
+        *(
+            Measurement(name, symbol, value, sd, unit, systematic=by_inputs(value, key))
+            for name, symbol, value, sd, unit, key in rows
         ),
-        Measurement("static friction", "mu_s", s.mu_s, s.mu_s_sd),
-        Measurement("dynamic friction", "mu_d", s.mu_d, extremes=s.mu_d_range),
-        Measurement("friction of the local law", "mu", s.law_mu, s.law_mu_sd),
-        Measurement("length of the local law", "L", s.law_length_m, s.law_length_sd_m, "um"),
-        Measurement(
-            "Young's modulus from the stress", "E", s.young_modulus_pa, s.young_modulus_sd_pa, "MPa"
-        ),
-        Measurement("sliding velocity", "v", s.sliding_velocity_m_s, unit="um/s"),
     )

@@ -21,15 +21,41 @@ class Row(NamedTuple):
 
 def summary_rows(summary: Summary) -> list[Row]:
     """What the experiment comes down to, in the units of the paper."""
-    common = summary.calibration_sd
+    low, high = summary.mu_d_range
+    spread = [Row("Q/P while it slides", "", f"{low:.4f} to {high:.4f}")] if high > low else []
     return [
         *(Row(q.name, q.symbol, str(q)) for q in summary_quantities(summary)),
-        Row(
-            "calibration, common to every mu",
-            "u(mu)",
-            f"± {100 * common:.1f} %" if common > 0 else "not known",
-        ),
+        *spread,
+        *budget_rows(summary),
     ]
+
+
+TOLD = {  # results whose budget is told, by their symbols
+    "onset_time": "t_s",
+    "mu_d": "mu",
+    "law_length": "L",
+    "young_modulus": "E",
+    "pressure": "p",
+    "stress": "sigma",
+    "peak_radius": "c",
+    "block_displacement": "D",
+}
+LEAST_SHARE = 0.2  # of the whole uncertainty: inputs that cost less are not named
+
+
+def budget_rows(summary: Summary) -> list[Row]:
+    """Which inputs cost how much of a result, those that matter, the dearest first."""
+    rows: list[Row] = []
+    for name, symbol in TOLD.items():
+        shares, whole = summary.shares(name), summary.systematic(name)
+        if not 0 < whole < math.inf:
+            continue
+        dear = sorted(shares, key=lambda one: -abs(shares[one]))
+        told = [one for one in dear if abs(shares[one]) > LEAST_SHARE * whole]
+        words = [f"{one} {100 * shares[one]:+.2g}" for one in told]
+        label = "" if rows else "what the inputs cost"
+        rows.append(Row(label, f"u({symbol})", f"{100 * whole:.2g} %: " + ", ".join(words)))
+    return rows
 
 
 def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
