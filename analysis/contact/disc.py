@@ -2,46 +2,54 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from analysis.arrays import F64
+from analysis.contact.densities import Density, Power, Rough
 
-LARGEST_EXPONENT = 2.0
 ROUNDS = 8
 DRAWS = 512
 FEWEST_DRAWS = 80.0  # effective number of draws that a round keeps by flattening the likelihood
-RADIAL_NODES = 24
 # how well the place of a micro-contact is known: no radius or centre is known better
 LOCALISATION_PX = 0.5
-CHUNK = 50_000  # densities worked on at a time: they stay in the cache
+# of the evidence for one kind of density against the other: neither is quite what a surface has
+TRUST = 0.5
+
+
+FAMILIES: tuple[Density, ...] = (Power(), Rough())
 
 
 @dataclass(frozen=True, slots=True)
 class Disc:
-    """Where micro-contacts end: density ``(1 - (r/radius)^2)^exponent``; pixels.
+    """The disc that micro-contacts fill; pixels.
 
-    `gain` is the logarithm of how much better the disc explains the positions than an even scatter
-    over the picture does.
+    `rough_share` is how likely they thin out like Greenwood and Tripp's pressure, 0 to 1, against a
+    density that ends. `gain` is the logarithm of how much better the disc explains the positions
+    than an even scatter over the picture does.
     """
 
     centre_px: tuple[float, float]
     centre_sd_px: tuple[float, float]
     radius_px: float
     radius_sd_px: float
-    exponent: float
+    rough_share: float
     gain: float
 
 
 def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
-    """Centre and radius of the disc of micro-contacts, with standard uncertainties.
+    """Centre and apparent radius of the disc of micro-contacts, with standard uncertainties.
 
-    Their density is taken as ``(1 - (r/a)^2)^m`` with m between 0 and 2 unknown (0: even, 1/2:
-    Hertz), plus stray points anywhere in the picture. The result is the mean over everything that
-    the positions allow (flat prior over centre, a and m): the distance of the outermost point is
-    biased low, the most likely radius as well, this mean is not.
+    Their density ends like ``(1 - (r/a)^2)^m`` with m between 0 and 1 unknown (0: even, 1/2:
+    Hertz), or thins out like Greenwood and Tripp's pressure of unknown roughness, whose apparent
+    radius is ``a_H + sqrt(R h)``; plus stray points anywhere in the picture. The result is the mean
+    over everything that the positions allow (flat prior over centre and scale, both kinds equally
+    likely, their evidence taken for half of what it is): the distance of the outermost point is biased low, the most likely radius as
+    well, this mean is not.
 
     Parameters
     ----------
@@ -57,26 +65,58 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     count, except in the last round.
     """
     area = float(shape[0] * shape[1])
-    middle = np.array([np.median(x), np.median(y)])
-    # half of the points lie within 0.6 a for m = 1/2, 0.7 a for m = 0, 0.45 a for m = 3/2
-    radius = 1.65 * float(np.median(np.hypot(x - middle[0], y - middle[1])))
-    stray = _stray_share(np.hypot(x - middle[0], y - middle[1]), 1.3 * radius, area)
+    middle = np.median(x), np.median(y)
+    half = float(np.median(np.hypot(x - middle[0], y - middle[1])))
+    stray = _stray_share(np.hypot(x - middle[0], y - middle[1]), 1.3 * 1.65 * half, area)
+    known = [_fitted(kind, x, y, shape, half, stray) for kind in FAMILIES]
+    evidence = np.array([one.evidence for one in known])
+    share = np.exp(TRUST * (evidence - evidence.max()))
+    share /= share.sum()
+    mean = share @ [one.mean for one in known]
+    spread = share @ [one.variance + (one.mean - mean) ** 2 for one in known]
+    sd_x, sd_y, sd_radius = np.sqrt(spread + LOCALISATION_PX**2).tolist()
+    at_x, at_y, a = mean.tolist()
+    gain = max(one.highest for one in known) + len(x) * np.log(area)
+    return Disc((at_x, at_y), (sd_x, sd_y), a, sd_radius, float(share[1]), float(gain))
 
-    centre = np.array([*middle, radius, 0.7])
-    spread = np.diag([0.04 * radius, 0.04 * radius, 0.1 * radius, 0.6]) ** 2
+
+class _Fitted(NamedTuple):
+    """What one family says: mean and variance of (x0, y0, apparent radius), logarithm of its
+    evidence, the highest log-likelihood.
+    """
+
+    mean: F64
+    variance: F64
+    evidence: float
+    highest: float
+
+
+def _fitted(
+    kind: Density, x: F64, y: F64, shape: tuple[int, int], half: float, stray: float
+) -> _Fitted:
+    """The mean over everything that the positions allow in one family of densities."""
+    of_half, form, form_sd = kind.start
+    radius = of_half * half
+    centre = np.array([np.median(x), np.median(y), radius, form])
+    spread = np.diag([0.04 * radius, 0.04 * radius, 0.1 * radius, form_sd]) ** 2
     for turn in range(ROUNDS):
-        normal = ndtri(_even_points(turn))
-        draws = centre + normal @ np.linalg.cholesky(spread).T
-        level = _log_likelihood(draws, x, y, shape, stray)
+        normal, root = ndtri(_even_points(turn)), np.linalg.cholesky(spread)
+        draws = centre + normal @ root.T
+        level = _log_likelihood(kind, draws, x, y, shape, stray)
         fewest = FEWEST_DRAWS if turn < ROUNDS - 1 else 0.0
-        weight = _weights(level, 0.5 * (normal**2).sum(axis=1), fewest)
+        correction = 0.5 * (normal**2).sum(axis=1)
+        weight = _weights(level, correction, fewest)
         centre = weight @ draws
         covariance = np.cov(draws.T, aweights=weight, ddof=0)
         spread = 1.5 * covariance + np.diag([0.05, 0.05, 0.05, 1e-4])
-    sd_x, sd_y, sd_radius, _ = np.sqrt(np.diag(covariance) + LOCALISATION_PX**2).tolist()
-    at_x, at_y, a, exponent = centre.tolist()
-    gain = float(level.max() + len(x) * np.log(area))
-    return Disc((at_x, at_y), (sd_x, sd_y), a, sd_radius, exponent, gain)
+    a = kind.apparent(draws[:, 2], draws[:, 3])
+    mean = np.append(centre[:2], weight @ a)
+    variance = np.append(np.diag(covariance)[:2], weight @ (a - mean[2]) ** 2)
+    total = level + correction
+    highest = float(total.max())
+    evidence = highest + math.log(float(np.exp(total - highest).mean()))
+    evidence += float(np.log(np.diag(root)).sum()) - math.log(kind.most - kind.least)
+    return _Fitted(mean, variance, evidence, float(level.max()))
 
 
 def _stray_share(r: F64, limit: float, area: float) -> float:
@@ -96,37 +136,34 @@ def _even_points(turn: int) -> F64:
     return np.asarray((0.5 + index * golden ** -np.arange(1.0, 5.0)) % 1.0)
 
 
-def _log_likelihood(draws: F64, x: F64, y: F64, shape: tuple[int, int], stray: float) -> F64:
-    """Log-probability of the positions for each (x0, y0, a, m), shape (k, 4) to (k,)."""
+def _log_likelihood(
+    kind: Density, draws: F64, x: F64, y: F64, shape: tuple[int, int], stray: float
+) -> F64:
+    """Log-probability of the positions for each (x0, y0, scale, shape), shape (k, 4) to (k,)."""
     level = np.full(len(draws), -np.inf)
-    high = np.array([shape[1], shape[0], 0.5 * np.hypot(*shape), LARGEST_EXPONENT])
-    allowed = np.flatnonzero(((draws > 0) & (draws < high)).all(axis=1))
-    for rows in np.array_split(allowed, max(1, len(allowed) * len(x) // CHUNK)):
-        x0, y0, a, m = (column[:, None] for column in draws[rows].T)
-        scale = (1 - stray) * (m + 1) / (np.pi * a**2) / _visible_share(x0, y0, a, m, shape)
-        inside = 1 - ((x - x0) ** 2 + (y - y0) ** 2) / a**2
-        # exp(m log) is several times faster than a power; the floor keeps the logarithm finite
-        # where the result is not used
-        density = np.exp(m * np.log(np.maximum(inside, 1e-12)) + np.log(scale))
-        density[inside <= 0] = 0
-        level[rows] = np.log(density + stray / (shape[0] * shape[1])).sum(axis=1)
+    low = np.array([0.0, 0.0, 0.0, kind.least])
+    high = np.array([shape[1], shape[0], 0.5 * np.hypot(*shape), kind.most])
+    allowed = np.flatnonzero(((draws > low) & (draws < high)).all(axis=1))
+    chosen = draws[allowed]
+    share = (1 - stray) / _visible_share(kind, chosen, shape)
+    level[allowed] = kind.levels(chosen, x, y, share, stray / (shape[0] * shape[1]))
     return level
 
 
-def _visible_share(x0: F64, y0: F64, a: F64, m: F64, shape: tuple[int, int]) -> F64:
-    """Share of the micro-contacts that lies in the picture, shape (k, 1)."""
+def _visible_share(kind: Density, draws: F64, shape: tuple[int, int]) -> F64:
+    """Share of the micro-contacts that lies in the picture, shape (k,)."""
+    x0, y0, scale, form = draws.T[:, :, None]
     sides = np.hstack([x0 + 0.5, shape[1] - 0.5 - x0, y0 + 0.5, shape[0] - 0.5 - y0])
-    if (sides >= a).all():
-        return np.ones_like(a)
-    part = (np.arange(RADIAL_NODES) + 0.5) / RADIAL_NODES
-    r = a * np.sqrt(1 - (1 - part) ** (1 / (m + 1)))
+    r = scale * kind.nodes(form)
+    if (sides.min(axis=1) >= r[:, -1]).all():
+        return np.ones(len(draws))
     arcs = np.arccos(np.clip(sides[:, :, None] / r[:, None, :], -1, 1))
     left, right, top, bottom = np.moveaxis(arcs, 1, 0)
     hidden = 2 * (left + right + top + bottom)
     # beyond a corner two sides hide the same arc
     for corner in (left + top, left + bottom, right + top, right + bottom):
         hidden -= np.maximum(corner - np.pi / 2, 0)
-    return np.asarray(np.maximum(1 - hidden / (2 * np.pi), 0.05).mean(axis=1, keepdims=True))
+    return np.asarray(np.maximum(1 - hidden / (2 * np.pi), 0.05).mean(axis=1))
 
 
 def _weights(level: F64, correction: F64, fewest: float) -> F64:

@@ -9,11 +9,10 @@ import numpy as np
 
 from analysis.contact.rings import Rings
 from analysis.friction.local_law import LocalLaw, fit_local_law
-from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from app.engine.budget import Measured
 from app.engine.setup import grid_of
-from app.engine.tractions import radial_inversion
+from app.engine.tractions import largest_traction, radial_inversion
 from app.numbers import series_of
 from app.records import ContactResult, RingProfile, Snapshot
 from app.settings import Config
@@ -45,9 +44,7 @@ class Inverted(NamedTuple):
             found = self.inversion.solve(self.rings[frame])
         except ValueError:
             return math.nan
-        inside = found.radius < self.inversion.mask_radius
-        radius, covariance = found.radius[inside], found.covariance[np.ix_(inside, inside)]
-        return stress_peak(radius, found.sigma[inside], covariance, reach=reach).radius
+        return largest_traction(found, self.inversion.mask_radius, reach)[0]
 
 
 def inverted(measured: Measured, hertz_m: float, most_frames: int | None = None) -> Inverted | None:

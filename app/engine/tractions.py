@@ -4,6 +4,8 @@ then quick enough for every frame.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from analysis.contact.orientation import Direction
@@ -13,6 +15,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.material import UPRIGHT, as_seen
 from analysis.inversion.problem import InversionProblem
+from analysis.inversion.result import RadialInversion
 from app.records import (
     F32,
     F64,
@@ -24,7 +27,9 @@ from app.settings import Config
 ITERATIONS = 5
 OBLIQUE = 0.1  # sine of the angle between drive and rows from which there is no field
 OFTEN = 0.1  # share of the frames from which a doubt is told
-PEAK_REACH = 0.1  # of a: the parabola through the largest traction goes so far to either side
+PEAK_REACH = 0.12  # of a: the cubic through the largest traction goes so far to either side
+# of that, by which the cubic's top is off that of an elasto-plastic traction
+UNEVEN = 1 / 25
 # in sqrt(R h), and in pitches: beyond, a rough contact has less than 1 % of its pressure
 RIM, MARGIN = 2.0, 2
 
@@ -127,12 +132,22 @@ class Tractions:
         self._uncovered += not found.is_covered
         self._doubtful += not found.is_converged
         inside = found.radius < self._profile.mask_radius
-        radius, sigma = found.radius[inside], found.sigma[inside]
-        peak = stress_peak(
-            radius, sigma, found.covariance[np.ix_(inside, inside)], reach=self._reach
-        )
-        traction = Traction(peak.radius, peak.radius_sd, found.D, found.D_sd, found.Q, found.Q_sd)
-        return traction, StressProfile(radius, sigma, found.sigma_sd[inside])
+        c = largest_traction(found, self._profile.mask_radius, self._reach)
+        traction = Traction(*c, found.D, found.D_sd, found.Q, found.Q_sd)
+        profile = StressProfile(found.radius[inside], found.sigma[inside], found.sigma_sd[inside])
+        return traction, profile
+
+
+def largest_traction(
+    found: RadialInversion, mask_radius: float, reach: float
+) -> tuple[float, float]:
+    """c, the radius of the largest traction, and its uncertainty, metres: by noise, and by what the
+    curve through it is off; `reach` as for `stress_peak`.
+    """
+    inside = found.radius < mask_radius
+    covariance = found.covariance[np.ix_(inside, inside)]
+    peak = stress_peak(found.radius[inside], found.sigma[inside], covariance, reach=reach)
+    return peak.radius, math.hypot(peak.radius_sd, UNEVEN * reach)
 
 
 def radial_inversion(

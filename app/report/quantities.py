@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from analysis.options import UNITS
 from app.summary import Summary
 
+NOWHERE = (math.nan, math.nan)
+
 
 def decimals_for(number: float, digits: int) -> int:
     """Decimals that show `number` with so many significant digits after it is rounded to them.
@@ -44,7 +46,7 @@ class Measurement:
     value: float
     sd: float = math.nan
     unit: str = ""
-    extremes: tuple[float, float] = (math.nan, math.nan)
+    extremes: tuple[float, float] = NOWHERE
     systematic: float = math.nan
 
     @property
@@ -93,13 +95,16 @@ def summary_quantities(summary: Summary) -> tuple[Measurement, ...]:
     def by_inputs(value: float, name: str) -> float:
         return abs(value) * s.systematic(name)
 
+    Q_sd = s.static_force_sd_n
+    if not math.isfinite(Q_sd):  # of a session that has only that of mu_s
+        Q_sd = s.mu_s_sd * s.normal_force_n
     a, E = s.apparent_radius_m, s.young_modulus_pa
     a_sd, E_sd, t_sd = s.apparent_radius_sd_m, s.young_modulus_sd_pa, s.onset_time_sd_s
     rows = (
         ("apparent radius", "a", a, a_sd, "mm", "apparent_radius"),
         ("Hertz contact radius", "a_H", s.hertz_radius_m, math.nan, "mm", "hertz_radius"),
         ("onset of sliding", "t_s", s.onset_time_s, t_sd, "s", "onset_time"),
-        ("force at the onset", "Q_s", s.static_force_n, s.static_force_sd_n, "N", "static_force"),
+        ("force at the onset", "Q_s", s.static_force_n, Q_sd, "N", "static_force"),
         ("static friction", "mu_s", s.mu_s, s.mu_s_sd, "", "mu_s"),
         ("dynamic friction", "mu_d", s.mu_d, s.mu_d_sd, "", "mu_d"),
         ("friction of the local law", "mu", s.law_mu, s.law_mu_sd, "", "law_mu"),
@@ -110,7 +115,15 @@ def summary_quantities(summary: Summary) -> tuple[Measurement, ...]:
     return (
         Measurement("normal force", "P", s.normal_force_n, unit="N"),
         *(
-            Measurement(name, symbol, value, sd, unit, systematic=by_inputs(value, key))
+            Measurement(
+                name,
+                symbol,
+                value,
+                sd,
+                unit,
+                s.mu_d_range if symbol == "mu_d" and math.isnan(sd) else NOWHERE,
+                by_inputs(value, key),
+            )
             for name, symbol, value, sd, unit, key in rows
         ),
     )

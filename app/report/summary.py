@@ -22,12 +22,13 @@ class Row(NamedTuple):
 def summary_rows(summary: Summary) -> list[Row]:
     """What the experiment comes down to, in the units of the paper."""
     low, high = summary.mu_d_range
-    spread = [Row("Q/P while it slides", "", f"{low:.4f} to {high:.4f}")] if high > low else []
-    return [
-        *(Row(q.name, q.symbol, str(q)) for q in summary_quantities(summary)),
-        *spread,
-        *budget_rows(summary),
-    ]
+    rows = [Row(q.name, q.symbol, str(q)) for q in summary_quantities(summary)]
+    if high > low and math.isfinite(summary.mu_d_sd):
+        rows.append(Row("Q/P while it slides", "", f"{low:.4f} to {high:.4f}"))
+    if summary.calibration_sd > 0 and not summary.budget:
+        share = f"± {100 * summary.calibration_sd:.1f} %"
+        rows.append(Row("calibration, common to every mu", "u(mu)", share))
+    return rows + budget_rows(summary)
 
 
 TOLD = {  # results whose budget is told, by their symbols

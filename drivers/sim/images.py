@@ -108,7 +108,7 @@ class Renderer:
             lit = speckle.brightness(distance, move.radius, threshold)
         else:
             share = np.interp(distance * move.per_px, np.arange(len(move.lit)), move.lit)
-            lit = speckle.brightened(share, threshold)
+            lit = speckle.rough_brightness(share, threshold)
         _add(scene, spots.peak[near] * lit, places, move)
 
     def _expose(self, scene: NDArray[Any], frame_index: int) -> NDArray[np.uint8]:

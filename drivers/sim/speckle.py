@@ -38,6 +38,8 @@ SPOT_RAMP = 0.05
 """A micro-contact reaches its full brightness when the relative pressure exceeds its threshold by
 this much.
 """
+ROUGH_RAMP = 0.3
+"""The same on a rough face, as a share of the pressure."""
 
 _REACH = 5.5  # standard deviations; the brightest grain is below 2e-5 grey levels there
 
@@ -125,12 +127,25 @@ def brightness(distance: Array, radius: float, threshold: Array) -> Array:
     """
     if radius <= 0.0:
         return np.zeros_like(distance)
-    return brightened(np.sqrt(np.clip(1.0 - (distance / radius) ** 2, 0.0, None)), threshold)
+    pressure = np.sqrt(np.clip(1.0 - (distance / radius) ** 2, 0.0, None))
+    return _smooth_step((pressure - threshold) / SPOT_RAMP)
 
 
-def brightened(pressure: Array, threshold: Array) -> Array:
-    """Relative brightness of each micro-contact, 0 to 1, under a pressure relative to its peak."""
-    t = np.clip((pressure - threshold) / SPOT_RAMP, 0.0, 1.0)
+def rough_brightness(pressure: Array, threshold: Array) -> Array:
+    """The same on a rough face, under a pressure relative to its peak: heights with an exponential
+    distribution look the same at every gap, so that the number of junctions of any brightness is
+    proportional to the pressure.
+
+    References
+    ----------
+    Greenwood, Tripp 1967; Bureau et al. 2003.
+    """
+    share = 1.0 - threshold / np.maximum(pressure, 1e-12)
+    return _smooth_step(share / ROUGH_RAMP)
+
+
+def _smooth_step(t: Array) -> Array:
+    t = np.clip(t, 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 

@@ -102,7 +102,27 @@ def test_the_summary_is_reported_in_the_units_of_the_paper() -> None:
         "E": "3.421 ± 0.032 MPa",
         "u(mu)": "± 0.8 %",
     }
-    assert summary_rows(replace(MEASURED, calibration_sd=NAN))[-1].value == "not known"
+    assert "u(mu)" not in {
+        row.symbol for row in summary_rows(replace(MEASURED, calibration_sd=NAN))
+    }
+
+
+def test_noise_and_inputs_are_told_apart_and_the_dearest_input_first() -> None:
+    budgeted = replace(
+        MEASURED,
+        mu_d_sd=0.0002,
+        static_force_sd_n=0.0004,
+        budget_inputs=("pixel size", "shear force", "drift"),
+        budget_quantities=("mu_d", "young_modulus"),
+        budget=(0.0, -0.01, 0.008, 0.004, 0.0, 0.0001),
+    )
+    rows = {row.symbol: row.value for row in summary_rows(budgeted)}
+    assert rows["mu_d"] == "0.93011 ± 0.00020 ± 0.00744"
+    assert rows["E"] == "3.421 ± 0.032 ± 0.037 MPa"
+    assert rows["Q_s"] == "0.46311 ± 0.00040 N"
+    assert rows["u(mu)"] == "0.8 %: shear force +0.8"
+    assert rows["u(E)"] == "1.1 %: pixel size -1, shear force +0.4"
+    assert rows[""] == "0.9214 to 0.9388"
 
 
 def test_two_analyses_are_compared_where_their_digits_differ() -> None:

@@ -1,0 +1,255 @@
+"""Whether the truth lies within the stated uncertainties: drives on displacement fields of a world
+whose constants differ from the settings by draws from the uncertainties of the settings, smooth and
+rough, concluded as a run is. Boxes share noise, and all frames that of the reference.
+
+    python -m benchmarks coverage [--seeds 60] [--loads 0.1 0.3 0.5 1.0 1.4] [--noise 45]
+        [--exact]
+
+within 1, within 2   share of the runs in which the truth lies within one and two standard
+                     uncertainties (noise and inputs together); 68 and 95 % of a normal distribution
+bias, rms            of the error, in % of the truth
+stated               median of the stated standard uncertainty, in %
+
+With --exact the constants are those of the settings, so that only noise and the estimators' own
+errors are left; the uncertainty is then that by noise alone. c, D and sigma are those of the frame
+at half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from analysis.contact.rings import central_value, ring_means
+from analysis.friction.stick import seen_in_rings
+from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
+from app.engine.conclusions import hertz_radius_m, summarise
+from app.engine.pipeline import CENTRE_SHARE
+from app.engine.setup import grid_of, sensor_chain
+from app.engine.tractions import Tractions
+from app.records import Conditions, ContactResult, Motion, Phase, RingProfile, Snapshot
+from app.settings import Config
+from benchmarks.report import Report
+
+SUBJECT = "Coverage of the stated uncertainties"
+MU, L = 0.93, 0.8e-6
+RATE, SPEED = 4.0, 4.85e-6  # frames per second, m/s
+BEYOND, LEAST_S = 1.45, 6.0  # of the way to sliding, and seconds further
+FORCE_NOISE = 0.3e-3  # newtons, of a mean over an exposure
+PLACES = (0.0, 0.5, 0.9)  # of sigma(r), in a
+
+
+class Drawn(NamedTuple):
+    """How the world differs from the settings: factors, and Poisson's ratio and the drift
+    themselves.
+    """
+
+    pixel: float = 1.0
+    normal: float = 1.0
+    shear: float = 1.0
+    lens_radius: float = 1.0
+    young_modulus: float = 1.0
+    poisson: float = 0.5
+    roughness: float = 1.0
+    lens_compliance: float = 1.0
+    averaging: float = 1.0
+    drift: float = 0.0
+
+
+def drawn(config: Config, rng: np.random.Generator) -> Drawn:
+    """A world drawn from the uncertainties of the settings."""
+    told = config.uncertainty
+    normal, shear = (
+        math.hypot(share, told.sensitivity) for share in sensor_chain(config).relative_uncertainty()
+    )
+    shares = (told.pixel, normal, shear, told.lens_radius, told.young_modulus)
+    more = told.roughness, told.lens_compliance, told.averaging
+    first, last = (1 + np.array(s) * rng.standard_normal(len(s)) for s in (shares, more))
+    nu = min(config.sample.poisson + told.poisson * rng.standard_normal(), 0.5)
+    return Drawn(*first, nu, *last, told.drift * rng.standard_normal())
+
+
+class World:
+    """A drive in a world, seen with the settings."""
+
+    def __init__(self, config: Config, P: float, rough: bool, truth: Drawn) -> None:
+        s = config.sample
+        self.config, self.truth, self.P = config, truth, P * truth.normal
+        h = s.roughness * truth.roughness if rough else 0.0
+        E, R = s.young_modulus * truth.young_modulus, s.lens_radius * truth.lens_radius
+        self.contact = SphereContact(self.P, E, truth.poisson, R, MU, L, h=h)
+        self.holder = s.lens_compliance * truth.lens_compliance
+        compliance = self.holder + 1 / config.forces.stiffness_shear
+        loading = AxisymmetricLoading(self.contact)
+        end = loading.at_force(self.contact.limit * (1 - 1e-9))
+        # where the line of steady sliding begins
+        onset = float(end.displacement(0.0)[0]) + compliance * self.contact.limit
+        self.onset_s = onset / SPEED
+        last = max(BEYOND * self.onset_s, self.onset_s + LEAST_S)
+        step, near = 1 / RATE, np.arange(self.onset_s - 1, self.onset_s + 1, 0.5 / RATE)
+        self.time = np.unique(np.round(np.append(np.arange(step, last, step), near), 9))
+        self.states: list[LoadingState] = []
+        for stage in (SPEED * self.time).tolist():
+            before = self.states[-1] if self.states else loading.rest
+            self.states.append(loading.advance(before, stage, compliance=compliance))
+        at_onset = loading.driven(onset, compliance)
+        self.static_force = at_onset.Q
+
+    def snapshots(self, rng: np.random.Generator, noise_m: float) -> list[Snapshot]:
+        """What a run would measure in each frame."""
+        config, truth = self.config, self.truth
+        grid, pixel = grid_of(config), config.camera.pixel
+        x, y = np.meshgrid(grid.x_px - grid.x_px.mean(), grid.y_px - grid.y_px.mean())
+        x, y = (x + 3.3) * pixel, (y - 2.1) * pixel  # as measured
+        r, theta, width = np.hypot(x, y), np.arctan2(y, x), config.dic.step * pixel
+        hertz_m = hertz_radius_m(config, self.P / truth.normal)
+        tractions = Tractions(config, x, y, hertz_m)
+        whole = float(min(x.max(), -x.min(), y.max(), -y.min()))
+        inner, box = CENTRE_SHARE * hertz_m, config.dic.averaging_box_px * pixel
+        true_box, near = box * truth.averaging * truth.pixel, r < 1.2 * inner
+        reference, shots = _noise(rng, x.shape), []
+        for i, (t, state) in enumerate(zip(self.time, self.states, strict=True)):
+            field = noise_m * (_noise(rng, x.shape) + reference) / math.sqrt(2)
+            rings = ring_means(r, field, width, whole, theta=theta)
+            Q = state.Q / truth.shear + FORCE_NOISE * rng.standard_normal()
+            lens = config.sample.lens_compliance * Q
+            moved = (state.D + self.holder * state.Q) / truth.pixel + truth.drift * t - lens
+
+            def even(at: np.ndarray, state: LoadingState = state) -> np.ndarray:
+                return state.displacement(at)[0] / truth.pixel
+
+            scale = truth.pixel
+            u = moved - seen_in_rings(even, rings.radius * scale, true_box, width * scale)
+            centre = field[near] + moved - self._seen(state, x[near], y[near], true_box)
+            value, sd = central_value(r[near], theta[near], centre, inner, box=box, shared=4.0)
+            total = replace(rings, mean=rings.mean + u)
+            traction, stress = tractions.of(total)
+            P = self.P / truth.normal + FORCE_NOISE * rng.standard_normal()
+            shots.append(
+                Snapshot(
+                    i,
+                    i,
+                    Conditions(Phase.DRIVE, float(t), P, Q, float(SPEED * t)),
+                    Motion(lens, value, sd, 0.0),
+                    rings=RingProfile(total.radius, total.mean, total.standard_error),
+                    traction=traction,
+                    stress=stress,
+                )
+            )
+        return shots
+
+    def _seen(self, state: LoadingState, x: np.ndarray, y: np.ndarray, box: float) -> np.ndarray:
+        """Displacement near the centre, averaged over boxes, as measured."""
+        scale, mean = self.truth.pixel, np.zeros_like(x)
+        for dx in (-1, 1):
+            for dy in (-1, 1):
+                off = box / 2 / math.sqrt(3)
+                X, Y = x * scale + dx * off, y * scale + dy * off
+                even, double = state.displacement(np.hypot(X, Y))
+                mean += (even + double * np.cos(2 * np.arctan2(Y, X))) / 4 / scale
+        return mean
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    """Noise of unit variance of boxes that overlap by half."""
+    fine = rng.standard_normal((shape[0] + 1, shape[1] + 1))
+    return (fine[1:, 1:] + fine[:-1, 1:] + fine[1:, :-1] + fine[:-1, :-1]) / 2
+
+
+Scores = dict[str, tuple[float, float, float]]  # measured, stated uncertainty, truth
+
+
+def scores(case: tuple[float, bool, int, float, bool]) -> Scores:
+    """One run: each result with its uncertainty and the truth."""
+    P, rough, seed, noise_m, exact = case
+    config, rng = Config(), np.random.default_rng([seed, round(100 * P), rough])
+    truth = Drawn(poisson=config.sample.poisson) if exact else drawn(config, rng)
+    world = World(config, P, rough, truth)
+    grid = grid_of(config)
+    centre = float(grid.x_px.mean()) - 3.3, float(grid.y_px.mean()) + 2.1
+    nothing = np.empty(0)
+    contact = ContactResult(centre, math.nan, math.nan, (0.0, 0.0), nothing, nothing)
+    shots = world.snapshots(rng, noise_m)
+    s = summarise(config, shots, contact, [])
+    found: Scores = {}
+
+    def add(name: str, value: float, sd: float, key: str, true: float) -> None:
+        by_inputs = 0.0 if exact else abs(value) * s.systematic(key)
+        found[name] = value, math.hypot(sd, by_inputs), true
+
+    mu_s = world.static_force / world.P
+    add("t_s", s.onset_time_s, s.onset_time_sd_s, "onset_time", world.onset_s)
+    add("Q_s", s.static_force_n, s.static_force_sd_n, "static_force", world.static_force)
+    add("mu_s", s.mu_s, s.mu_s_sd, "mu_s", mu_s)
+    after = [
+        state.Q for t, state in zip(world.time, world.states, strict=True) if t >= world.onset_s
+    ]
+    add("mu_d", s.mu_d, s.mu_d_sd, "mu_d", float(np.mean(after)) / world.P)
+    add("mu", s.law_mu, s.law_mu_sd, "law_mu", MU)
+    add("L", s.law_length_m, s.law_length_sd_m, "law_length", L)
+    E = world.contact.E
+    add("E", s.young_modulus_pa, s.young_modulus_sd_pa, "young_modulus", E)
+    largest = max(state.Q for state in world.states)
+    half = next(i for i, state in enumerate(world.states) if largest / 2 <= state.Q)
+    traction, last = shots[half].traction, shots[-1]
+    if traction is not None:
+        peak = world.states[half].peak_radius
+        add("c", traction.peak_radius_m, traction.peak_radius_sd_m, "peak_radius", peak)
+    if last.traction is not None and last.stress is not None:
+        D = last.traction.block_m, last.traction.block_sd_m
+        add("D", *D, "block_displacement", world.states[-1].D)
+        r, sigma, sd = last.stress.radius_m, last.stress.stress_pa, last.stress.sd_pa
+        for share in PLACES:
+            i = int(np.argmin(np.abs(r - share * world.contact.a)))
+            true = float(world.states[-1].traction(r[i] * truth.pixel))
+            add(f"sigma({share:g} a)", float(sigma[i]), float(sd[i]), "stress", true)
+    if s.pressure_pa:
+        r = np.array(s.pressure_radius_m)
+        for share in PLACES:
+            i = int(np.argmin(np.abs(r - share * world.contact.a)))
+            true = float(world.contact.pressure(r[i] * truth.pixel))
+            add(f"p({share:g} a)", s.pressure_pa[i], s.pressure_sd_pa[i], "pressure", true)
+    return found
+
+
+def measure(
+    report: Report,
+    *,
+    seeds: int = 60,
+    loads: Sequence[float] = (0.1, 0.3, 0.5, 1.0, 1.4),
+    noise: float = 45.0,
+    exact: bool = False,
+) -> int:
+    """Measure coverage, bias and scatter; `noise` is that of a box, in nm."""
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        for rough in (False, True):
+            for P in loads:
+                cases = [(P, rough, seed, noise * 1e-9, exact) for seed in range(seeds)]
+                tell(
+                    report, f"{'rough' if rough else 'smooth'}, {P:g} N", pool.map(scores, cases, 1)
+                )
+    return 0
+
+
+def tell(report: Report, title: str, runs: list[Scores]) -> None:
+    """Report what the runs of one load came to."""
+    report.table(f"{title}: {len(runs)} runs")
+    for name in dict.fromkeys(name for run in runs for name in run):
+        value, sd, true = np.array([run[name] for run in runs if name in run]).T
+        known = np.isfinite(value)
+        size, error = np.abs(value - true) / sd, 100 * (value / true - 1)
+        report.row(
+            name,
+            digits=3,
+            found=int(known.sum()),
+            within_1=np.mean(size[known] < 1),
+            within_2=np.mean(size[known] < 2),
+            bias=(np.mean(error[known]), "%"),
+            rms=(math.sqrt(np.mean(error[known] ** 2)), "%"),
+            stated=(100 * np.median(np.abs(sd / value)[known]), "%"),
+        )
