@@ -30,6 +30,12 @@ class RunSettings(Section):
         ge=-20000,
         le=20000,
     )
+    reversals: int = option(
+        0,
+        "How often the stage turns back: at the end of its travel, at its start, and so on",
+        ge=0,
+        le=1000,
+    )
     background_time: float = option(
         1.0,
         "How long images of the free block are taken before contact; 0: not at all, so that the"

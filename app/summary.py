@@ -91,6 +91,49 @@ class Summary:
     pressure_sd_pa: tuple[float, ...] = uncertainty(
         "pressure", "Pa", shape=("rim",), since=5, default=()
     )
+    interface_stiffness_pa_m: tuple[float, ...] = column(
+        "interface_stiffness",
+        "Pa/m",
+        "k(r): traction over small slip, at the radii of the pressure",
+        shape=("rim",),
+        since=5,
+        default=(),
+    )
+    interface_stiffness_sd_pa_m: tuple[float, ...] = uncertainty(
+        "interface_stiffness", "Pa/m", shape=("rim",), since=5, default=()
+    )
+    precursor_slip_m: tuple[float, ...] = column(
+        "precursor_slip",
+        "m",
+        "local slip at t_s, before all slides, at the radii of the pressure",
+        shape=("rim",),
+        since=5,
+        default=(),
+    )
+    loop_work_j: tuple[float, ...] = column(
+        "loop_work",
+        "J",
+        "dissipated in each cycle: area of the loop of Q over the travel",
+        shape=("cycles",),
+        since=5,
+        default=(),
+    )
+    local_work_j: tuple[float, ...] = column(
+        "local_work",
+        "J",
+        "the same from the traction along the local slip, over the contact",
+        shape=("cycles",),
+        since=5,
+        default=(),
+    )
+    masing: tuple[float, ...] = column(
+        "masing",
+        "1",
+        "rms distance of each leg from the first one at twice its size, over its greatest Q",
+        shape=("reversals",),
+        since=5,
+        default=(),
+    )
     budget_inputs: tuple[str, ...] = column(
         "budget_inputs", "", "what the operator gives", shape=("inputs",), since=5, default=()
     )

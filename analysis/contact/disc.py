@@ -47,9 +47,9 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     Their density ends like ``(1 - (r/a)^2)^m`` with m between 0 and 1 unknown (0: even, 1/2:
     Hertz), or thins out like Greenwood and Tripp's pressure of unknown roughness, whose apparent
     radius is ``a_H + sqrt(R h)``; plus stray points anywhere in the picture. The result is the mean
-    over everything that the positions allow (flat prior over centre and scale, both kinds equally
-    likely, their evidence taken for half of what it is): the distance of the outermost point is biased low, the most likely radius as
-    well, this mean is not.
+    over everything that the positions allow: flat prior over centre and scale, both kinds equally
+    likely, their evidence taken for half of what it is. The distance of the outermost point is
+    biased low, the most likely radius as well, this mean is not.
 
     Parameters
     ----------

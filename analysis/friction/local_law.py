@@ -136,7 +136,7 @@ def fit_local_law(
     shared by all frames, which is the reference image's; their mean corrects L for noise in slip.
     """
     normal, shear = (np.broadcast_to(np.asarray(v, dtype=np.float64), len(rings)) for v in (P, Q))
-    run = _inverted(rings, normal, shear, inversion)
+    run = inverted_run(rings, normal, shear, inversion)
     if len(run.Q) < FEWEST:
         return _no_law(f"{len(run.Q)} frames could be inverted; {FEWEST} or more are needed")
     if not run.P.min() > 0:
@@ -220,8 +220,10 @@ def _no_law(reason: str) -> LocalLaw:
 
 
 @dataclass(frozen=True)
-class _Run:
-    """Inverted frames: (nt,), and (nt, nr) inside the mask."""
+class Run:
+    """Inverted frames: (nt,), and (nt, nr) inside the mask. SI units; `fitted` are the
+    displacements of the fits, as measured, (nt, all rings); `frames` of shape (all frames,).
+    """
 
     frames: Bool  # (all frames,)
     P: F64
@@ -238,7 +240,10 @@ class _Run:
     rings: tuple[Rings, ...]
 
 
-def _inverted(rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInversion) -> _Run:
+def inverted_run(rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInversion) -> Run:
+    """Traction and slip under the rings of each frame; frames that can not be inverted, or have no
+    force, are left out. Parameters as for `fit_local_law`.
+    """
     inside = inversion.radius < inversion.mask_radius
     frames = np.zeros(len(rings), np.bool_)
     solved = []
@@ -255,7 +260,7 @@ def _inverted(rings: Sequence[Rings], P: F64, Q: F64, inversion: AxisymmetricInv
     def table(rows: list[F64], width: int) -> F64:
         return np.array(rows) if rows else np.empty((0, width))
 
-    return _Run(
+    return Run(
         frames=frames,
         P=P[frames],
         Q=Q[frames],
@@ -290,7 +295,7 @@ class _Fitted(NamedTuple):
     points: int
 
 
-def _fit(run: _Run, start: float = math.nan) -> _Fitted | str:
+def _fit(run: Run, start: float = math.nan) -> _Fitted | str:
     """The law through the points, or why there is none."""
     at_centre = run.slip[:, :3].mean(axis=1)
     count = len(run.Q)
@@ -341,12 +346,12 @@ def _fit(run: _Run, start: float = math.nan) -> _Fitted | str:
     )
 
 
-def _residual(run: _Run, ratio: F64, ratio_sd: F64, soft: float) -> F64:
+def _residual(run: Run, ratio: F64, ratio_sd: F64, soft: float) -> F64:
     law = law_of(run.slip, 1.0, soft)
     return np.asarray((ratio - law) / np.hypot(ratio_sd, (1 - law) / soft * run.slip_sd))
 
 
-def _slip_scale(run: _Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float) -> float:
+def _slip_scale(run: Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float) -> float:
     """Mu L in metres: the slip over which the traction comes up."""
     used = np.isfinite(ratio) & np.isfinite(run.slip) & ~slides[:, None]
     if used.sum() < FEWEST:
@@ -368,7 +373,7 @@ def _slip_scale(run: _Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float
 
 
 def _draws(
-    run: _Run, found: _Fitted, inversion: AxisymmetricInversion, seed: int, count: int
+    run: Run, found: _Fitted, inversion: AxisymmetricInversion, seed: int, count: int
 ) -> list[_Fitted]:
     """The fit to runs with noise drawn anew on the fitted displacements."""
     rng = np.random.default_rng(seed)
@@ -383,7 +388,7 @@ def _draws(
             own = inversion.drawn_noise(run.rings[i], rng)
             noisy = run.fitted[i, : len(own)] + (own + reference[: len(own)]) / math.sqrt(2)
             rings.append(replace(run.rings[i], mean=noisy))
-        fit = _fit(_inverted(rings, run.P[frames], run.Q[frames], inversion), found.mu * found.L)
+        fit = _fit(inverted_run(rings, run.P[frames], run.Q[frames], inversion), found.mu * found.L)
         if not isinstance(fit, str):
             drawn.append(fit)
     return drawn

@@ -156,16 +156,19 @@ class Budget(NamedTuple):
 def budget(measured: Measured, conclude: Callable[[Measured], Values]) -> Budget:
     """Conclude an experiment again with each input changed.
 
-    `conclude` gives the results by name, NaN where there is none; those are left out, and so is an
-    input without which nothing could be concluded.
+    `conclude` gives the results by name, NaN where there is none; those that an input takes away
+    are left out.
     """
     was = conclude(measured)
-    results = tuple(name for name, value in was.items() if math.isfinite(value) and value)
-    inputs, shares = [], []
-    for name, change in _changes(measured):
-        now = conclude(change())
+    changed = [(name, conclude(change())) for name, change in _changes(measured)]
+    every = [was, *(now for _, now in changed)]
+    results = tuple(
+        result
+        for result, value in was.items()
+        if value and all(math.isfinite(one.get(result, math.nan)) for one in every)
+    )
+    shares = []
+    for name, now in changed:
         sign = -1.0 if name == POISSON else 1.0
-        row = [sign * (now.get(result, math.nan) / was[result] - 1) for result in results]
-        inputs.append(name)
-        shares.append(tuple(row))
-    return Budget(tuple(inputs), results, tuple(shares))
+        shares.append(tuple(sign * (now[result] / was[result] - 1) for result in results))
+    return Budget(tuple(name for name, _ in changed), results, tuple(shares))

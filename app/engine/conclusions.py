@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,8 +16,10 @@ from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
 from app.engine.budget import Budget, Measured, Values, budget
 from app.engine.law import inverted
+from app.engine.loops import local_results
 from app.engine.setup import sensor_chain
 from app.engine.tractions import PEAK_REACH
+from app.legs import first_loading
 from app.numbers import series_of
 from app.records import F64, ContactResult, Phase, Snapshot
 from app.settings import Config
@@ -132,8 +134,9 @@ def summarise(
     drive.
     """
     drive = along_the_drive([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
-    measured = Measured(config, drive, contact)
-    normal = series_of(drive, "normal_force_n")
+    whole = Measured(config, drive, contact)
+    measured = Measured(config, first_loading(drive), contact)
+    normal = series_of(measured.drive, "normal_force_n")
     hertz_m = hertz_radius_m(config, float(normal.mean())) if drive else math.nan
     notes = list(notes)
 
@@ -159,6 +162,9 @@ def summarise(
             lambda: check_pressure(law, *told, relative_sd=agreement).notes,
             silent,
         )
+    local: dict[str, Any] = attempt(
+        notes, "loops", lambda: local_results(whole, law, hertz_m, onset.time), {}
+    )
     return Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
@@ -189,6 +195,7 @@ def summarise(
         budget_inputs=spent.inputs,
         budget_quantities=spent.results,
         budget=tuple(share for row in spent.shares for share in row),
+        **local,
     )
 
 

@@ -52,8 +52,14 @@ class Experiment:
     """The phases of a loading experiment: free block, contact, reference at rest, drive, end.
 
     `advance` is called once per block and answers the phase from that block's end on. Entering
-    `Phase.DRIVE` is the caller's order to move the actuator by ``run.travel``, and no further;
-    `Phase.END` its order to stop.
+    `Phase.DRIVE` is the caller's order to move the actuator by ``run.travel``, and no further; a
+    higher `leg` its order to turn back, and `Phase.END` to stop.
+
+    Attributes
+    ----------
+    leg : int
+        Number of reversals of the drive so far: the stage goes to ``run.travel`` on even ones, and
+        to where it began on odd ones.
     """
 
     def __init__(self, config: Config) -> None:
@@ -61,6 +67,7 @@ class Experiment:
         self.rate = config.forces.sample_rate
         self.phase = Phase.BACKGROUND if config.run.background_time > 0 else Phase.CONTACT
         self.advice = ""
+        self.leg = 0
         self._since = self._behind_since = 0
         self._settled_since: int | None = None
         # sample and travel at which the stage was last seen to have moved on
@@ -90,8 +97,16 @@ class Experiment:
     def progress(self, now: Measured) -> float:
         """Share of the experiment that is done, 0 to 1: 10 % up to the drive, then by travel."""
         if self.phase in (Phase.DRIVE, Phase.END):
-            return min(1.0, 0.1 + 0.9 * max(0.0, now.travel_m / self.config.run.travel))
+            run = self.config.run
+            legs = self.leg + self._gone(now) / abs(run.travel)
+            return min(1.0, 0.1 + 0.9 * max(0.0, legs / (run.reversals + 1)))
         return 0.1 * list(Phase).index(self.phase) / 3
+
+    def _gone(self, now: Measured) -> float:
+        """How far the stage has gone since it last turned, metres."""
+        run = self.config.run
+        way = now.travel_m * run.direction
+        return abs(run.travel) - way if self.leg % 2 else way
 
     def _seconds(self, now: Measured) -> float:
         return (now.end_sample - self._since) / self.rate
@@ -206,15 +221,18 @@ class Experiment:
 
     def _drive(self, now: Measured) -> Phase:
         run = self.config.run
-        way, asked = now.travel_m * run.direction, abs(run.travel)
+        way, asked = self._gone(now), abs(run.travel)
         if not now.is_moving:
             if way < 0.98 * asked:
                 raise ExperimentFailed(
-                    f"actuator: it stopped after {now.travel_m * 1e6:.1f} of"
-                    f" {quantity(run, 'travel')};"
+                    f"actuator: it stopped after {way * 1e6:.1f} of {asked * 1e6:g} um;"
                     " check it for a stall or an end of run"
                 )
-            return Phase.END
+            if self.leg == run.reversals:
+                return Phase.END
+            self.leg += 1
+            self._since, self._advanced = now.end_sample, (now.end_sample, -math.inf)
+            return Phase.DRIVE
         if way > self._advanced[1] + STANDSTILL_M / 4:
             self._advanced = (now.end_sample, way)
         patience = max(STANDSTILL_S, STANDSTILL_M / run.velocity)
@@ -227,7 +245,7 @@ class Experiment:
         expected = asked / run.velocity
         if self._seconds(now) > 1.2 * expected + STALL_PATIENCE_S:
             raise ExperimentFailed(
-                f"actuator: {now.travel_m * 1e6:.1f} of {quantity(run, 'travel')} after"
+                f"actuator: {way * 1e6:.1f} of {quantity(run, 'travel')} after"
                 f" {self._seconds(now):.0f} s,"
                 f" {expected:.0f} s were expected; check it for a stall"
             )

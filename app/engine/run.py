@@ -330,7 +330,7 @@ class Run(Watched):
                 time.sleep(PAUSE_S)  # recorded forces would run ahead of what is analysed
             if measured is None:
                 continue
-            before = self._experiment.phase
+            before, leg = self._experiment.phase, self._experiment.leg
             if before is Phase.REFERENCE and self._reference_is_due(measured):
                 measured = replace(
                     measured, has_reference=self._wait_for_reference(workers.analyst)
@@ -342,6 +342,8 @@ class Run(Watched):
                     return  # the stage stands because somebody stopped it
                 raise
             self._progress = self._experiment.progress(measured)
+            if self._experiment.leg != leg:
+                self._turn(workers)
             if phase is not before:
                 if phase is Phase.DRIVE:
                     self._drive(workers)
@@ -373,6 +375,15 @@ class Run(Watched):
         if not self._ending.is_called.is_set():
             self._ask(self._stage.name, self._stage.drive)
         if self._ending.is_called.is_set():  # a stop that came between the two lines above wins
+            self._ask(self._stage.name, self._stage.stop)
+
+    def _turn(self, workers: _Workers) -> None:
+        """Let the stage turn back."""
+        leg = self._experiment.leg
+        workers.recorder.append(Event(self._now(), "reversal", f"leg {leg}"))
+        if not self._ending.is_called.is_set():
+            self._ask(self._stage.name, partial(self._stage.drive, leg))
+        if self._ending.is_called.is_set():
             self._ask(self._stage.name, self._stage.stop)
 
     def _now(self) -> int:

@@ -94,9 +94,12 @@ class Stage:
             )
         self.start_m, self.travel_m = second, 0.0
 
-    def drive(self) -> None:
-        """Set the stage in motion: by the travel of the settings from where `aim` has read it."""
-        self._bench.actuator.move_to(self.start_m + self._config.run.travel)
+    def drive(self, leg: int = 0) -> None:
+        """Set the stage in motion: by the travel of the settings from where `aim` has read it
+        or, on odd legs, back there.
+        """
+        travel = 0.0 if leg % 2 else self._config.run.travel
+        self._bench.actuator.move_to(self.start_m + travel)
 
     def look(self) -> tuple[float, bool]:
         """Position, and whether it moves; NaN and False once it has failed."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin
 from app.gui.source import Setup
+from app.legs import REVERSED_M
 from app.numbers import series_of
 from app.records import F64, Phase, Snapshot
 from app.summary import Summary
@@ -74,7 +75,12 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup) -> C
         return curves
     loaded = [s for s in snapshots if s.conditions.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
     travel, shear, stick, stick_sd, peak, peak_sd = (series_of(loaded, name) for name in DRAWN)
-    is_certain = peak_sd < MOST_UNCERTAIN * peak
+    # c belongs to the first loading: not to what comes after the stage has turned back
+    before = curves.loading[:, 0].max(initial=0.0) * 1e-6
+    furthest = np.maximum.accumulate(np.append(before, np.nan_to_num(travel)))[1:]
+    loads = ~(travel < furthest - REVERSED_M)
+    is_certain = loads & (peak_sd < MOST_UNCERTAIN * peak)
+    stick = np.where(loads, stick, np.nan)
     newest, start_s = snapshots[-1], curves.drive_start_s
     if math.isfinite(newest.conditions.time_s):
         middle = newest.sample + setup.config.exposure_samples / 2

@@ -21,6 +21,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
 from analysis.mechanics import cattaneo_mindlin
+from app.legs import first_loading
 from app.numbers import series_of
 from app.records import F64, ContactResult, Phase, Snapshot
 from app.summary import Summary
@@ -105,9 +106,10 @@ def experiment_figure(
         curves, fields = halves
         left, middle, right = curves.subplots(1, 3)
         _draw_force(left, drive, numbered, summary)
-        _draw_stick_radius(middle, drive, summary)
+        loading = first_loading(drive)
+        _draw_stick_radius(middle, loading, summary)
         radius_m = apparent_m if math.isfinite(apparent_m) else hertz_m
-        _draw_ring_displacements(right, drive, radius_m, summary)
+        _draw_ring_displacements(right, loading, radius_m, summary)
         fields.suptitle(
             "(d) $u_x$ at the numbered instants. Dashed: $a$; circle: $c$; curve: cut along $y=0$"
             " (mean of 5 rows), read on the colour bar",

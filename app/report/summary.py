@@ -28,7 +28,32 @@ def summary_rows(summary: Summary) -> list[Row]:
     if summary.calibration_sd > 0 and not summary.budget:
         share = f"± {100 * summary.calibration_sd:.1f} %"
         rows.append(Row("calibration, common to every mu", "u(mu)", share))
-    return rows + budget_rows(summary)
+    return rows + local_rows(summary) + budget_rows(summary)
+
+
+CENTRAL = 3  # rings whose mean is told for the centre
+
+
+def local_rows(summary: Summary) -> list[Row]:
+    """Slip before the onset, stiffness of the interface, and what cycles dissipate."""
+
+    def centre(values: tuple[float, ...]) -> float:
+        known = [v for v in values[:CENTRAL] if math.isfinite(v)]
+        return math.fsum(known) / len(known) if known else math.nan
+
+    s, rows = summary, []
+    if math.isfinite(slip := centre(s.precursor_slip_m)):
+        rows.append(Row("slip at the centre at t_s", "s_0", f"{1e6 * slip:.2f} um"))
+    if math.isfinite(k := centre(s.interface_stiffness_pa_m)):
+        rows.append(Row("stiffness of the interface, centre", "k", f"{1e-9 * k:.3g} GPa/m"))
+    for number, work in enumerate(s.loop_work_j, 1):
+        here = s.local_work_j[number - 1] if s.local_work_j else math.nan
+        beside = f", by local slip {1e6 * here:.3g} uJ" if math.isfinite(here) else ""
+        rows.append(Row(f"work of cycle {number}", "W", f"{1e6 * work:.3g} uJ{beside}"))
+    if s.masing:
+        worst = 100 * max(s.masing)
+        rows.append(Row("from Masing's rule, at most", "", f"{worst:.2g} % of the greatest Q"))
+    return rows
 
 
 TOLD = {  # results whose budget is told, by their symbols

@@ -1,13 +1,14 @@
 """The sheared contact of the simulated world: how its force and its surface follow the drive, under
 one of three laws of friction.
 
-The normal force is constant and the drive has one direction, so that the state follows from the
-driven distance alone.
+The normal force is constant, so that the state follows from the driven distance and from the
+distances at which the drive turned back.
 """
 
 from __future__ import annotations
 
 import bisect
+import math
 import warnings
 from pathlib import Path
 from typing import Protocol
@@ -23,7 +24,9 @@ from drivers.sim.scenario import Scenario
 
 F64 = NDArray[np.float64]
 
-STATES = 400
+Turns = tuple[float, ...]  # driven distances, metres
+
+STATES, RETURNED = 400, 160  # of a first loading, and of one that comes back
 LONGEST_TABLE = 1 << 20
 
 
@@ -59,22 +62,29 @@ class Contact(Protocol):
     onset : float
         Driven distance in metres at which the contact slides as a whole: where the line of steady
         sliding begins.
+    has_memory : bool
+        Whether the drive may turn back.
     """
 
     limit: float
     onset: float
+    has_memory: bool
 
-    def shear_force(self, driven: F64) -> F64:
-        """Q in newtons after a drive by `driven` metres; 0 for a distance below 0."""
+    def shear_force(self, driven: F64, turns: Turns = ()) -> F64:
+        """Q in newtons after a drive to `driven` metres that turned back at `turns`; 0 for a first
+        drive below 0.
+        """
         ...
 
-    def sheared(self, driven: float) -> Sheared:
+    def sheared(self, driven: float, turns: Turns = ()) -> Sheared:
         """The contact after that drive."""
         ...
 
 
 class CattaneoMindlin:
-    """Sticks inside c and slips under mu p outside, in closed form."""
+    """Sticks inside c and slips under mu p outside, in closed form; a first loading only."""
+
+    has_memory = False
 
     def __init__(self, scenario: Scenario) -> None:
         s, block = scenario, scenario.sample
@@ -86,11 +96,11 @@ class CattaneoMindlin:
         self._model = s.mu, s.normal_force, self.radius, block.young_modulus, block.poisson
         self.onset = cattaneo_mindlin.full_shift(*self._model) + self._compliance * self.limit
 
-    def shear_force(self, driven: F64) -> F64:
+    def shear_force(self, driven: F64, turns: Turns = ()) -> F64:
         """See `Contact`."""
         return cattaneo_mindlin.driven_shear_force(driven, self._compliance, *self._model)
 
-    def sheared(self, driven: float) -> Sheared:
+    def sheared(self, driven: float, turns: Turns = ()) -> Sheared:
         """See `Contact`."""
         return _Sheared(self, float(self.shear_force(np.asarray(driven))))
 
@@ -127,32 +137,69 @@ class ElastoPlastic:
             s.roughness,
         )
         self._loading = AxisymmetricLoading(sphere, law=law)
-        self._has_memory = law is None
+        self.has_memory = law is None
         self._compliance = s.series_compliance
         last = self._loading.at_force(self.limit * (1 - 1e-9))
-        self._states = self._loading.table(STATES, last.D)
-        D, Q, stiffness = (
-            np.array([getattr(state, name) for state in self._states])
-            for name in ("D", "Q", "stiffness")
-        )
-        driven = D + self._compliance * Q
-        self._curve = CubicHermiteSpline(driven, Q, stiffness / (1 + self._compliance * stiffness))
-        self._end = float(driven[-1])
+        self._reach = last.D
+        first = self._loading.table(STATES, last.D)
+        self._branches: dict[Turns, _Branch] = {(): _Branch(first, self._compliance)}
         # in steady sliding the centre moves like the block, behind it by the deformation under the
         # full traction; this line is extrapolated back to where the centre had not moved
         self.onset = float(last.displacement(0.0)[0]) + self._compliance * self.limit
 
-    def shear_force(self, driven: F64) -> F64:
+    def shear_force(self, driven: F64, turns: Turns = ()) -> F64:
         """See `Contact`."""
-        return np.asarray(self._curve(np.clip(driven, 0.0, self._end)))
+        return self._branch(turns).shear_force(driven)
 
-    def sheared(self, driven: float) -> Sheared:
+    def sheared(self, driven: float, turns: Turns = ()) -> Sheared:
         """See `Contact`."""
-        D = driven - self._compliance * float(self.shear_force(np.asarray(driven)))
-        if not self._has_memory:
-            return _Yielding(self._loading.at_block(D))
-        below = max(bisect.bisect_right(self._states, D, key=lambda state: state.D) - 1, 0)
-        return _Yielding(self._loading.advance(self._states[below], D))
+        return _Yielding(self._state(driven, turns))
+
+    def _state(self, driven: float, turns: Turns) -> LoadingState:
+        branch = self._branch(turns)
+        D = driven - self._compliance * float(branch.shear_force(np.asarray(driven)))
+        if not self.has_memory:
+            return self._loading.at_block(D)
+        return self._loading.advance(branch.before(D), D)
+
+    def _branch(self, turns: Turns) -> _Branch:
+        """The states from the last turn on, up to where everything slides the other way."""
+        if turns not in self._branches:
+            *before, here = turns
+            states = [self._state(here, tuple(before))]
+            way = -1.0 if len(turns) % 2 else 1.0
+            steps = states[0].D + way * 2.2 * self._reach * np.linspace(0, 1, RETURNED)[1:] ** 1.5
+            for D in steps.tolist():
+                states.append(self._loading.advance(states[-1], D))
+            self._branches[turns] = _Branch(tuple(states), self._compliance)
+        return self._branches[turns]
+
+
+class _Branch:
+    """The states of a drive in one direction, by how far the stage has gone."""
+
+    def __init__(self, states: tuple[LoadingState, ...], compliance: float) -> None:
+        self._states = states
+        D, Q, stiffness = (
+            np.array([getattr(state, name) for state in states]) for name in ("D", "Q", "stiffness")
+        )
+        driven = D + compliance * Q
+        self._way = math.copysign(1.0, driven[-1] - driven[0])
+        along = self._way * driven
+        stiffness[0] = states[0].loading.rest.stiffness  # nothing slips yet in the new direction
+        self._curve = CubicHermiteSpline(
+            along, Q, self._way * stiffness / (1 + compliance * stiffness)
+        )
+        self._ends = float(along[0]), float(along[-1])
+
+    def shear_force(self, driven: F64) -> F64:
+        low, high = self._ends
+        return np.asarray(self._curve(np.clip(self._way * driven, low, high)))
+
+    def before(self, D: float) -> LoadingState:
+        """The last state that comes before a displacement of the block."""
+        at = bisect.bisect_right(self._states, self._way * D, key=lambda s: self._way * s.D)
+        return self._states[max(at - 1, 0)]
 
 
 class _Yielding:

@@ -1,10 +1,11 @@
 """The simulated world: a rough elastomer block on a cantilever, pressed on a lens and driven by a
 stage, on the sample clock.
 
-Physics: a Hertz contact under one of three laws of friction (`drivers.sim.contact`), in series with
-the tangential cantilever and the lens holder, at constant normal force, driven in one direction;
-the stage and the image may drift. Everything follows from the scenario, its seed and the samples on
-which commands came. Neither the wall clock nor the block size has any influence.
+Physics: a smooth or rough contact under one of three laws of friction (`drivers.sim.contact`), in
+series with the tangential cantilever and the lens holder, at constant normal force, driven along
+one line, forth and, under the elasto-plastic law, back; the stage and the image may drift.
+Everything follows from the scenario, its seed and the samples on which commands came. Neither the
+wall clock nor the block size has any influence.
 """
 
 from __future__ import annotations
@@ -86,6 +87,8 @@ class World:
             key=lambda f: f.at,
             default=None,
         )
+        self._way = 1.0
+        self._turns: list[tuple[int, float]] = []  # sample and driven distance
         self._began = 0.0
         self._train: TriggerTrain | None = None
         self._frames_read = 0
@@ -237,8 +240,8 @@ class World:
         Raises
         ------
         OutOfLimits
-            The move would shear the contact backwards, or while it is being pressed: neither is
-            modelled. Nothing was done.
+            The move would shear the contact while it is being pressed, which is not modelled, or
+            backwards under a law without memory. Nothing was done.
         """
         s = self.scenario
         with self._changed:
@@ -246,12 +249,16 @@ class World:
             per_sample = velocity_m_s * s.speed_factor / s.forces.sample_rate
             way = target_m - here
             if self.now >= s.settled_sample:
-                if way < 0:
+                if way < 0 and not self._contact.has_memory:
                     raise OutOfLimits(
                         f"simulated stage: a move back by {-way * 1e6:.3g} um was requested in"
-                        " contact; only a drive in one direction is modelled, make a new bench for"
-                        " another run"
+                        f" contact, which the law '{s.sim.law}' does not know; use"
+                        " 'elasto-plastic', or make a new bench for another run"
                     )
+                if way * self._way < 0:
+                    driven = self._driven(np.asarray(self.now), np.asarray(here))
+                    self._turns.append((self.now, float(driven)))
+                self._way = math.copysign(1.0, way) if way else self._way
             elif way and self.now + abs(way) / per_sample > s.press_sample:
                 raise OutOfLimits(
                     f"simulated stage: a move of {way * 1e6:.4g} um was requested that lasts into"
@@ -305,7 +312,8 @@ class World:
         """The readings of the board; all `samples` are at or after the last command."""
         s = self.scenario
         P = s.normal_force * self._pressed(samples)
-        Q = self._contact.shear_force(self._driven(samples, self._moves[-1].at(samples)))
+        driven = self._driven(samples, self._moves[-1].at(samples))
+        Q = self._contact.shear_force(driven, self._turned(self.now))
         noise = s.sim.force_noise * self._noise(samples)
         step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
         codes = np.empty((len(samples), 2))
@@ -361,10 +369,10 @@ class World:
                     f"simulated world: there is no state at sample {sample} yet, it knows 0 to"
                     f" {self.now}"
                 )
-            at, stage = np.asarray(sample), self._stage(sample)
+            at, stage, turns = np.asarray(sample), self._stage(sample), self._turned(sample)
             contact, driven = self._stage(s.settled_sample), self._driven_at(sample)
         pressed = float(self._pressed(at))
-        P, Q = s.normal_force * pressed, float(self._contact.shear_force(np.asarray(driven)))
+        P, Q = s.normal_force * pressed, float(self._contact.shear_force(np.asarray(driven), turns))
         is_settled = sample >= s.settled_sample
         block = driven - Q / s.forces.stiffness_shear if is_settled else 0.0
         lens, pixel_m = s.sample.lens_compliance * Q, s.camera.pixel
@@ -391,7 +399,7 @@ class World:
             friction=s.mu,
             rough=self._rough(P),
             drive=s.drive,
-            contact=self._contact.sheared(driven) if Q > 0 else None,
+            contact=self._contact.sheared(driven, turns) if Q > 0 or turns else None,
         )
 
     @lru_cache(maxsize=4)  # noqa: B019 - a world is made for one run
@@ -408,9 +416,14 @@ class World:
         """First sample at which the whole contact slides; None if it does not slide yet."""
         with self._changed:
             settled = self.scenario.settled_sample
-            samples = range(settled, self.now + 1)
+            end = self._turns[0][0] if self._turns else self.now
+            samples = range(settled, end + 1)
             first = bisect.bisect_left(samples, self._contact.onset, key=self._driven_at)
             return samples[first] if first < len(samples) else None
+
+    def _turned(self, sample: int) -> tuple[float, ...]:
+        """Where the drive has turned back by a sample."""
+        return tuple(driven for at, driven in self._turns if at <= sample)
 
     def _driven_at(self, sample: int) -> float:
         return float(self._driven(np.asarray(sample), np.asarray(self._stage(sample))))

@@ -100,7 +100,7 @@ def test_no_estimator_ends_a_run_or_costs_a_frame(tmp_path, monkeypatch):
 
     for name in ("apparent_contact", "fit_stick_radius"):
         monkeypatch.setattr(pipeline, name, fail)
-    for name in ("sliding_onset", "local_law"):
+    for name in ("sliding_onset", "inverted"):
         monkeypatch.setattr(conclusions, name, fail)
     monkeypatch.setattr(pipeline.Tractions, "of", of)
     outcome = run_with(tmp_path / "a.h5", lambda _: False, more=[TRACTION])

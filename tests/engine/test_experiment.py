@@ -50,6 +50,28 @@ def test_the_phases_follow_in_order():
     assert bench.go(0.05, 0.5, 0.4) is Phase.END
 
 
+def test_a_drive_turns_back_as_often_as_asked():
+    bench = Bench("run.reversals=2", "run.travel=20")
+    bench.to_drive()
+    way = [(20e-6, 5e-6), (0.0, -5e-6), (20e-6, 5e-6)]
+    for leg, (end, speed) in enumerate(way):
+        assert bench.experiment.leg == leg
+        assert bench.go(3.5, 0.5, 0.1, moving=True, speed=speed) is Phase.DRIVE
+        bench.travel_m = end
+        phase = bench.go(0.05, 0.5, 0.4)
+    assert phase is Phase.END
+
+
+def test_a_stage_that_stops_on_its_way_back_is_named():
+    bench = Bench("run.reversals=1", "run.travel=20")
+    bench.to_drive()
+    bench.travel_m = 20e-6
+    assert bench.go(0.05, 0.5, 0.4) is Phase.DRIVE
+    bench.go(1, 0.5, 0.1, moving=True, speed=-5e-6)
+    with pytest.raises(ExperimentFailed, match=r"it stopped after 5\.0 of 20 um"):
+        bench.go(0.05, 0.5, 0.1)
+
+
 def test_the_force_must_stay_at_its_value_to_settle():
     bench = Bench()
     bench.go(1)

@@ -69,7 +69,7 @@ def test_every_number_has_a_unit_and_no_text_has() -> None:
 def test_uncertainties_are_beside_what_they_belong_to() -> None:
     paths = {item.path: item for item in layout.COLUMNS}
     errors = [path for path in paths if path.endswith("_errors")]
-    assert len(errors) == 19
+    assert len(errors) == 20
     for path in errors:
         base = paths[path.removesuffix("_errors")]
         assert (paths[path].shape, paths[path].unit) == (base.shape, base.unit)

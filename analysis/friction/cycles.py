@@ -1,0 +1,146 @@
+"""Cyclic shear: hysteresis loops, what they dissipate, locally and in sum, and Masing's rule.
+
+References
+----------
+Masing 1926 (a reversal repeats the first loading at twice its size); Mindlin, Deresiewicz 1953
+(spheres under oblique forces, for which it holds); Prevost et al. 2013, section 6 (local slip and
+traction); Johnson, Contact Mechanics, section 7.4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from analysis.arrays import F64
+
+FEWEST = 6  # frames of a branch
+SMALL = 0.25  # slip in mu L up to which the traction tells the stiffness
+
+
+def branches(travel: ArrayLike, *, least: float) -> list[slice]:
+    """Parts of a drive that go one way, each with the frame at which it turned.
+
+    Parameters
+    ----------
+    travel : array_like, shape (n,)
+        Of the stage, metres.
+    least : float
+        Way back from which it is a reversal, metres: beyond what an encoder jitters.
+    """
+    x = np.asarray(travel, dtype=np.float64)
+    parts, start, extreme, way = [], 0, 0, 1.0
+    for i in range(1, len(x)):
+        if way * (x[i] - x[extreme]) >= 0:
+            extreme = i
+        elif way * (x[extreme] - x[i]) > least:
+            parts.append(slice(start, extreme + 1))
+            start, extreme, way = extreme, i, -way
+    parts.append(slice(start, len(x)))
+    return [part for part in parts if part.stop - part.start >= FEWEST]
+
+
+def masing_deviation(
+    first_travel: ArrayLike, first_Q: ArrayLike, travel: ArrayLike, Q: ArrayLike
+) -> float:
+    """Root mean square distance of a branch from Masing's: the first loading at twice its size,
+    over the greatest Q of the first loading. NaN where they have no travel in common.
+
+    Parameters
+    ----------
+    first_travel, first_Q : array_like, shape (n,)
+        Of the first loading from rest, metres and newtons.
+    travel, Q : array_like, shape (m,)
+        Of the branch, from its reversal on.
+    """
+    x, q, at, force = (np.asarray(v, dtype=np.float64) for v in (first_travel, first_Q, travel, Q))
+    half, known = np.abs(at - at[0]) / 2, np.abs(force - force[0]) / 2
+    inside = (half >= x[0]) & (half <= x[-1])
+    if inside.sum() < FEWEST or not np.abs(q).max() > 0:
+        return math.nan
+    off = known[inside] - np.interp(half[inside], x, np.abs(q))
+    return float(np.sqrt(np.mean(off**2)) / np.abs(q).max())
+
+
+def loop_work(travel: ArrayLike, Q: ArrayLike) -> float:
+    """Area of a loop of the shear force over the travel, joules; it is closed by a straight line.
+
+    What gives way elastically, the block or the holder of the lens, has no part in it.
+    """
+    x, q = (np.asarray(v, dtype=np.float64) for v in (travel, Q))
+    x, q = np.append(x, x[0]), np.append(q, q[0])
+    return float(np.sum((q[1:] + q[:-1]) / 2 * np.diff(x)))
+
+
+@dataclass(frozen=True, slots=True)
+class LocalWork:
+    """What friction dissipates at each distance from the contact's centre.
+
+    Attributes
+    ----------
+    per_area : ndarray, shape (nr,)
+        Sum of sigma ds, J/m^2.
+    total : float
+        Over the contact, joules.
+    """
+
+    per_area: F64 = field(default_factory=lambda: np.empty(0))
+    total: float = math.nan
+
+
+def local_work(radius: ArrayLike, slip: ArrayLike, sigma: ArrayLike) -> LocalWork:
+    """Work of the shear traction along the slip of a loop, which it closes.
+
+    Parameters
+    ----------
+    radius : array_like, shape (nr,)
+        Of even rings from the centre on, metres.
+    slip, sigma : array_like, shape (nt, nr)
+        Local slip (m) and shear traction (Pa) of successive frames.
+    """
+    r, s, p = (np.asarray(v, dtype=np.float64) for v in (radius, slip, sigma))
+    s, p = (np.concatenate([v, v[:1]]) for v in (s, p))
+    per_area = ((p[1:] + p[:-1]) / 2 * np.diff(s, axis=0)).sum(axis=0)
+    edges = np.append(r - r[0], r[-1] + r[0])
+    return LocalWork(per_area, float(per_area @ (np.pi * np.diff(edges**2))))
+
+
+def interface_stiffness(
+    slip: ArrayLike, sigma: ArrayLike, sigma_sd: ArrayLike, soft: float
+) -> tuple[F64, F64]:
+    """Stiffness k(r) of the interface under small slip, and its standard uncertainty, Pa/m; both of
+    shape (nr,), NaN where fewer than three frames tell it.
+
+    Parameters
+    ----------
+    slip, sigma, sigma_sd : array_like, shape (nt, nr)
+        Of a first loading: local slip (m), shear traction and its uncertainty (Pa).
+    soft : float
+        mu L of the law, metres: the initial slope is that of ``k s (1 - s/(2 mu L))`` up to a
+        quarter of it.
+    """
+    s, p, sd = (np.asarray(v, dtype=np.float64) for v in (slip, sigma, sigma_sd))
+    known = np.isfinite(s) & np.isfinite(p) & (sd > 0) & (s < SMALL * soft)
+    x = np.where(known, s * (1 - s / (2 * soft)), 0.0)
+    weight = np.where(known, 1 / np.where(sd > 0, sd, 1.0) ** 2, 0.0)
+    power = (weight * x * x).sum(axis=0)
+    told = (known.sum(axis=0) >= 3) & (power > 0)
+    safe = np.where(told, power, 1.0)
+    k = np.where(told, (weight * x * np.where(known, p, 0.0)).sum(axis=0) / safe, np.nan)
+    return k, np.where(told, 1 / np.sqrt(safe), np.nan)
+
+
+def precursor_slip(time: ArrayLike, slip: ArrayLike, onset: float) -> F64:
+    """Local slip at the onset of sliding as a whole, metres, shape (nr,): the slip that comes
+    before it. `slip` is of shape (nt, nr).
+    """
+    t, s = np.asarray(time, dtype=np.float64), np.asarray(slip, dtype=np.float64)
+    if not (len(t) and t[0] <= onset <= t[-1]):
+        return np.full(s.shape[1:], np.nan)
+    after = min(int(np.searchsorted(t, onset)), len(t) - 1)
+    before = max(after - 1, 0)
+    share = (onset - t[before]) / (t[after] - t[before]) if after > before else 0.0
+    return np.asarray(s[before] * (1 - share) + s[after] * share)
