@@ -336,6 +336,15 @@ class Snapshot:
     stress: StressProfile | None = None
     stress_field_pa: F32 | None = None
 
+    @property
+    def stick_radius(self) -> float:
+        """C in metres: where the traction is largest or, where there is none, of the profile that
+        fits the rings; NaN for neither.
+        """
+        if self.traction and math.isfinite(self.traction.peak_radius_m):
+            return self.traction.peak_radius_m
+        return self.stick.stick_radius_m if self.stick else NAN
+
 
 # ---------------------------------------------------------------- what an experiment comes down to
 

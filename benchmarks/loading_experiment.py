@@ -180,6 +180,24 @@ def compare_summary(report: Report, recorded: Recorded) -> None:
         report.row(name, digits=2, error=(error, error_unit, at_most))
 
 
+def compare_pressure(report: Report, recorded: Recorded) -> None:
+    """The measured pressure p(r) against the world's, and what cycles dissipate."""
+    summary, state = recorded.session.summary, recorded.world.state(int(recorded.samples[-1]))
+    if summary is None or not summary.pressure_pa:
+        return
+    r, p = (np.array(v) for v in (summary.pressure_radius_m, summary.pressure_pa))
+    peak = float(state.pressure(0.0))
+    error = (p - state.pressure(r)) / peak
+    report.table("Pressure p(r), as a share of p0")
+    report.row(
+        "measured pressure",
+        digits=2,
+        rms_error=np.sqrt(np.mean(error**2)),
+        largest_error=(np.abs(error).max(), "", 0.05),
+        stated_uncertainty=np.median(np.array(summary.pressure_sd_pa)) / peak,
+    )
+
+
 def stress_profiles(path: Path, rows: np.ndarray) -> list[np.ndarray]:
     """Radii (m) and shear traction (Pa) of some frames, each of shape (2, n)."""
     with h5py.File(path) as file:
@@ -209,4 +227,5 @@ def measure(
             compare_radii(report, recorded)
             compare_traction(report, recorded, stress_profiles(path, recorded.rows))
             compare_summary(report, recorded)
+            compare_pressure(report, recorded)
     return 0

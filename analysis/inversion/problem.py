@@ -187,6 +187,12 @@ class InversionProblem:
         """Whether no stress stands out of a field's noise: D alone explains it."""
         return field.chi2(field.u - field.mean(field.u)) <= 1
 
+    def covers(self, field: MeasuredField) -> bool:
+        """Whether the measured part of a field covers the mask."""
+        rim = np.pad(np.zeros([n - 2 for n in self.mask.shape], np.bool_), 1, constant_values=True)
+        holes = float(np.mean(field.weight[self.mask] <= 0))
+        return holes <= LARGEST_HOLE and not (self.mask & rim).any()
+
     def result(
         self,
         sigma: F64,
@@ -199,10 +205,8 @@ class InversionProblem:
         D_sd: float = math.nan,
     ) -> Inversion:
         """The result of an iterative method, with its flags."""
-        rim = np.pad(np.zeros([n - 2 for n in self.mask.shape], np.bool_), 1, constant_values=True)
         valid, chi2 = field.weight > 0, field.chi2(residual)
-        holes = float(np.mean(~valid[self.mask]))
-        is_covered = holes <= LARGEST_HOLE and not (self.mask & rim).any()
+        is_covered = self.covers(field)
         notes = [] if is_covered else [NOT_COVERED]
         if stopped is Stopped.SILENT:
             notes.append(

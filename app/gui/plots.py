@@ -144,8 +144,10 @@ class CurvesView(QWidget):
         self.sticking = theme.plot_widget("shear force Q (N)", "stick radius c (mm)")
         filled = {"symbol": "o", "symbolSize": 4, "symbolBrush": theme.STICK, "symbolPen": None}
         crosses = {"symbol": "+", "symbolSize": 5, "symbolBrush": None, "symbolPen": theme.SHEAR}
-        self.stick_curve = pg.PlotDataItem(pen=None, antialias=True, name="c of uₓ ± sd", **filled)
-        self.peak_curve = pg.PlotDataItem(pen=None, name="largest σ", **crosses)
+        self.stick_curve = pg.PlotDataItem(
+            pen=None, antialias=True, name="fitted profile ± sd", **filled
+        )
+        self.peak_curve = pg.PlotDataItem(pen=None, name="c: largest σ", **crosses)
         self.model_curve = _model_curve("Cattaneo–Mindlin, μP = Qₛ")
         self.apparent_line = _guide(self.sticking, 0, "a")
         _add_legend(self.sticking)
@@ -162,12 +164,12 @@ class CurvesView(QWidget):
         _add_legend(self.traction)
         pen = pg.mkPen(theme.SHEAR, width=2)
         self.stress_curve = pg.PlotDataItem(pen=pen, antialias=True, name="inverted ± sd")
-        self.stress_model = _model_curve("Cattaneo–Mindlin, c of uₓ")
+        self.stress_model = _model_curve("Cattaneo–Mindlin, fitted")
         self.stress_band = Band(self.traction, theme.SHEAR)
         for curve in (self.stress_curve, self.stress_model):
             self.traction.addItem(curve)
-        self.stick_line = _guide(self.traction, 90, "c")
-        self.peak_line = _guide(self.traction, 90, "max σ")
+        self.stick_line = _guide(self.traction, 90, "fit")
+        self.peak_line = _guide(self.traction, 90, "c")
         self.traction_caption = label("", "muted")
         # a long caption is cut short instead of making the plot wider
         self.traction_caption.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)

@@ -127,7 +127,7 @@ def experiment_figure(
             panel.set_title(f"{number}:  {when}", pad=3)
             _draw_circle(panel, apparent_m, ec="#ff5a4d", ls="--")
             if shot.traction or shot.stick:
-                _draw_circle(panel, _stick_radius(shot), ec="white")
+                _draw_circle(panel, shot.stick_radius, ec="white")
             panel.label_outer()
         if title:
             figure.suptitle(title, fontsize=8, color=GREY)
@@ -199,13 +199,6 @@ def _draw_stick_radius(axes: Any, drive: Sequence[Snapshot], summary: Summary | 
     axes.set_xlim(left=-0.04 * axes.get_xlim()[1])
     axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
     axes.set(xlabel=r"shear force $Q$ (N)", ylabel=r"stick radius $c$ (mm)", title=r"(b) $c(Q)$")
-
-
-def _stick_radius(shot: Snapshot) -> float:
-    """Where the traction is largest; where there is none, that of the fitted profile."""
-    if shot.traction and math.isfinite(shot.traction.peak_radius_m):
-        return shot.traction.peak_radius_m
-    return shot.stick.stick_radius_m if shot.stick else math.nan
 
 
 def _draw_ring_displacements(

@@ -77,12 +77,13 @@ class Dataset:
             )
 
     def __getitem__(self, rows: Any) -> NDArray[Any]:
-        if rows == ():
+        if isinstance(rows, tuple):
             return self._rows(0, len(self)) if self.shape else self._rows(0, 1)
         if isinstance(rows, slice):
             first, end, _ = rows.indices(len(self))
             return self._rows(first, max(first, end))
-        row: NDArray[Any] = self._rows(rows, rows + 1)[0]
+        at = int(rows)  # numpy's numbers too
+        row: NDArray[Any] = self._rows(at, at + 1)[0]
         return row
 
     def _rows(self, first: int, end: int) -> NDArray[Any]:

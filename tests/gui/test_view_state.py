@@ -125,8 +125,8 @@ def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
     circles = look(run.at(200)).circles
     assert circles.centre_px == run.centre_px
     assert circles.apparent_px == pytest.approx(run.radius_m / 7.04e-6)
-    stick = run.snapshots_since(199)[0].stick
-    assert circles.stick_px == pytest.approx(stick.stick_radius_m / 7.04e-6)
+    traction = run.snapshots_since(199)[0].traction  # c is where it is largest
+    assert circles.stick_px == pytest.approx(traction.peak_radius_m / 7.04e-6)
 
 
 def test_what_did_not_change_is_the_same_object(run: ScriptedRun) -> None:

@@ -90,6 +90,7 @@ def test_results_are_one_table(session: Written) -> None:
 
 def test_fields_are_in_metres(session: Written) -> None:
     with Session(session.path) as s:
+        assert s.fields[np.int64(3)].frame == s.fields[3].frame  # as np.flatnonzero gives it
         field, snapshot = s.fields[3], session.snapshots[3]
         assert (len(s.fields), field.frame, field.lens_m) == (6, 4, snapshot.motion.lens_m)
         assert_allclose(field.x_m, GRID_X * PIXEL)
