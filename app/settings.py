@@ -215,7 +215,7 @@ def flag(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-INVERSIONS = ("axisymmetric", "regularised", "cgls", "van-cittert")
+INVERSIONS = ("axisymmetric", "regularised", "cgls", "van-cittert", "coupled")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,8 +262,8 @@ class InversionSettings(ContactSettings):
 
     method: str = option(
         INVERSIONS[0],
-        "A profile about the centre, the whole field (best), by plain conjugate gradients, or the"
-        " paper's method",
+        "A profile about the centre, the whole field (best), by plain conjugate gradients, the"
+        " paper's method, or both components from both fields of a session",
         choices=INVERSIONS,
     )
     pixel: float = like(CameraSettings, "pixel")

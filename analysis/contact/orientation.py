@@ -41,6 +41,11 @@ class Direction(NamedTuple):
         """The opposite direction."""
         return Direction(-self.x, -self.y)
 
+    @property
+    def mirrored(self) -> Direction:
+        """The direction on the other side of +x: it turns components back."""
+        return Direction(self.x, -self.y)
+
     def along(self, x: ArrayLike, y: ArrayLike) -> F64:
         """Component along this direction; shape of `x`."""
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)

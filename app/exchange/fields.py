@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from pathlib import Path
 from typing import TextIO
 
@@ -51,6 +52,9 @@ class FieldSeries:
         the reference; NaN where not measured, and where no uncertainty is known.
     box_m, noise_box_m : float
         Side of the box whose average a displacement is, and of that over which noise is correlated.
+    across : callable or None
+        Makes an iterator over the displacement across `direction` and its uncertainty, of the same
+        fields; None where it is not known.
     centre_m : (float, float) or None
         Centre of the contact, (x, y); None where it is not known.
     direction : Direction
@@ -71,6 +75,7 @@ class FieldSeries:
     fields: Callable[[], Iterator[tuple[int, F64, F64]]]
     box_m: float
     noise_box_m: float
+    across: Callable[[], Iterator[tuple[F64, F64]]] | None = None
     centre_m: tuple[float, float] | None = None
     direction: Direction = UPRIGHT
     contact: Mapping[str, float] = field(default_factory=dict)
@@ -101,10 +106,13 @@ class FieldSeries:
                 f"--frame: {missing[0]} is not there; the file has fields {min(self.frames)} to"
                 f" {max(self.frames)}"
             )
+        across = self.across
+        chosen = [number in frames for number in self.frames]
         return replace(
             self,
-            frames=tuple(number for number in self.frames if number in frames),
-            fields=lambda: (found for found in self.fields() if found[0] in frames),
+            frames=tuple(compress(self.frames, chosen)),
+            fields=lambda: compress(self.fields(), chosen),
+            across=across and (lambda: compress(across(), chosen)),
         )
 
 
@@ -162,6 +170,14 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
                 sd = np.asarray(found.ux_std_px, np.float64)
                 yield int(results["frame"][row]), u * pixel - results["lens_m"][row], sd * pixel
 
+    def across() -> Iterator[tuple[F64, F64]]:
+        with SessionReader(path) as session:
+            for row in rows:
+                found = session.snapshot(row).field
+                assert found is not None
+                v = direction.across(found.ux_px, found.uy_px)
+                yield v * pixel, np.asarray(found.uy_std_px, np.float64) * pixel
+
     return FieldSeries(
         path,
         x_px * pixel,
@@ -170,6 +186,7 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
         fields,
         box_m=dic.averaging_box_px * pixel,
         noise_box_m=dic.box * pixel,
+        across=across,
         centre_m=centre,
         direction=direction,
         contact={

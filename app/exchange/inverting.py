@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.contact.orientation import Direction
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.coupled import CoupledInversion, CoupledProblem
 from analysis.inversion.material import as_seen
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
@@ -37,13 +39,14 @@ _WHOLE = "x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um"
 
 @dataclass(frozen=True, slots=True)
 class Inverted:
-    """The traction under one field; `profile` is its azimuthal mean about the contact's centre as
-    (r, sigma, standard uncertainty).
+    """The traction under one field along the drive; `profile` is its azimuthal mean about the
+    contact's centre as (r, sigma, standard uncertainty), `across` the component across the drive.
     """
 
     number: int
     result: Inversion
     profile: tuple[F64, F64, F64]
+    across: F64 | None = None
 
     @property
     def peak_radius_m(self) -> float:
@@ -103,11 +106,13 @@ def invert_series(
             "invert: the points lie at another distance along x than along y; interpolate them on a"
             " square grid"
         )
+    if settings.method == "coupled":
+        return _both(series, settings, failures)
     if settings.method != "axisymmetric" and abs(drive.y) > OBLIQUE:
         raise UserError(
             f"invert: the drive goes at {math.degrees(drive.angle):.1f} degrees from the rows of"
             f" the fields, and --method {settings.method} needs one along them; use --method"
-            " axisymmetric, or turn the camera"
+            " axisymmetric or coupled, or turn the camera"
         )
     x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
     P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
@@ -158,6 +163,61 @@ def _following(series: FieldSeries, solve: Callable[[F64, F64 | None], Inversion
     return follow
 
 
+def _both(
+    series: FieldSeries, settings: InversionSettings, failures: list[str]
+) -> Iterator[Inverted]:
+    """Both components of the traction, turned to be along and across the drive."""
+    centre, drive, pitch = series.centre_m, series.direction, series.pitch_m
+    if series.across is None or centre is None:
+        raise UserError(
+            f"invert: {series.path} has no displacement across the drive, and --method coupled"
+            " needs both; give a session"
+        )
+    x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
+    P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
+    r, theta = np.hypot(x, y), np.arctan2(drive.across(x, y), drive.along(x, y))
+    try:
+        radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
+        problem = CoupledProblem(
+            r < radius, pitch, E, nu, box=series.box_m, thickness=settings.depth
+        )
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    for (number, u, u_sd), (v, v_sd) in zip(series.fields(), series.across(), strict=True):
+        along, along_sd = as_seen(u, u_sd, pitch, drive)
+        across, across_sd = as_seen(v, v_sd, pitch, drive, moves=u)
+        back = drive.mirrored
+        fields = back.along(along, across), back.across(along, across)
+        try:
+            found = problem.solve(fields, (along_sd, across_sd))
+        except ValueError as error:
+            failures.append(f"field {number}: {error}")
+            continue
+        one = _along(found, drive)
+        rings = ring_means(r, one.sigma, pitch, radius, theta=theta)
+        profile = rings.radius, rings.mean, rings.standard_error
+        yield Inverted(number, one, profile, drive.across(*found.sigma))
+
+
+def _along(found: CoupledInversion, drive: Direction) -> Inversion:
+    """The part along the drive of both components."""
+    return Inversion(
+        sigma=drive.along(*found.sigma),
+        sigma_sd=np.full(found.sigma[0].shape, np.nan),
+        D=float(drive.along(*found.D)),
+        D_sd=math.nan,
+        Q=float(drive.along(*found.Q)),
+        Q_sd=math.nan,
+        residual=drive.along(*found.residual),
+        chi2=found.chi2,
+        iterations=found.iterations,
+        stopped=found.stopped,
+        is_covered=found.is_covered,
+        is_converged=found.is_converged,
+        notes=found.notes,
+    )
+
+
 def _inverted(
     series: FieldSeries, solve: Solve, x: F64, y: F64, radius: float, failures: list[str]
 ) -> Iterator[Inverted]:
@@ -183,9 +243,10 @@ def write_tractions(
     """Write the tractions as a table (.csv) or as arrays (.npz).
 
     A CSV has the columns frame, r_mm, sigma_kpa, sigma_sd_kpa or, of methods that invert the whole
-    field, frame, x_mm, y_mm, sigma_kpa, sigma_sd_kpa, residual_um. An npz has frame, D_m, D_sd_m,
-    Q_n, Q_sd_n, radius_m, profile_pa, profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa,
-    sigma_sd_pa, residual_m.
+    field, frame, x_mm, y_mm, sigma_kpa, sigma_sd_kpa, residual_um and, of both components,
+    sigma_across_kpa. An npz has frame, D_m, D_sd_m, Q_n, Q_sd_n, radius_m, profile_pa,
+    profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa, sigma_sd_pa, residual_m,
+    sigma_across_pa.
     """
     is_whole = not isinstance(inverted[0].result, RadialInversion)
     with new_file(path, overwrite) as unfinished:
@@ -195,13 +256,17 @@ def write_tractions(
             return
         x, y = np.meshgrid(series.x_m, series.y_m)
         with unfinished.open("x", encoding="utf-8", newline="\n") as table:
-            table.write(f"frame,{_WHOLE if is_whole else _PROFILE}\n")
+            both = ",sigma_across_kpa" if inverted[0].across is not None else ""
+            table.write(f"frame,{_WHOLE + both if is_whole else _PROFILE}\n")
             for one in inverted:
-                whole = (x, y, one.result.sigma, one.result.sigma_sd, one.result.residual)
+                whole = [x, y, one.result.sigma, one.result.sigma_sd, one.result.residual]
+                if one.across is not None:
+                    whole.append(one.across)
                 si = np.column_stack(
                     [part.ravel() for part in (whole if is_whole else one.profile)]
                 )
-                scale = (1e3, 1e3, 1e-3, 1e-3, 1e6) if is_whole else (1e3, 1e-3, 1e-3)
+                scale = (1e3, 1e3, 1e-3, 1e-3, 1e6, 1e-3)[: len(whole)]
+                scale = scale if is_whole else (1e3, 1e-3, 1e-3)
                 rows = np.column_stack([np.full(len(si), one.number), si * scale])
                 np.savetxt(table, rows, ["%d", *["%.7g"] * len(scale)], ",")
 
@@ -217,6 +282,8 @@ def _arrays(series: FieldSeries, inverted: Sequence[Inverted], is_whole: bool) -
     if is_whole:
         arrays |= {"x_m": series.x_m, "y_m": series.y_m}
         attributes |= {"sigma_pa": "sigma", "sigma_sd_pa": "sigma_sd", "residual_m": "residual"}
+        if inverted[0].across is not None:
+            arrays["sigma_across_pa"] = np.array([one.across for one in inverted])
     for name, attribute in attributes.items():
         arrays[name] = np.array([getattr(one.result, attribute) for one in inverted])
     return arrays

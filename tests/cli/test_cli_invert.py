@@ -157,6 +157,25 @@ def test_a_session_knows_what_it_was_measured_on(slipscope: Command, session: Pa
     assert found[-1]["Q_n"] == pytest.approx(0.93 * 0.03, rel=0.1)
 
 
+def test_both_components_of_a_session(slipscope: Command, session: Path, tmp_path: Path) -> None:
+    more = ("--roughness", 0, "--method", "coupled", "-o", "both.npz")
+    said = slipscope("invert", session, *more)
+    assert said.exit_code == 0, said.output
+    with np.load(tmp_path / "both.npz") as found:
+        along, across = found["sigma_pa"][-1], found["sigma_across_pa"][-1]
+        assert found["Q_n"][-1] == pytest.approx(0.93 * 0.03, rel=0.1)
+        # friction acts along the drive
+        assert abs(across.sum()) < 0.05 * along.sum()
+        assert np.abs(across).max() < 0.5 * along.max()
+
+
+def test_both_components_need_both_displacements(slipscope: Command, tmp_path: Path) -> None:
+    path = write_fields(tmp_path / "fields.csv", step=32)
+    said = slipscope("invert", path, *MATERIAL, "--pixel", 7.04, "--method", "coupled")
+    assert said.exit_code == 2
+    assert "has no displacement across the drive" in said.stderr
+
+
 def test_a_field_without_surroundings_is_refused_with_its_reason(
     slipscope: Command, session: Path
 ) -> None:
