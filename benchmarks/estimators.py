@@ -24,7 +24,7 @@ from typing import Annotated
 
 import numpy as np
 
-from analysis.contact.rings import Rings
+from analysis.contact.rings import Rings, ring_means
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.friction.stick import fit_stick_radius
 from analysis.friction.stress_peak import calibrate, displacement_in_rings, stress_peak
@@ -188,7 +188,16 @@ def speed(report: Report, *_: object) -> None:
     solved, reach = inversion(P).solve(rings), 0.1 * world.hertz_radius(P)
     report.table("Time of an estimate")
     profile = solved.radius, solved.sigma, solved.covariance
+    field = run.states[20].field() + np.random.default_rng(0).normal(0, 50e-9, world.X.shape)
+    r, theta = np.hypot(world.X, world.Y), np.arctan2(world.Y, world.X)
+
+    def frame() -> None:
+        means = ring_means(r, field, world.PITCH, theta=theta)
+        found = inversion(P).solve(means)
+        stress_peak(found.radius, found.sigma, found.covariance, reach=reach)
+
     for name, times, task in (
+        ("rings, sigma and c of a frame", 300, frame),
         ("live c", 300, partial(live, rings, P)),
         ("maximum of the traction", 300, partial(stress_peak, *profile, reach=reach)),
         (f"local law, {FRAMES} frames", 3, partial(local_law, run, ux, error, Q, P)),

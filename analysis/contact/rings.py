@@ -85,10 +85,10 @@ def ring_means(
         return _plain_means(r[keep], values[keep], ring[keep], n, width)
     azimuth = np.asarray(theta, dtype=np.float64)[chosen][inside]
     columns = _columns(r / width - ring - 0.5, azimuth)
-    coefficients, _ = _ring_fits(columns[keep], values[keep], ring[keep], n)
+    coefficients, _, before = _ring_fits(columns, values, ring, keep, n)
     # outliers show better against the fit than against the ring's median
     keep = ~_outlying(values - _modelled(columns, coefficients, ring), ring, n)
-    return _fitted_means(columns[keep], r[keep], values[keep], ring[keep], n, width)
+    return _fitted_means(columns, r, values, ring, keep, n, width, before)
 
 
 def central_value(
@@ -159,13 +159,15 @@ def _ring_median(values: F64, ring: I64, n: int) -> F64:
 
 
 @compiled
-def _normal_equations(columns: F64, values: F64, ring: I64, n: int) -> tuple[F64, F64]:
-    """Sums over each ring of the products of the columns, shape (n, k, k), and of the columns with
-    the values, shape (n, k).
+def _normal_equations(columns: F64, values: F64, ring: I64, keep: Bool, n: int) -> tuple[F64, F64]:
+    """Sums over the kept points of each ring of the products of the columns, shape (n, k, k), and
+    of the columns with the values, shape (n, k).
     """
     size = columns.shape[1]
     normal, right = np.zeros((n, size, size)), np.zeros((n, size))
     for p in range(values.size):
+        if not keep[p]:
+            continue
         k = ring[p]
         for i in range(size):
             right[k, i] += columns[p, i] * values[p]
@@ -195,42 +197,73 @@ def _plain_means(r: F64, values: F64, ring: I64, n: int, width: float) -> Rings:
     return Rings(radius, mean, np.sqrt(squares / freedom / full), count)
 
 
+@compiled
 def _columns(offset: F64, theta: F64) -> F64:
     """What the values of a ring may depend on, shape (points, 6): 1, distance from the ring's
     middle, two harmonics of the azimuth.
     """
-    cos, sin = np.cos(theta), np.sin(theta)
-    harmonics = cos, sin, cos * cos - sin * sin, 2 * sin * cos
-    return np.stack([np.ones_like(offset), offset, *harmonics], axis=1)
+    out = np.empty((offset.size, 6))
+    for p in range(offset.size):
+        cos, sin = np.cos(theta[p]), np.sin(theta[p])
+        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = 1.0, offset[p], cos, sin
+        out[p, 4], out[p, 5] = cos * cos - sin * sin, 2 * sin * cos
+    return out
 
 
+@compiled
 def _modelled(columns: F64, coefficients: F64, ring: I64) -> F64:
     """The fit of each point's ring at the point."""
-    return np.asarray(np.einsum("ij,ij->i", columns, coefficients[ring]))
+    out = np.zeros(ring.size)
+    for p in range(ring.size):
+        for i in range(columns.shape[1]):
+            out[p] += columns[p, i] * coefficients[ring[p], i]
+    return out
 
 
-def _ring_fits(columns: F64, values: F64, ring: I64, n: int) -> tuple[F64, F64]:
-    """Least squares in each ring: coefficients, shape (n, 6), and the factor from the variance of a
-    point to that of the mean, shape (n,).
+def _ring_fits(
+    columns: F64,
+    values: F64,
+    ring: I64,
+    keep: Bool,
+    n: int,
+    before: tuple[Bool, F64] | None = None,
+) -> tuple[F64, F64, tuple[Bool, F64]]:
+    """Least squares of the kept points in each ring: coefficients, shape (n, 6), the matrices of
+    their normal equations, shape (n, 6, 6), and which rings are poor with their numbers of points.
 
-    NaN factor: the ring has too few points, or too small a part of the circle; its only coefficient
-    is the plain mean.
+    Poor rings have too few points, or too small a part of the circle: their only coefficient is the
+    plain mean. With `before`, those of another choice of points, only rings are looked at anew that
+    have other points.
     """
     size = columns.shape[1]
-    normal, sums = _normal_equations(columns, values, ring, n)
+    normal, sums = _normal_equations(columns, values, ring, keep, n)
     count = normal[:, 0, 0].copy()
-    poor = (count < FEWEST) | (np.linalg.eigvalsh(normal)[:, 0] < 1e-2 * count)
+    poor, known = before or (np.zeros(n, np.bool_), np.full(n, -1.0))
+    new = count != known
+    poor = poor.copy()
+    poor[new] = np.linalg.eigvalsh(normal[new])[:, 0] < 1e-2 * count[new]
+    poor |= count < FEWEST
     normal[poor] = np.eye(size)
     sums[poor, 1:] = 0
     sums[poor, 0] /= np.maximum(count[poor], 1)
+    return np.linalg.solve(normal, sums[:, :, None])[:, :, 0], normal, (poor, count)
+
+
+def _fitted_means(
+    columns: F64,
+    r: F64,
+    values: F64,
+    ring: I64,
+    keep: Bool,
+    n: int,
+    width: float,
+    before: tuple[Bool, F64],
+) -> Rings:
+    plain = _plain_means(r[keep], values[keep], ring[keep], n, width)
+    coefficients, normal, (poor, _) = _ring_fits(columns, values, ring, keep, n, before)
+    # from the variance of a point to that of the mean
     factor = np.where(poor, np.nan, np.linalg.inv(normal)[:, 0, 0])
-    return np.linalg.solve(normal, sums[:, :, None])[:, :, 0], factor
-
-
-def _fitted_means(columns: F64, r: F64, values: F64, ring: I64, n: int, width: float) -> Rings:
-    plain = _plain_means(r, values, ring, n, width)
-    coefficients, factor = _ring_fits(columns, values, ring, n)
-    residual = values - _modelled(columns, coefficients, ring)
+    residual = np.where(keep, values - _modelled(columns, coefficients, ring), 0.0)
     freedom = np.maximum(plain.count - columns.shape[1], 1)
     error = np.sqrt(np.bincount(ring, residual**2, minlength=n) / freedom * factor)
     fitted = np.isfinite(factor)
