@@ -53,7 +53,6 @@ def balance_modulus(
     E_supposed: float,
     *,
     Q_sd: float = 1e-3,
-    relative_sd: float = 0.0,
 ) -> Modulus:
     """Young's modulus at which the stress sums up to the shear force: the stress from an inversion
     is proportional to the modulus that it supposes.
@@ -70,25 +69,21 @@ def balance_modulus(
         Pascals.
     Q_sd : float
         Noise of the force, newtons.
-    relative_sd : float
-        Relative uncertainty of the integral that all frames share: of D, of the block's thickness
-        (0.002 to 0.005 for a block of five contact diameters inverted as a half-space), of the
-        magnification.
 
     Notes
     -----
     A line through both, with errors in both (York 1966), outlying frames left out. What all frames
     share and no force changes, such as the noise of the reference image and the force sensor's
-    zero, is in the offset. The uncertainty allows for errors that successive frames share.
+    zero, is in the offset. The uncertainty allows for errors that successive frames share; what
+    pixel size, thickness and the like cost is in the budget of a run.
 
     References
     ----------
     Prevost et al. 2013, section 4, Fig. 9.
     """
-    if not (E_supposed > 0 and Q_sd > 0 and relative_sd >= 0):
+    if not (E_supposed > 0 and Q_sd > 0):
         raise ValueError(
-            f"modulus: E {E_supposed:g} Pa, a noise of {Q_sd:g} N and a relative uncertainty of"
-            f" {relative_sd:g} found; use positive ones"
+            f"modulus: E {E_supposed:g} Pa and a noise of {Q_sd:g} N found; use positive ones"
         )
     columns = np.broadcast_arrays(integral, integral_sd, Q)
     x, sx, y = (np.ravel(v).astype(np.float64) for v in columns)
@@ -125,5 +120,4 @@ def balance_modulus(
     shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / float(scores @ scores))
     slope_sd = scale * np.sqrt(shared / spread)
     E = slope * E_supposed
-    E_sd = float(np.hypot(slope_sd * E_supposed, relative_sd * E))
-    return Modulus(E, E_sd, slope, offset, frames, outliers)
+    return Modulus(E, float(slope_sd * E_supposed), slope, offset, frames, outliers)

@@ -37,13 +37,14 @@ class Tone(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A named value with its unit; `detail` is its uncertainty or range."""
+    """A named value with its unit; `detail` is its uncertainty or range, `hint` tells more."""
 
     name: str
     value: str
     unit: str = ""
     detail: str = ""
     tone: Tone = Tone.NEUTRAL
+    hint: str = ""
 
 
 def typeset(text: str) -> str:
@@ -138,12 +139,15 @@ def count_cells(counts: Counts, uncertain: int = 0) -> tuple[Cell, ...]:
 
 def result_cells(summary: Summary | None) -> tuple[Cell, ...]:
     """The main results with their uncertainties; a dash where the run did not go far enough."""
-    measured = {quantity.symbol: quantity for quantity in summary_quantities(summary or UNMEASURED)}
+    measured = {one.symbol: one for one in summary_quantities(summary or UNMEASURED)}
     cells = []
     for symbol in RESULTS:
-        value, spread = map(typeset, measured[symbol].rounded)
-        name = f"{measured[symbol].name} {typeset(symbol)}"
-        cells.append(Cell(name, value or DASH, typeset(measured[symbol].unit), spread))
+        one = measured[symbol]
+        value, spread = map(typeset, one.combined.rounded)
+        name, unit = f"{one.name} {typeset(symbol)}", typeset(one.unit)
+        both = math.isfinite(one.sd) and math.isfinite(one.systematic)
+        hint = f"{typeset(str(one))}: by noise, and by the inputs" if both else ""
+        cells.append(Cell(name, value or DASH, unit, spread, hint=hint))
     return tuple(cells)
 
 

@@ -35,6 +35,7 @@ class CellView(QWidget):
         is_known, has_colour = cell.value != DASH, cell.tone is not Tone.NEUTRAL
         self.name.setText(_with_subscript(cell.name))
         self.value.setText(cell.value)
+        self.setToolTip(cell.hint)
         self.detail.setText(" ".join(filter(None, (cell.detail, cell.unit))) if is_known else "")
         self.value.setStyleSheet(f"color: {theme.TONES[cell.tone]};" if has_colour else "")
 

@@ -6,7 +6,7 @@ The terminal, the window and the pictures write their numbers by the rules of th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from analysis.options import UNITS
 from app.summary import Summary
@@ -48,6 +48,13 @@ class Measurement:
     unit: str = ""
     extremes: tuple[float, float] = NOWHERE
     systematic: float = math.nan
+
+    @property
+    def combined(self) -> Measurement:
+        """With one uncertainty, by noise and inputs together."""
+        known = [part for part in (self.sd, self.systematic) if math.isfinite(part)]
+        sd = math.hypot(*known) if known else math.nan
+        return replace(self, sd=sd, systematic=math.nan)
 
     @property
     def rounded(self) -> tuple[str, str]:

@@ -233,7 +233,7 @@ def test_what_the_world_does_not_model_is_told_in_its_words():
     with pytest.raises(
         DeviceFault,
         match=re.escape("emulated CONEX-CC: a move to 12 mm was requested")
-        + ".*only a drive in one direction is modelled",
+        + ".*which the law 'cattaneo-mindlin' does not know",
     ):
         driver.move_to(12e-3)
     driver.close()
