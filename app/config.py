@@ -46,6 +46,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "stress",
     "camera.pixel",
     "camera.angle",
+    "camera.distortion",
     "camera.angle_from",
     *(
         f"forces.{of}_{sensor}"

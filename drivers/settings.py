@@ -273,6 +273,14 @@ class CameraSettings(DeviceSettings):
         " moves, or given by `angle`",
         choices=("motion", "angle"),
     )
+    distortion: float = option(
+        0.0,
+        "Radial distortion of the lens, which is corrected: share by which the ideal place of a"
+        " corner of the picture is further out than the one seen",
+        "%",
+        ge=-5,
+        le=5,
+    )
     exposure: float = option(10.0, "Exposure time", "ms", gt=0, le=1000)
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ from analysis.contact.rings import Rings
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from app.engine.budget import Measured
-from app.engine.setup import grid_of
+from app.engine.setup import grid_of, places_m
 from app.engine.tractions import largest_traction, radial_inversion
 from app.numbers import series_of
 from app.records import ContactResult, RingProfile, Snapshot
@@ -78,10 +78,10 @@ def force_noise(Q: np.ndarray) -> float:
 
 def _places(config: Config, contact: ContactResult) -> tuple[np.ndarray, np.ndarray]:
     """Grid points from the contact's centre, metres, shape (ny, nx)."""
-    grid, pixel_m = grid_of(config), config.camera.pixel
-    x, y = contact.centre_px
-    columns, rows = np.meshgrid(grid.x_px - x, grid.y_px - y)
-    return columns * pixel_m, rows * pixel_m
+    grid = grid_of(config)
+    x, y = places_m(config, *np.meshgrid(grid.x_px, grid.y_px))
+    centre_x, centre_y = places_m(config, *contact.centre_px)
+    return x - centre_x, y - centre_y
 
 
 def _counted(rings: RingProfile, inversion: AxisymmetricInversion) -> Rings:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,9 @@ from analysis.dic import Tracker, open_tracker
 from analysis.dic.field import Field
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
+from analysis.undistorted import ideal_displacement
 from app.engine.conclusions import attempt, hertz_radius_m, summarise
-from app.engine.setup import grid_of
+from app.engine.setup import grid_of, places_m
 from app.engine.tractions import Tractions
 from app.records import (
     Conditions,
@@ -80,13 +82,19 @@ class Pipeline:
             self._nominal = self._nominal.reversed
         self._direction = self._nominal  # of the last frame
         self._outside = np.ones(self.grid.shape, np.bool_)
-        self._x_m, self._y_m = (
-            axis * self._pixel_m for axis in np.meshgrid(self.grid.x_px, self.grid.y_px)
-        )
+        self._x_px, self._y_px = np.meshgrid(self.grid.x_px, self.grid.y_px)
+        self._x_m, self._y_m = places_m(config, self._x_px, self._y_px)
 
     @property
     def _pixel_m(self) -> float:
         return self.config.camera.pixel
+
+    @property
+    def _centre_m(self) -> tuple[float, float]:
+        """Centre of the contact on the interface."""
+        assert self.contact is not None
+        x, y = places_m(self.config, *self.contact.centre_px)
+        return float(x), float(y)
 
     def close(self) -> None:
         """Let the tracker's threads go, and note what became of the reference and of the
@@ -144,7 +152,7 @@ class Pipeline:
         self.reference_frame = index
         self._find_contact(image)
         assert self.contact is not None
-        x, y = (c * self._pixel_m for c in self.contact.centre_px)
+        x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
         radius = next((a for a in held if math.isfinite(a)), 0.0)
         self._outside = np.hypot(self._x_m - x, self._y_m - y) > OUTSIDE * radius
@@ -186,7 +194,7 @@ class Pipeline:
 
     def _prepare_tractions(self, now: Conditions) -> None:
         assert self.contact is not None
-        centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
+        centre_x, centre_y = self._centre_m
         try:
             hertz_m = hertz_radius_m(self.config, now.normal_force_n)
             self._tractions = Tractions(
@@ -205,8 +213,8 @@ class Pipeline:
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
         lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
-        ux_m, uy_m = field.ux_px * pixel_m, field.uy_px * pixel_m
-        centre_x, centre_y = (c * self._pixel_m for c in self.contact.centre_px)
+        ux_m, uy_m = (u * pixel_m for u in self._ideal(field))
+        centre_x, centre_y = self._centre_m
         # distances from the lens where the material is now, not where it was at t = 0
         x = self._x_m + ux_m - centre_x - drive.x * lens_m
         y = self._y_m + uy_m - centre_y - drive.y * lens_m
@@ -257,6 +265,13 @@ class Pipeline:
             stress=stress,
             stress_field_pa=stress_field,
         )
+
+    def _ideal(self, field: Field) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Displacements in pixels, the lens's distortion undone."""
+        camera, u = self.config.camera, (field.ux_px, field.uy_px)
+        if not camera.distortion:
+            return u
+        return ideal_displacement(self._x_px, self._y_px, *u, camera.distortion, camera.shape)
 
     def _drive_in(self, field: Field, now: Conditions) -> Direction:
         """Where the drive goes in the picture, by what the block has moved in a frame."""

@@ -5,12 +5,14 @@ grid of boxes, and the header of the session. Light to import.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from analysis.calibration.forces import SensorChain
 from analysis.grid import Grid
+from analysis.undistorted import ideal_places
 from app.channels import Channels
 from app.config import to_toml
-from app.records import Header
+from app.records import F64, Header
 from app.settings import Config
 
 
@@ -29,6 +31,13 @@ def sensor_chain(config: Config) -> SensorChain:
 def grid_of(config: Config) -> Grid:
     """The boxes in which the displacement is measured."""
     return Grid.cover(config.camera.shape, config.dic.box, config.dic.step)
+
+
+def places_m(config: Config, x_px: ArrayLike, y_px: ArrayLike) -> tuple[F64, F64]:
+    """Where places of the picture are on the interface, metres, the lens's distortion undone."""
+    camera = config.camera
+    x, y = ideal_places(x_px, y_px, camera.distortion, camera.shape)
+    return x * camera.pixel, y * camera.pixel
 
 
 def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) -> Header:

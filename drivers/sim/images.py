@@ -69,7 +69,9 @@ class Renderer:
         return np.asarray(scene * light)
 
     def _motion(self, state: State) -> warp.Motion:
-        move = warp.motion(state, self._pixel_m, self._shape, speckle.HALO_PX)
+        move = warp.motion(
+            state, self._pixel_m, self._shape, speckle.HALO_PX, distortion=self._sim.distortion
+        )
         if move.largest_elastic > speckle.HALO_PX / 2:
             raise DeviceFault(
                 "simulated camera: an elastic displacement of"
@@ -134,15 +136,12 @@ class Renderer:
 def _add(
     scene: NDArray[Any], peak: NDArray[np.float64], places: NDArray[np.float64], move: warp.Motion
 ) -> None:
-    speckle.add_blobs(
-        scene,
-        places[0] + move.centre[0],
-        places[1] + move.centre[1],
-        places[2],
-        places[3],
-        places[4],
-        peak,
-    )
+    blobs = places.copy()
+    blobs[0] += move.centre[0]
+    blobs[1] += move.centre[1]
+    if move.lens.k:
+        blobs = move.lens.seen_blobs(blobs)
+    speckle.add_blobs(scene, *blobs, peak)
 
 
 def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -69,6 +69,14 @@ class SimSettings(Section):
         "What is not as the settings say, and by which factor: 'camera.pixel 1.01',"
         " 'forces.stiffness_shear 0.997'; docs/simulation.md lists them",
     )
+    distortion: float = option(
+        0.0,
+        "Radial distortion of the lens: share by which the ideal place of a corner of the picture"
+        " is further out than the one seen",
+        "%",
+        ge=-5,
+        le=5,
+    )
     contact_offset: tuple[float, float] = option(
         (6.4, -4.7), "Where the block touches the lens, (x, y) from the middle of the image", "px"
     )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import RoughContact
 from drivers.sim.contact import Sheared
+from drivers.sim.optics import IDEAL, Lens
 
 F64 = NDArray[np.float64]
 
@@ -136,6 +137,8 @@ class Truth:
         slide yet.
     state_at : callable
         The state at another sample.
+    lens : Lens
+        Of the camera.
     """
 
     state: State
@@ -143,6 +146,7 @@ class Truth:
     mu_s: float
     onset_sample: int | None
     state_at: Callable[[int], State]
+    lens: Lens = IDEAL
 
     def displacement_px(
         self, x_px: ArrayLike, y_px: ArrayLike, reference_sample: int
@@ -154,9 +158,8 @@ class Truth:
         ``frame.sample + exposure_samples // 2``.
         """
         before, now = self.state_at(reference_sample), self.state
-        x, y = (
-            np.asarray(v, dtype=np.float64) * self.pixel_m for v in np.broadcast_arrays(x_px, y_px)
-        )
+        seen_x, seen_y = (np.asarray(v, dtype=np.float64) for v in np.broadcast_arrays(x_px, y_px))
+        x, y = (v * self.pixel_m for v in self.lens.ideal(seen_x, seen_y))
         gx, gy = before.surface(x, y)
         goal_x, goal_y = (
             v + g + now.rigid_m[i] - before.rigid_m[i]
@@ -166,4 +169,5 @@ class Truth:
         for _ in range(20):  # strains are a few per cent: each turn gains more than one digit
             gx, gy = now.surface(new_x, new_y)
             new_x, new_y = goal_x - gx, goal_y - gy
-        return (new_x - x) / self.pixel_m, (new_y - y) / self.pixel_m
+        new_x, new_y = self.lens.seen(new_x / self.pixel_m, new_y / self.pixel_m)
+        return new_x - seen_x, new_y - seen_y

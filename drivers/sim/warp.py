@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from analysis.kernels import compiled
+from drivers.sim.optics import IDEAL, Lens
 
 if TYPE_CHECKING:
     from drivers.sim.truth import State
@@ -39,7 +40,8 @@ class Motion:
     tabulated over the distance to it.
 
     `drive` is the unit vector of the direction of the drive, `radius` that within which
-    micro-contacts touch, `lit` their share over that distance; None: that of a smooth face.
+    micro-contacts touch, `lit` their share over that distance; None: that of a smooth face. All
+    are those of an ideal lens; `lens` is the one that the camera has.
     """
 
     rigid: tuple[float, float]
@@ -50,6 +52,7 @@ class Motion:
     per_px: float
     drive: tuple[float, float] = (1.0, 0.0)
     lit: Array | None = None
+    lens: Lens = IDEAL
 
     @property
     def largest_elastic(self) -> float:
@@ -64,7 +67,12 @@ AT_REST = Motion(
 
 
 def motion(
-    state: State, pixel_m: float, shape: tuple[int, int], margin_px: float, per_px: int = 4
+    state: State,
+    pixel_m: float,
+    shape: tuple[int, int],
+    margin_px: float,
+    per_px: int = 4,
+    distortion: float = 0.0,
 ) -> Motion:
     """The state of the world in pixels, with its radial functions tabulated `per_px` times per
     pixel.
@@ -88,6 +96,7 @@ def motion(
         per_px=float(per_px),
         drive=state.drive,
         lit=None if rough is None else state.lit_share(distance * pixel_m),
+        lens=Lens.of(distortion, shape),
     )
 
 
@@ -172,14 +181,18 @@ def spline_coefficients(pattern: Array, columns: int) -> NDArray[np.float32]:
 
 
 @compiled
-def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive):  # type: ignore[no-untyped-def]
+def _nodes(rows, columns, fx, fy, cx, cy, g0, g2, per_px, drive, lens):  # type: ignore[no-untyped-def]
     """X - x at the nodes of the map, without the integer part of the rigid displacement."""
     out = np.empty((2, (rows - 1) // CELL_PX + 2, (columns - 1) // CELL_PX + 2), np.float32)
     for j in range(out.shape[1]):
         for i in range(out.shape[2]):
-            gx, gy = _g(i * CELL_PX - cx, j * CELL_PX - cy, g0, g2, per_px, drive)
-            out[0, j, i] = fx + gx
-            out[1, j, i] = fy + gy
+            # what an ideal lens would show there
+            x, y = i * CELL_PX - lens[1], j * CELL_PX - lens[2]
+            far = lens[0] * lens[3] * (x * x + y * y)
+            at_x, at_y = i * CELL_PX + far * x, j * CELL_PX + far * y
+            gx, gy = _g(at_x - cx, at_y - cy, g0, g2, per_px, drive)
+            out[0, j, i] = fx + gx + far * x
+            out[1, j, i] = fy + gy + far * y
     return out
 
 
@@ -316,5 +329,6 @@ def warp(
         move.g2,
         move.per_px,
         move.drive,
+        tuple(move.lens),
     )
     _warp(coefficients, period_columns, wx, wy, nodes, out)

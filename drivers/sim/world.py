@@ -27,6 +27,7 @@ from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
 from drivers.sim.contact import sheared_contact
 from drivers.sim.faults import Fault, Faults
+from drivers.sim.optics import Lens
 from drivers.sim.scenario import ADC_BITS, PRESS_SHIFT_PX, Scenario
 from drivers.sim.truth import State, Truth
 
@@ -439,4 +440,7 @@ class World:
         """
         s, slides = self.scenario, np.asarray(self._contact.onset)
         mu_s = float(self._contact.shear_force(slides)) / s.normal_force
-        return Truth(self.state(sample), s.camera.pixel, mu_s, self.onset_sample(), self.state)
+        lens = Lens.of(s.sim.distortion, s.camera.shape)
+        return Truth(
+            self.state(sample), s.camera.pixel, mu_s, self.onset_sample(), self.state, lens
+        )
