@@ -68,6 +68,9 @@ class Uncertainties(Section):
     averaging: float = option(
         5.0, "Of the box over which the correlation averages u_x", "%", ge=0, le=50
     )
+    distortion: float = option(
+        0.1, "Of camera.distortion, of the place of a corner of the picture", "%", ge=0, le=5
+    )
     drift: float = option(
         0.0005, "Of the creep of image and stage against each other, which is 0", "um/s", ge=0, le=1
     )

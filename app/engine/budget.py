@@ -48,11 +48,17 @@ class Measured:
         shear: float = 1.0,
         lens: float = 1.0,
         creep: float = 0.0,
+        distortion: float = 0.0,
     ) -> Measured:
         """With lengths in the picture, forces and the compliance of the lens holder changed by
-        factors, and a creep (m/s) of the image taken off.
+        factors, a creep (m/s) of the image taken off, and another distortion of the camera's lens.
         """
-        drive = [_snapshot(s, length, normal, shear, lens, creep) for s in self.drive]
+        camera = self.config.camera
+        corner = math.hypot(*camera.shape) / 2 * camera.pixel
+        drive = [
+            _snapshot(s, length, normal, shear, lens, creep, distortion / corner**2)
+            for s in self.drive
+        ]
         contact = self.contact
         if contact is not None:
             a, sd = contact.apparent_radius_m, contact.apparent_radius_sd_m
@@ -68,7 +74,13 @@ class Measured:
 
 
 def _snapshot(
-    s: Snapshot, length: float, normal: float, shear: float, lens: float, creep: float
+    s: Snapshot,
+    length: float,
+    normal: float,
+    shear: float,
+    lens: float,
+    creep: float,
+    distortion: float,
 ) -> Snapshot:
     now, motion, rings = s.conditions, s.motion, s.rings
     was = motion.lens_m if motion else 0.0
@@ -90,7 +102,12 @@ def _snapshot(
             here, moved(motion.centre_ux_m), motion.centre_ux_sd_m * length, motion.drive_angle_rad
         ),
         rings=rings
-        and RingProfile(rings.radius_m * length, moved(rings.ux_m), rings.sd_m * length),
+        and RingProfile(
+            rings.radius_m * (length + distortion * rings.radius_m**2),
+            # of what is seen along x at r, on average over the azimuth
+            moved(rings.ux_m * (1 + 2 * distortion * rings.radius_m**2)),
+            rings.sd_m * length,
+        ),
     )
 
 
@@ -130,6 +147,7 @@ def _changes(measured: Measured) -> Iterator[tuple[str, Callable[[], Measured]]]
         ("lens compliance", told.lens_compliance if sample.lens_compliance else 0.0, with_lens),
         ("averaging box", told.averaging, lambda: replace(measured, averaging=1 + told.averaging)),
         ("drift", told.drift, lambda: measured.given(creep=told.drift)),
+        ("distortion", told.distortion, lambda: measured.given(distortion=told.distortion)),
     ]
     yield from ((name, change) for name, sd, change in changes if sd > 0)
 
