@@ -152,4 +152,15 @@ def plain(value: Any) -> Any:
 def outcome_data(outcome: Outcome) -> dict[str, Any]:
     """How a run ended, with SI units named in the keys and null where nothing was measured."""
     data: dict[str, Any] = plain(outcome)
+    if outcome.summary is not None:
+        data["summary"] |= budget_data(outcome.summary)
     return data
+
+
+def budget_data(summary: Summary) -> dict[str, Any]:
+    """The budget by quantity and input, in place of the rows in which it is stored: relative
+    uncertainties, by all inputs together and by each.
+    """
+    shares = {name: summary.shares(name) for name in summary.budget_quantities}
+    whole = {name: summary.systematic(name) for name in summary.budget_quantities}
+    return {"uncertainty_by_inputs": plain(whole), "budget": plain(shares)}

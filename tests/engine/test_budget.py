@@ -14,7 +14,7 @@ from app.config import Config
 from app.engine.conclusions import summarise
 from app.engine.setup import grid_of
 from app.records import ContactResult
-from app.report.summary import budget_rows, summary_rows
+from app.report.summary import budget_data, budget_rows, summary_rows
 from app.summary import Summary
 from benchmarks.coverage import Drawn, World
 
@@ -89,3 +89,11 @@ def test_both_parts_of_an_uncertainty_are_told() -> None:
     (first, *_) = budget_rows(s)
     assert first.label == "what the inputs cost"
     assert any("pixel size -" in row.value for row in budget_rows(s) if row.symbol == "u(E)")
+
+
+def test_machines_read_the_budget_by_name() -> None:
+    s = concluded()
+    data = budget_data(s)
+    assert data["budget"]["young_modulus"]["pixel size"] == s.shares("young_modulus")["pixel size"]
+    assert data["uncertainty_by_inputs"]["young_modulus"] == s.systematic("young_modulus")
+    assert 0.005 < data["uncertainty_by_inputs"]["young_modulus"] < 0.02
