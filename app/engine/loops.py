@@ -62,7 +62,7 @@ def local_results(
         scale * run.sigma_sd[of_first],
         law.mu * law.L,
     )
-    told = k_sd < DOUBTFUL * np.abs(k)
+    told = k_sd < DOUBTFUL * k
     k, k_sd = (np.where(told, v, np.nan) for v in (k, k_sd))
     found["interface_stiffness_pa_m"] = _held(k)
     found["interface_stiffness_sd_pa_m"] = _held(k_sd)

@@ -86,11 +86,9 @@ def budget_rows(summary: Summary) -> list[Row]:
 
 def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
     """The quantities in which two analyses of one experiment differ in the digits shown."""
-    pairs = zip(summary_rows(recorded), summary_rows(now), strict=True)
+    pairs = zip(summary_quantities(recorded), summary_quantities(now), strict=True)
     rows = [
-        Row(old.label, old.symbol, f"{old.value} -> {new.value}")
-        for old, new in pairs
-        if old.value != new.value
+        Row(old.name, old.symbol, f"{old} -> {new}") for old, new in pairs if str(old) != str(new)
     ]
     return rows or [Row("the same in all digits shown", "", "")]
 
@@ -133,9 +131,10 @@ def plain(value: Any) -> Any:
     NaN becomes null, arrays and tuples become lists, paths and enumerations text.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {
+        data = {
             field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
         }
+        return data | budget_data(value) if isinstance(value, Summary) else data
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -152,8 +151,6 @@ def plain(value: Any) -> Any:
 def outcome_data(outcome: Outcome) -> dict[str, Any]:
     """How a run ended, with SI units named in the keys and null where nothing was measured."""
     data: dict[str, Any] = plain(outcome)
-    if outcome.summary is not None:
-        data["summary"] |= budget_data(outcome.summary)
     return data
 
 

@@ -131,6 +131,11 @@ def test_two_analyses_are_compared_where_their_digits_differ() -> None:
         ("onset of sliding", "t_s", "20.23 ± 0.10 s -> 20.30 ± 0.10 s")
     ]
     assert compared_rows(MEASURED, MEASURED) == [("the same in all digits shown", "", "")]
+    # a session of a time before there was a budget
+    budgeted = replace(
+        MEASURED, budget_inputs=("drift",), budget_quantities=("law_mu",), budget=(0.01,)
+    )
+    assert [row.symbol for row in compared_rows(MEASURED, budgeted)] == ["mu"]
 
 
 def test_every_trigger_and_sample_is_accounted_for() -> None:
