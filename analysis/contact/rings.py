@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -140,22 +141,27 @@ def central_value(
 
 
 @compiled
-def _ring_median(values: F64, ring: I64, n: int) -> F64:
-    """Median of the values of each ring, NaN in empty ones."""
+def _outlying(values: F64, ring: I64, n: int) -> Bool:
+    """Which points lie too far from their ring's median."""
     first = np.zeros(n + 1, np.int64)
     for k in ring:
         first[k + 1] += 1
     for k in range(n):
         first[k + 1] += first[k]
-    free, sorted_by_ring = first[:-1].copy(), np.empty(values.size)
+    free, by_ring = first[:-1].copy(), np.empty(values.size)
     for i in range(values.size):
-        sorted_by_ring[free[ring[i]]] = values[i]
+        by_ring[free[ring[i]]] = values[i]
         free[ring[i]] += 1
-    median = np.full(n, np.nan)
+    middle, limit = np.zeros(n), np.zeros(n)
     for k in range(n):
-        if first[k + 1] > first[k]:
-            median[k] = np.median(sorted_by_ring[first[k] : first[k + 1]])
-    return median
+        own = by_ring[first[k] : first[k + 1]]
+        if own.size:
+            middle[k] = np.median(own)
+            limit[k] = OUTLIER_SD * (SCALED * np.median(np.abs(own - middle[k])))
+    out = np.empty(values.size, np.bool_)
+    for i in range(values.size):
+        out[i] = abs(values[i] - middle[ring[i]]) > limit[ring[i]]
+    return out
 
 
 @compiled
@@ -177,13 +183,6 @@ def _normal_equations(columns: F64, values: F64, ring: I64, keep: Bool, n: int) 
         for j in range(i):
             normal[:, j, i] = normal[:, i, j]
     return normal, right
-
-
-def _outlying(values: F64, ring: I64, n: int) -> Bool:
-    """Which points lie too far from their ring's median."""
-    distance = np.abs(values - _ring_median(values, ring, n)[ring])
-    spread = SCALED * _ring_median(distance, ring, n)
-    return np.asarray(distance > OUTLIER_SD * spread[ring])
 
 
 def _plain_means(r: F64, values: F64, ring: I64, n: int, width: float) -> Rings:
@@ -259,7 +258,8 @@ def _fitted_means(
     width: float,
     before: tuple[Bool, F64],
 ) -> Rings:
-    plain = _plain_means(r[keep], values[keep], ring[keep], n, width)
+    kept: Any = slice(None) if keep.all() else keep  # spares copies
+    plain = _plain_means(r[kept], values[kept], ring[kept], n, width)
     coefficients, normal, (poor, _) = _ring_fits(columns, values, ring, keep, n, before)
     # from the variance of a point to that of the mean
     factor = np.where(poor, np.nan, np.linalg.inv(normal)[:, 0, 0])
