@@ -19,7 +19,9 @@ from analysis.mechanics.greenwood_tripp import rough_contact
 
 NODES = 24  # radii that stand for the whole density
 FAINTEST = 1e-6  # of the central density, where the rough one is cut
-ROUGHNESSES = np.geomspace(2e-3, 1.0, 12)  # h R/a_H^2
+# h R/a_H^2: with less no number of micro-contacts tells the edge from a sharp one, and with more
+# there are only a few of them
+ROUGHNESSES = np.geomspace(5e-3, 10.0, 14)
 ALONG = 160  # places of a rough density, from the centre to where it is cut
 
 

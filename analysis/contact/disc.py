@@ -17,8 +17,6 @@ DRAWS = 512
 FEWEST_DRAWS = 80.0  # effective number of draws that a round keeps by flattening the likelihood
 # how well the place of a micro-contact is known: no radius or centre is known better
 LOCALISATION_PX = 0.5
-# of the evidence for one kind of density against the other: neither is quite what a surface has
-TRUST = 0.5
 
 
 FAMILIES: tuple[Density, ...] = (Power(), Rough())
@@ -47,9 +45,9 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     Their density ends like ``(1 - (r/a)^2)^m`` with m between 0 and 1 unknown (0: even, 1/2:
     Hertz), or thins out like Greenwood and Tripp's pressure of unknown roughness, whose apparent
     radius is ``a_H + sqrt(R h)``; plus stray points anywhere in the picture. The result is the mean
-    over everything that the positions allow: flat prior over centre and scale, both kinds equally
-    likely, their evidence taken for half of what it is. The distance of the outermost point is
-    biased low, the most likely radius as well, this mean is not.
+    over everything that the positions allow (flat prior over centre and scale, both kinds equally
+    likely): the distance of the outermost point is biased low, the most likely radius as well, this
+    mean is not.
 
     Parameters
     ----------
@@ -70,7 +68,7 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     stray = _stray_share(np.hypot(x - middle[0], y - middle[1]), 1.3 * 1.65 * half, area)
     known = [_fitted(kind, x, y, shape, half, stray) for kind in FAMILIES]
     evidence = np.array([one.evidence for one in known])
-    share = np.exp(TRUST * (evidence - evidence.max()))
+    share = np.exp(evidence - evidence.max())
     share /= share.sum()
     mean = share @ [one.mean for one in known]
     spread = share @ [one.variance + (one.mean - mean) ** 2 for one in known]

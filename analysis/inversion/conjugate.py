@@ -4,10 +4,13 @@ frame for live fields.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from analysis.arrays import F64
+from analysis.arrays import F64, Bool
 from analysis.inversion.problem import InversionProblem
 from analysis.inversion.result import Inversion, Stopped
 
@@ -53,8 +56,66 @@ def conjugate_gradient(
     field = problem.measured(ux, sd)
     sigma = np.zeros(problem.mask.shape) if start is None else np.where(problem.mask, start, 0.0)
     shapes, known = problem.shapes
-    root = np.sqrt(field.weight).ravel()
-    size, axes = np.linalg.eigh((known * field.weight.ravel()) @ known.T)
+    found = descend(
+        problem.green.apply,
+        problem.mask,
+        shapes,
+        known,
+        field.u,
+        field.weight,
+        field.count,
+        sigma,
+        iterations,
+    )
+    stopped = found.stopped
+    if stopped is Stopped.DISCREPANCY and problem.is_silent(field):
+        stopped = Stopped.SILENT
+    D = float(found.amounts[0])
+    return problem.result(found.sigma, D, field, found.residual, found.iterations, stopped)
+
+
+class Descent(NamedTuple):
+    """Where a descent ended: the stress, the amounts of what is known, what is left of u."""
+
+    sigma: F64
+    amounts: F64
+    residual: F64
+    iterations: int
+    stopped: Stopped
+
+
+def descend(
+    apply: Callable[[F64], F64],
+    mask: Bool,
+    shapes: F64,
+    known: F64,
+    u: F64,
+    weight: F64,
+    count: float,
+    sigma: F64,
+    iterations: int,
+) -> Descent:
+    """Conjugate gradients from `sigma`, for one component or both.
+
+    Parameters
+    ----------
+    apply : callable
+        From stress to displacement, its own transpose.
+    mask : ndarray of bool
+        sigma is 0 outside.
+    shapes : ndarray, shape (k, ...)
+        Simple stresses.
+    known : ndarray, shape (m + k, points)
+        What D, of m components, and the simple stresses do to u.
+    u, weight, sigma : ndarray
+        Displacement (m), 1/sd^2 of each, and stress to start from.
+    count : float
+        Of measurements.
+    iterations : int
+        Largest number of iterations.
+    """
+    root = np.sqrt(weight).ravel()
+    size, axes = np.linalg.eigh((known * weight.ravel()) @ known.T)
     independent = size > 1e-10 * size[-1]  # a small mask may have fewer shapes
     axes = axes[:, independent] / np.sqrt(size[independent])
     across = (known * root).T @ axes
@@ -66,16 +127,15 @@ def conjugate_gradient(
         v = v.ravel() * root
         return np.asarray(v - across @ (v @ across))
 
-    image = problem.green.apply(sigma) if sigma.any() else np.zeros_like(sigma)
-    residual = unexplained(field.u + image)
-    chi2, stopped, n = float(residual @ residual) / field.count, Stopped.ITERATIONS, 0
+    image = apply(sigma) if sigma.any() else np.zeros_like(sigma)
+    residual = unexplained(u + image)
+    chi2, stopped, n = float(residual @ residual) / count, Stopped.ITERATIONS, 0
     direction, power = np.zeros_like(sigma), np.inf
     while chi2 > 1 and n < iterations:
-        back = problem.green.apply((root * residual).reshape(sigma.shape))  # its own transpose
-        gradient = np.where(problem.mask, back, 0.0)
+        gradient = np.where(mask, apply((root * residual).reshape(sigma.shape)), 0.0)
         new = float(np.vdot(gradient, gradient))
         direction, power = gradient + new / power * direction, new
-        image_step = problem.green.apply(direction)
+        image_step = apply(direction)
         change = unexplained(image_step)
         square = float(change @ change)
         if not square > 0:
@@ -85,13 +145,14 @@ def conjugate_gradient(
         sigma, image = sigma - length * direction, image - length * image_step
         residual = residual - length * change
         n += 1
-        previous, chi2 = chi2, float(residual @ residual) / field.count
+        previous, chi2 = chi2, float(residual @ residual) / count
         if chi2 > 1 and chi2 > (1 - STILL) * previous:
             stopped = Stopped.STAGNATION
             break
     if chi2 <= 1:
-        stopped = Stopped.SILENT if problem.is_silent(field) else Stopped.DISCREPANCY
-    amounts = axes @ (((field.u + image).ravel() * root) @ across)
-    sigma = sigma + np.tensordot(amounts[1:], shapes, 1)
-    left = field.u + image - (amounts @ known).reshape(sigma.shape)
-    return problem.result(sigma, float(amounts[0]), field, left, n, stopped)
+        stopped = Stopped.DISCREPANCY
+    amounts = axes @ (((u + image).ravel() * root) @ across)
+    far = len(known) - len(shapes)
+    sigma = sigma + np.tensordot(amounts[far:], shapes, 1)
+    left = u + image - (amounts @ known).reshape(sigma.shape)
+    return Descent(sigma, amounts, left, n, stopped)

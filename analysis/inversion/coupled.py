@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
+from analysis.inversion.conjugate import descend
 from analysis.inversion.problem import LARGEST_CHI2, InversionProblem, MeasuredField
 from analysis.inversion.result import NOT_COVERED, Stopped
 from analysis.mechanics.half_space import SurfaceGreen
 
-STILL = 3e-4  # relative fall of chi2 in an iteration below which it has stopped falling
 Pair = tuple[float, float]
 
 
@@ -108,49 +108,22 @@ class CoupledProblem:
         measured = np.stack([part.u for part in parts])
         weight = np.stack([part.weight for part in parts])
         count = sum(part.count for part in parts)
-        root = np.sqrt(weight)
         shapes, known = self._known()
-        size, axes = np.linalg.eigh((known * weight.ravel()) @ known.T)
-        independent = size > 1e-10 * size[-1]
-        axes = axes[:, independent] / np.sqrt(size[independent])
-        across = (known * root.ravel()).T @ axes
-
-        def unexplained(v: F64) -> F64:
-            """What of a displacement neither D nor the simple shapes explain, times the root of the
-            weights.
-            """
-            flat = (v * root).ravel()
-            return np.asarray(flat - across @ (flat @ across)).reshape(v.shape)
-
-        sigma, image = np.zeros_like(measured), np.zeros_like(measured)
-        residual = unexplained(measured)
-        chi2, stopped, n = float(np.vdot(residual, residual)) / count, Stopped.ITERATIONS, 0
-        direction, power = np.zeros_like(sigma), np.inf
-        while chi2 > 1 and n < iterations:
-            back = self._green.apply(root * residual)  # its own transpose
-            gradient = np.where(one.mask, back, 0.0)
-            new = float(np.vdot(gradient, gradient))
-            direction, power = gradient + new / power * direction, new
-            step = self._green.apply(direction)
-            change = unexplained(step)
-            square = float(np.vdot(change, change))
-            if not square > 0:
-                stopped = Stopped.STAGNATION
-                break
-            length = power / square
-            sigma, image = sigma - length * direction, image - length * step
-            residual = residual - length * change
-            n += 1
-            before, chi2 = chi2, float(np.vdot(residual, residual)) / count
-            if chi2 > 1 and chi2 > (1 - STILL) * before:
-                stopped = Stopped.STAGNATION
-                break
-        if chi2 <= 1:
-            is_silent = all(one.is_silent(part) for part in parts)
-            stopped = Stopped.SILENT if is_silent else Stopped.DISCREPANCY
-        amounts = axes @ (((measured + image) * root).ravel() @ across)
-        sigma = sigma + np.tensordot(amounts[2:], shapes, 1)
-        left = measured + image - (amounts @ known).reshape(sigma.shape)
+        found = descend(
+            self._green.apply,
+            one.mask,
+            shapes,
+            known,
+            measured,
+            weight,
+            count,
+            np.zeros_like(measured),
+            iterations,
+        )
+        stopped = found.stopped
+        if stopped is Stopped.DISCREPANCY and all(one.is_silent(part) for part in parts):
+            stopped = Stopped.SILENT
+        sigma, amounts, left, n, _ = found
         return self._result(sigma, amounts, parts, left, count, n, stopped)
 
     def _known(self) -> tuple[F64, F64]:

@@ -11,6 +11,7 @@ from analysis.arrays import F64
 from analysis.contact.orientation import Direction
 
 UPRIGHT = Direction(1.0, 0.0)
+BEYOND = 8  # points
 
 
 def as_seen(
@@ -55,6 +56,10 @@ def _at(values: F64, places: F64) -> F64:
     if not known.any():
         return values
     typical = float(np.median(values[known]))
-    seen = ndimage.map_coordinates(np.where(known, values - typical, 0.0), places, mode="nearest")
+    # a slope goes on beyond the rim, where the spline would bend it
+    wide = min(BEYOND, min(values.shape) - 1)
+    filled = np.where(known, values - typical, 0.0)
+    padded = np.pad(filled, wide, mode="reflect", reflect_type="odd")
+    seen = ndimage.map_coordinates(padded, places + wide, mode="nearest")
     doubt = ndimage.map_coordinates((~known).astype(np.float64), places, order=1, cval=1.0)
     return np.where(doubt > 1e-9, np.nan, seen + typical)

@@ -17,8 +17,6 @@ from app.engine.setup import sensor_chain
 from app.records import ContactResult, Motion, RingProfile, Snapshot
 from app.settings import Config
 
-POISSON = "Poisson's ratio"
-
 Values = dict[str, float]  # results by their names in the session
 
 
@@ -87,8 +85,9 @@ def _snapshot(
     here = was * shear * lens
     crept = creep * now.time_s if creep else 0.0
 
-    def moved(u: Any) -> Any:
-        return (u + was) * length - here - crept
+    def moved(u: Any, at: Any = 0.0) -> Any:
+        # what is seen along x at the radius `at`, on average over the azimuth
+        return (u + was) * (length + 2 * distortion * at**2) - here - crept
 
     return replace(
         s,
@@ -104,15 +103,16 @@ def _snapshot(
         rings=rings
         and RingProfile(
             rings.radius_m * (length + distortion * rings.radius_m**2),
-            # of what is seen along x at r, on average over the azimuth
-            moved(rings.ux_m * (1 + 2 * distortion * rings.radius_m**2)),
+            moved(rings.ux_m, rings.radius_m),
             rings.sd_m * length,
         ),
     )
 
 
-def _changes(measured: Measured) -> Iterator[tuple[str, Callable[[], Measured]]]:
-    """Each input that has an uncertainty, and what is measured where it is higher by that."""
+def _changes(measured: Measured) -> Iterator[tuple[str, float, Callable[[], Measured]]]:
+    """Each input that has an uncertainty, the sign of a step by that, and what is measured after
+    it.
+    """
     config, told = measured.config, measured.config.uncertainty
     sample = config.sample
 
@@ -129,6 +129,8 @@ def _changes(measured: Measured) -> Iterator[tuple[str, Callable[[], Measured]]]
     normal, shear = (
         math.hypot(share, told.sensitivity) for share in sensor_chain(config).relative_uncertainty()
     )
+    # 0.5 is the most there is: the step goes down, and its sign with it
+    nu = -told.poisson if sample.poisson >= told.poisson else told.poisson
     R, E, h, H = told.lens_radius, told.young_modulus, told.roughness, told.thickness
     changes: list[tuple[str, float, Callable[[], Measured]]] = [
         ("pixel size", told.pixel, with_pixel),
@@ -136,12 +138,7 @@ def _changes(measured: Measured) -> Iterator[tuple[str, Callable[[], Measured]]]
         ("shear force", shear, lambda: measured.given(shear=1 + shear)),
         ("lens radius", R, lambda: scaled("sample", "lens_radius", R)),
         ("Young's modulus", E, lambda: scaled("sample", "young_modulus", E)),
-        # 0.5 is the most there is: the change goes down, and `budget` turns its sign
-        (
-            POISSON,
-            told.poisson,
-            lambda: measured.stated("sample", poisson=max(sample.poisson - told.poisson, 0.0)),
-        ),
+        ("Poisson's ratio", nu, lambda: measured.stated("sample", poisson=sample.poisson + nu)),
         ("roughness", h, lambda: scaled("sample", "roughness", h)),
         ("thickness", H if sample.thickness else 0.0, lambda: scaled("sample", "thickness", H)),
         ("lens compliance", told.lens_compliance if sample.lens_compliance else 0.0, with_lens),
@@ -149,7 +146,7 @@ def _changes(measured: Measured) -> Iterator[tuple[str, Callable[[], Measured]]]
         ("drift", told.drift, lambda: measured.given(creep=told.drift)),
         ("distortion", told.distortion, lambda: measured.given(distortion=told.distortion)),
     ]
-    yield from ((name, change) for name, sd, change in changes if sd > 0)
+    yield from ((name, math.copysign(1.0, sd), change) for name, sd, change in changes if sd)
 
 
 class Budget(NamedTuple):
@@ -178,15 +175,15 @@ def budget(measured: Measured, conclude: Callable[[Measured], Values]) -> Budget
     are left out.
     """
     was = conclude(measured)
-    changed = [(name, conclude(change())) for name, change in _changes(measured)]
-    every = [was, *(now for _, now in changed)]
+    changed = [(name, sign, conclude(change())) for name, sign, change in _changes(measured)]
+    every = [was, *(now for _, _, now in changed)]
     results = tuple(
         result
         for result, value in was.items()
         if value and all(math.isfinite(one.get(result, math.nan)) for one in every)
     )
-    shares = []
-    for name, now in changed:
-        sign = -1.0 if name == POISSON else 1.0
-        shares.append(tuple(sign * (now[result] / was[result] - 1) for result in results))
-    return Budget(tuple(name for name, _ in changed), results, tuple(shares))
+    shares = tuple(
+        tuple(sign * (now[result] / was[result] - 1) for result in results)
+        for _, sign, now in changed
+    )
+    return Budget(tuple(name for name, _, _ in changed), results, shares)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -56,19 +56,8 @@ def hertz_radius_m(config: Config, normal_force_n: float) -> float:
     return float(hertz.contact_radius(normal_force_n, s.young_modulus, s.poisson, s.lens_radius))
 
 
-class Conclusion(NamedTuple):
-    """What a drive says, before it is told what the inputs cost."""
-
-    force: float
-    hertz_m: float
-    law: LocalLaw
-    onset: Onset
-
-
-def conclude(
-    measured: Measured, hertz_m: float, law: LocalLaw, notes: list[str] | None = None
-) -> Conclusion:
-    """The onset of sliding, once the law is known; failures go to `notes`."""
+def onset_of(measured: Measured, law: LocalLaw) -> Onset:
+    """The onset of sliding, once the law is known."""
     drive = measured.drive
     time, centre, shear, normal, centre_sd = (
         series_of(drive, name)
@@ -84,24 +73,18 @@ def conclude(
     known = centre_sd[np.isfinite(centre_sd)]
     reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
     settled = SETTLED * slip_scale(measured.config, law, shear, normal)
-    onset = attempt(
-        [] if notes is None else notes,
-        "onset",
-        lambda: sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled),
-        Onset(),
-    )
-    return Conclusion(float(normal.mean()) if drive else math.nan, hertz_m, law, onset)
+    return sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled)
 
 
 def results_of(measured: Measured) -> Values:
     """The results that have a budget, by their names in the session, without uncertainties."""
     config, contact = measured.config, measured.contact
     normal = series_of(measured.drive, "normal_force_n")
-    hertz_m = hertz_radius_m(config, float(normal.mean()))
+    force, sample = float(normal.mean()), config.sample
+    hertz_m = hertz_radius_m(config, force)
     frames = inverted(measured, hertz_m, BUDGET_FRAMES)
     law = frames.law(draws=0) if frames else LocalLaw()
-    found = conclude(measured, hertz_m, law)
-    onset, sample = found.onset, config.sample
+    onset = onset_of(measured, law)
     results = {
         "apparent_radius": contact.apparent_radius_m if contact else math.nan,
         "hertz_radius": hertz_m,
@@ -115,7 +98,7 @@ def results_of(measured: Measured) -> Values:
         "sliding_velocity": onset.velocity,
     }
     if frames and math.isfinite(law.E):
-        told = (found.force, sample.poisson, sample.lens_radius, sample.roughness)
+        told = (force, sample.poisson, sample.lens_radius, sample.roughness)
         at_centre = float(law.pressure[:CENTRAL].mean())
         results |= {
             "pressure": at_centre,
@@ -137,7 +120,8 @@ def summarise(
     whole = Measured(config, drive, contact)
     measured = Measured(config, first_loading(drive), contact)
     normal = series_of(measured.drive, "normal_force_n")
-    hertz_m = hertz_radius_m(config, float(normal.mean())) if drive else math.nan
+    force = float(normal.mean()) if drive else math.nan
+    hertz_m = hertz_radius_m(config, force)
     notes = list(notes)
 
     def law_of_frames() -> LocalLaw:
@@ -145,7 +129,7 @@ def summarise(
         return frames.law() if frames else LocalLaw()
 
     law = attempt(notes, "local law", law_of_frames, LocalLaw())
-    force, _, _, onset = conclude(measured, hertz_m, law, notes)
+    onset = attempt(notes, "onset", lambda: onset_of(measured, law), Onset())
     nothing = Budget()
     spent = nothing
     if math.isfinite(onset.time) or law.sliding:

@@ -21,7 +21,7 @@ def test_full_size_pictures(pair, radius, law):
     contact = apparent_contact(background, image)
     _assert_found(contact, radius, (806.3, 592.1))
     np.testing.assert_allclose(contact.shift_px, (7.3, -3.6), atol=0.01)
-    assert 0 < contact.radius_sd_px < 6
+    assert 0 < contact.radius_sd_px < 5
 
 
 def test_the_profile_is_bright_inside_and_dark_outside(pair):

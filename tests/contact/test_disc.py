@@ -45,7 +45,7 @@ def test_other_densities_are_not_mistaken(micro_contact_scatter, law, bias, spre
 
 def test_a_disc_cut_by_the_border(micro_contact_scatter):
     errors, _ = _many(micro_contact_scatter, 350, 0.5, (800, 250), 8)
-    assert abs(errors[:, 2].mean()) < 6
+    assert abs(errors[:, 2].mean()) < 3
     assert np.abs(errors.mean(axis=0)[:2]).max() < 3
 
 

@@ -63,7 +63,6 @@ def test_what_a_camera_at_rest_sees_of_a_block_that_moved():
     places, rows = (np.array(v, float) for v in (columns, np.indices((30, 40))[0]))
     (x, y) = (as_seen(v, ux, PITCH, moves=ux)[0] for v in (places, rows))
     seen = np.isfinite(x)
-    seen[:, :5] = seen[:, -3:] = False  # at the rim the ramp ends
     assert seen.sum() > 700
     np.testing.assert_allclose((x + 1.5 + 0.01 * x)[seen], columns[seen], atol=0.02)
     np.testing.assert_allclose(y[seen], rows[seen], atol=1e-4)
