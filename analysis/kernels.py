@@ -130,6 +130,14 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
     return made
 
 
+def is_kept(function: Any) -> bool:
+    """Whether a compiled function is kept as its source is now, for some type of its arguments."""
+    try:
+        return bool(function._cache._cache_file._load_index())
+    except Exception:  # nothing is kept, or what is kept is damaged
+        return False
+
+
 def place() -> str:
     """The folder in which compiled functions such as those of this module are kept; or nothing."""
     try:

@@ -105,8 +105,6 @@ def prepare(
 
     `say` is called with what is being prepared.
     """
-    say("compiling the image correlation")
-    prepare_analysis()
     if driver("camera", config.camera.source).nature in ("simulated", "emulated"):
         from drivers.sim.images import Renderer
         from drivers.sim.world import World
@@ -121,6 +119,8 @@ def prepare(
         world.start()
         world.advance(50)
         Renderer(small).image(world.state(40), 0)
+    say("compiling the image correlation")  # last: it may be done by now, in another process
+    prepare_analysis()
     say("opening the bench")
 
 

@@ -71,7 +71,7 @@ def drawn(config: Config, rng: np.random.Generator) -> Drawn:
     more = told.roughness, told.lens_compliance, told.averaging
     first, last = (1 + np.array(s) * rng.standard_normal(len(s)) for s in (shares, more))
     nu = min(config.sample.poisson + told.poisson * rng.standard_normal(), 0.5)
-    return Drawn(*first, nu, *last, told.drift * rng.standard_normal())
+    return Drawn(*first, nu, *last, told.drift * rng.standard_normal())  # type: ignore[call-arg]
 
 
 class World:

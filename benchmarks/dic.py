@@ -33,7 +33,7 @@ from typing import Annotated
 import cv2
 import numpy as np
 
-from analysis.dic import Correlation, Grid, Tracker, compile_kernels
+from analysis.dic import Correlation, Grid, Tracker, compile_kernels, open_tracker
 from benchmarks import scores
 from benchmarks.report import ROOT, Report
 from benchmarks.scores import Picture, follow, frames_of, score_translation
@@ -55,7 +55,7 @@ PAPER_SIGMA_PX = 0.033  # of box 20
 
 def at_rest(correlation: Correlation, reference: Picture) -> Tracker:
     """A tracker that starts from zero displacement."""
-    tracker = correlation.open(reference)
+    tracker = open_tracker(correlation, reference)
     tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
     return tracker
 

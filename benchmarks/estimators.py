@@ -166,7 +166,7 @@ def law(report: Report, loads: Sequence[float], runs: int) -> None:
                         for of in (column, f"{column}_sd")
                     )
                     covered(report, name, column, value / true - 1, stated / true)
-                p = run.world.pressure(found[0].radius)
+                p = run.world.pressure(found[0].radius)  # type: ignore[attr-defined]
                 seen = p > 0.02 * p.max()
                 off = np.array([(one.pressure - p)[seen] for one in found]) / p.max()
                 stated = np.array([one.pressure_sd[seen] for one in found]) / p.max()

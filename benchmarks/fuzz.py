@@ -210,7 +210,7 @@ class Worker:
         seconds = time.monotonic() - began
         how = f"killed after {LIMIT_S:g} s" if seconds >= LIMIT_S else "process died"
         outcome = json.loads(answer) if answer.endswith("\n") else (how, "", 0)
-        ended = Ended(seed, kind, *outcome, seconds)
+        ended = Ended(seed, kind, *outcome, seconds)  # type: ignore[call-arg]
         if ended.is_failure:
             self.end()
             if self._keep:

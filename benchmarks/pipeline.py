@@ -13,6 +13,7 @@ import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does
@@ -21,6 +22,7 @@ import numpy as np
 
 from app import config, live
 from app.engine import pipeline, tractions
+from app.engine.compiling import compile_analysis
 from app.records import Conditions, Phase
 from benchmarks.report import Report
 from drivers.sim.images import Renderer
@@ -65,7 +67,7 @@ class Drive:
         settings = config.load(
             None, [f"camera.divisor={DIVISOR}", "sim.law=elasto-plastic", *overrides]
         )
-        live.prepare(settings, lambda what: None)
+        live.prepare(settings, partial(compile_analysis, settings), lambda what: None)
         self.world = world = World(live.make_bench(settings, None).world.scenario, pace=None)
         world.start()
         world.advance(world.scenario.settled_sample + 100)

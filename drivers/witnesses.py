@@ -18,6 +18,8 @@ or within half a trigger period if that is longer: the camera's buffers hold no 
 """
 
 NONE = (-1, 0)
+JITTER = 2.0  # samples, of the start of an exposure that is not late
+CLOCKS_APART = 2e-4  # by so much the camera's clock may be faster or slower than the board's
 
 
 class Counts:
@@ -109,10 +111,14 @@ class Counts:
 
 
 class Stamps:
-    """The camera's own clock, whose zero and whose rare jumps are unknown."""
+    """The camera's own clock, whose zero and whose rare jumps are unknown.
+
+    Of two exposures that are no whole number of periods apart one was late, by as much as nearly a
+    period: nobody knows which.
+    """
 
     def __init__(self, train: TriggerTrain, rate_hz: float) -> None:
-        self._period_s = train.divisor / rate_hz
+        self._period_s, self._sample_s = train.divisor / rate_hz, 1 / rate_hz
         self.last: float | None = None
 
     def periods(self, stamp_s: float | None) -> int | None:
@@ -124,8 +130,10 @@ class Stamps:
         last, self.last = self.last, stamp_s
         if last is None:
             return None
-        periods = (stamp_s - last) / self._period_s
-        return round(periods) if abs(periods - round(periods)) <= 0.25 else None
+        periods = round((stamp_s - last) / self._period_s)
+        off_s = abs(stamp_s - last - periods * self._period_s)
+        allowed_s = JITTER * self._sample_s + CLOCKS_APART * abs(stamp_s - last)
+        return periods if off_s <= min(allowed_s, self._period_s / 4) else None
 
 
 class Causality:

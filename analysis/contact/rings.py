@@ -179,9 +179,10 @@ def _normal_equations(columns: F64, values: F64, ring: I64, keep: Bool, n: int) 
             right[k, i] += columns[p, i] * values[p]
             for j in range(i + 1):
                 normal[k, i, j] += columns[p, i] * columns[p, j]
-    for i in range(size):
-        for j in range(i):
-            normal[:, j, i] = normal[:, i, j]
+    for k in range(n):
+        for i in range(size):
+            for j in range(i):
+                normal[k, j, i] = normal[k, i, j]
     return normal, right
 
 

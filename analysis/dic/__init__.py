@@ -8,7 +8,7 @@ Beyond the paper                 `open_tracker` with the methods ``shared`` and 
 ===============================  ===================================================================
 """
 
-from analysis.dic.correlation import compile_kernels, open_tracker
+from analysis.dic.correlation import compile_kernels, is_compiled, open_tracker
 from analysis.dic.field import Field, Tracker
 from analysis.dic.status import Status
 from analysis.dic.strain import Strain, strain
@@ -25,6 +25,7 @@ __all__ = [
     "Strain",
     "Tracker",
     "compile_kernels",
+    "is_compiled",
     "open_tracker",
     "strain",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -10,16 +11,20 @@ import numpy as np
 
 from analysis.arrays import Array, Bool
 from analysis.dic.coarse import CoarseSearch
+from analysis.dic.direct import match_rows
 from analysis.dic.field import Tracker
+from analysis.dic.icgn import solve_rows
 from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
 from analysis.dic.refining import MakeRefiner, Refinement
 from analysis.dic.searching import DirectSearch
+from analysis.dic.strips import sum_cells
 from analysis.dic.threads import Threads
 from analysis.dic.tracker import Reference, ReferenceTracker, checked
 from analysis.dic.updating import UpdatingTracker
 from analysis.grid import Grid
+from analysis.kernels import is_kept
 from analysis.settings import Correlation
 
 DIRECT_SEARCH = 16  # px; half-width of the direct method's own search
@@ -107,16 +112,34 @@ def _refiner(correlation: Correlation) -> MakeRefiner:
     )
 
 
-def compile_kernels(correlation: Correlation | None = None, dtype: Any = np.uint8) -> None:
+def compile_kernels(
+    correlation: Correlation | None = None, dtype: Any = np.uint8, part: str = "all"
+) -> None:
     """Compile what a correlation of images of a type needs, or load it from the cache; this takes
     seconds the first time on a machine.
+
+    `part` is all, or one of two that processes can compile side by side: what measures a field
+    ("field"), and the search for large displacements ("search").
     """
     rng = np.random.default_rng(0)
     images = rng.integers(0, 255, (2, 64, 64)).astype(dtype)
     settings = replace(correlation or Correlation(), box=8, step=8, search=2, update="never")
-    tracker = open_tracker(settings, images[0])
-    for image in images:
-        tracker.track(image)
-    tracker.start_from(np.full(tracker.grid.shape, np.nan), np.full(tracker.grid.shape, np.nan))
-    tracker.track(images[0])
-    tracker.close()
+    nowhere = np.full((2, *Grid.cover(images[0].shape, 8, 8).shape), np.nan)
+    if part == "search":
+        settings = replace(settings, method="direct", precision="single")
+    with closing(open_tracker(settings, images[0])) as tracker:
+        if part == "field":
+            tracker.start_from(*np.zeros_like(nowhere))
+            tracker.track(images[0])
+            return
+        for image in images:
+            tracker.track(image)
+        tracker.start_from(*nowhere)
+        tracker.track(images[0])
+
+
+def is_compiled(correlation: Correlation) -> bool:
+    """Whether the larger part of what a correlation needs is kept from an earlier start."""
+    if correlation.method == "shared":
+        return is_kept(sum_cells)
+    return is_kept(match_rows if correlation.method == "direct" else solve_rows)

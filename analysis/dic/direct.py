@@ -22,7 +22,7 @@ from analysis.dic.threads import Rows
 from analysis.kernels import compiled
 
 REACH = 2  # the search looks this far around its present place: 5 x 5 displacements
-WIDTH = 2 * REACH + 1
+WIDTH = np.int64(2 * REACH + 1)
 OUTSIDE = -2.0  # stands for the correlation of a box that leaves the image
 FLAT = -1.5  # ... and of a box without contrast
 LEAST_CORRELATION = 0.02  # values below are raised to this before the logarithm is taken
@@ -260,8 +260,9 @@ def climb(
         y += k - REACH
         if 0 < k < WIDTH - 1 and 0 < m < WIDTH - 1:
             nine = scores[k - 1 : k + 2, m - 1 : m + 2]
-            if nine.min() == OUTSIDE:
-                return NOWHERE, OUT_OF_IMAGE
+            for n in range(9):
+                if nine[n // 3, n % 3] == OUTSIDE:
+                    return NOWHERE, OUT_OF_IMAGE
             dx, dy, is_peak = gaussian_peak(nine)
             return (x + dx, y + dy, scores[k, m]), OK if is_peak else NOT_CONVERGED
     return NOWHERE, NOT_CONVERGED
@@ -293,7 +294,11 @@ def match_rows(
     field : ndarray, shape (3, ny, nx)
         Receives u_x, u_y, ZNCC; NaN where `status` is not OK.
     """
-    memory = workspace(boxes.box, max(0, radius[rows[0] : rows[1]].max()))
+    widest = np.int64(0)
+    for i in range(rows[0], rows[1]):
+        for j in range(boxes.left.size):
+            widest = max(widest, radius[i, j])
+    memory = workspace(boxes.box, widest)
     task, box, pitch = Task(boxes, target, memory), boxes.box, memory.pitch
     for i in range(rows[0], rows[1]):
         for j in range(boxes.left.size):

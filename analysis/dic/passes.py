@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import cv2
 import numpy as np
 
 from analysis.arrays import F32, F64, I64, Array, Bool
@@ -31,6 +32,7 @@ UNLIMITED = 1e9  # the widest believable difference where nothing is expected
 RESTLESS = 1e-3  # share of the points that may still change
 ALIKE = 0.5  # correlation below which a point's step says nothing
 SINGULAR = 1e-8  # determinant of the normal matrix with units on its diagonal
+SAME = 0.01  # px; a point whose prediction has changed by less is not measured again
 AT_REST = 0.5  # px; a point whose last step is longer has no place
 
 
@@ -69,13 +71,25 @@ class SharedPasses:
         self._prepared, self.pixels, self.contrast = self._prepare(reference, texture, interpolant)
         layout = self._prepared.layout
         cells = layout.row_edges.size - 1, layout.column_edges.size - 1
+        left, rows = layout.left - layout.left[0], np.arange(cells[0])
+        blocks = np.arange(self._prepared.planes.shape[1])
+        self._reach = (  # boxes along y above a row of cells, and down to it ...
+            np.searchsorted(layout.last_row, rows, "right"),
+            np.searchsorted(layout.first_row, rows, "right"),
+            np.searchsorted((left + layout.box - 1) // BLOCK, blocks),  # ... and so along x
+            np.searchsorted(left // BLOCK, blocks, "right"),
+        )
         self._cells = np.zeros((shared.SUMS, *cells))
+        (ny, nx), more = grid.shape, 2 * self._pad
+        shapes = (nx,), (ny + more, nx), (ny + more, nx + more)
+        self._work = [tuple(map(np.empty, shapes)) for _ in range(2)]
         nothing = np.array([1.0, 0.0, UNLIMITED], np.float32)[:, None, None]
         self._grey = np.broadcast_to(nothing, (3, *grid.shape)).copy()
         self._criteria = shared.Criteria(
             ALIKE, MOST_ODD, BELIEVABLE, LEAST_BELIEVABLE, UNLIMITED, float(tolerance_px)
         )
         self._result = shared.PassResult.empty(*grid.shape)
+        self._predicted = np.empty((2, *grid.shape))  # px, in the middle of every box
 
     def _prepare(
         self, reference: Reference, texture: Texture, interpolant: Interpolant | None
@@ -130,10 +144,11 @@ class SharedPasses:
         u, grey = start, self._grey
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
-        n, is_last = 0, False
+        n, passes, is_settled, is_last = 0, np.zeros(self._grid.shape, np.uint8), False, False
         while not is_last:
-            last = self._pass(image, u, grey)
+            last, measured = self._pass(image, u, grey, everywhere=not is_settled)
             n, few = n + 1, RESTLESS * last.step.size
+            passes += measured
             least = SETTLED * _typical(grey[2])
             is_settled = last.wrong.sum() <= few and _typical(last.expected[2]) > least
             is_last = n == self._max_passes or (is_settled and last.restless.sum() <= few)
@@ -141,12 +156,21 @@ class SharedPasses:
         self._grey = grey
         at_rest = (last.step <= AT_REST) & (last.odd <= MOST_ODD)
         status = np.where(at_rest, OK, NOT_CONVERGED).astype(np.uint8)
-        passes = np.full(self._grid.shape, n, np.uint8)
         return Estimate(u, last.zncc.copy(), last.std.copy(), status, passes)
 
-    def _pass(self, image: Array, u: F64, grey: F32) -> shared.PassResult:
+    def _needed(self, wanted: Bool) -> Bool:
+        """The blocks, shape (rows of cells, blocks), that the boxes of these points reach."""
+        before_row, upto_row, before_block, upto_block = self._reach
+        n = np.pad(wanted.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        within_rows = n[upto_row] - n[before_row]
+        return np.asarray(within_rows[:, upto_block] > within_rows[:, before_block])
+
+    def _pass(
+        self, image: Array, u: F64, grey: F32, *, everywhere: bool
+    ) -> tuple[shared.PassResult, Bool]:
         """One pass: the field that is left after the image is deformed back by the smoothed field
-        `u`, added to it.
+        `u`, added to it; and the points, shape (ny, nx), that were measured: all, or those whose
+        prediction is not that of the pass before, whose result the others keep.
 
         Parameters
         ----------
@@ -158,26 +182,31 @@ class SharedPasses:
         prepared, cells = self._prepared, self._cells
         n, (ny, nx), shape = self._pad, self._grid.shape, (image.shape[0], image.shape[1])
         control, centre = np.empty((5, ny + 2 * n, nx + 2 * n), np.float32), np.empty((2, ny, nx))
-        guess = shared.Guess(control, grey, u, centre)
+        guess, before = shared.Guess(control, grey, u, centre), self._predicted
 
         def predict(fields: Rows) -> None:
             for k in range(*fields):
                 if k < 2:
-                    smooth(u[k], self._width, n, control[k], centre[k])
+                    smooth(u[k], self._width, self._work[k], control[k], centre[k])
                 else:
                     widen(grey[k - 2], n, control[k])
 
         def sum_cells(rows: Rows) -> None:
-            strips.sum_cells(image, prepared, guess, rows, cells)
+            strips.sum_cells(image, prepared, guess, needed, rows, cells)
 
         def solve(rows: Rows) -> None:
             limits = self._criteria, shape
-            shared.solve_boxes(cells, prepared, guess, *limits, rows, self._result)
+            shared.solve_boxes(cells, prepared, guess, *limits, wanted, rows, self._result)
 
         self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
+        self._predicted, wanted = centre, np.ones((ny, nx), np.bool_)
+        if not everywhere:
+            differs = np.abs(centre - before).max(axis=0) > SAME
+            wanted = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        needed = self._needed(wanted)
         self._threads.share(sum_cells, self._threads.bands(cells.shape[1]))
         self._threads.share(solve, self._threads.bands(ny))
-        return self._result
+        return self._result, wanted
 
     def _normal_matrices(self, planes: F32) -> F64:
         """Sums over every box of the products of the planes, shape (ny, nx, 4, 4)."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.arrays import F32, F64, I64, Array
+from analysis.arrays import F32, F64, I64, Array, Bool
 from analysis.dic.threads import Rows
 from analysis.kernels import compiled
 
@@ -110,8 +110,8 @@ class PassResult(NamedTuple):
     std: F64
     odd: F64  # share of the pixels that were not believed
     expected: F32  # (3, ny, nx) gain, offset and widest believable difference for the next pass
-    wrong: I64  # (ny,) points in each row whose light was not the expected one
-    restless: I64  # (ny,) points in each row that resemble the reference but have changed much
+    wrong: Bool  # (ny, nx) whether the light was not the expected one
+    restless: Bool  # (ny, nx) whether the point resembles the reference but has changed much
 
     @classmethod
     def empty(cls, ny: int, nx: int) -> PassResult:
@@ -119,7 +119,7 @@ class PassResult(NamedTuple):
         u, std = np.empty((2, 2, ny, nx))
         step, zncc, odd = np.empty((3, ny, nx))
         expected = np.empty((3, ny, nx), np.float32)
-        wrong, restless = np.empty((2, ny), np.int64)
+        wrong, restless = np.zeros((2, ny, nx), np.bool_)
         return cls(u, step, zncc, std, odd, expected, wrong, restless)
 
 
@@ -147,11 +147,13 @@ def solve_boxes(
     guess: Guess,
     criteria: Criteria,
     shape: tuple[int, int],
+    wanted: Bool,
     rows: Rows,
     result: PassResult,
 ) -> None:
-    """Displacement, correlation and uncertainty of the boxes in some rows of the grid, from the
-    sums over the cells, shape (SUMS, nr, nc).
+    """Displacement, correlation and uncertainty of the `wanted` boxes, shape (ny, nx), in some rows
+    of the grid, from the sums over the cells, shape (SUMS, nr, nc); what the result holds of others
+    stays.
 
     Least squares for the image in a box: ``image = offset + gain * (reference - d . gradient)``, d
     being what is left of the displacement after the prediction.
@@ -159,9 +161,12 @@ def solve_boxes(
     layout = prepared.layout
     sums, running = np.zeros((SUMS, layout.left.size)), np.zeros(cells.shape[2] + 1)
     for i in range(rows[0], rows[1]):
+        if not wanted[i].any():
+            continue
         add_boxes(cells, layout, i, running, sums)
-        result.wrong[i] = result.restless[i] = 0
         for j in range(layout.left.size):
+            if not wanted[i, j]:
+                continue
             s0, s1, s2, s3, squares = sums[0, j], sums[1, j], sums[2, j], sums[3, j], sums[4, j]
             q = prepared.inverse[i, j]
             offset = q[0] * s0 + q[1] * s1 + q[2] * s2 + q[3] * s3
@@ -191,7 +196,7 @@ def solve_boxes(
             is_alike = zncc > criteria.alike
             had_expectation = guess.grey[2, i, j] < criteria.unlimited
             is_wrong = odd > criteria.most_odd or (had_expectation and not is_alike)
-            result.wrong[i] += is_wrong
+            result.wrong[i, j] = is_wrong
             expected = (1.0, 0.0, criteria.unlimited)
             if is_alike and not is_wrong:
                 spread = criteria.believable * sums[6, j] * per_pixel
@@ -203,4 +208,4 @@ def solve_boxes(
             is_inside = fits_x and top >= 0 and top + layout.box <= shape[0]
             change = max(abs(x - guess.before[0, i, j]), abs(y - guess.before[1, i, j]))
             is_large = change > max(criteria.tolerance, 5.0 * max(std_x, std_y))
-            result.restless[i] += is_alike and is_inside and is_large
+            result.restless[i, j] = is_alike and is_inside and is_large

@@ -2,58 +2,76 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from analysis.arrays import F32, F64
 from analysis.kernels import compiled
 
 
 @compiled
-def extended(field: F64, pad: int) -> F64:
-    """The rows of a field with `pad` more at both ends, mirrored through the first and the last, so
-    that a slope goes on.
+def nearest(i: int, n: int) -> tuple[int, int]:
+    """Of n places that one nearest to place i, and the mirror image of i in it: beyond the ends,
+    twice the value there less that of the mirror image goes on with the slope.
     """
-    n = field.shape[0]
-    out = np.empty((n + 2 * pad, field.shape[1]))
-    out[pad : pad + n] = field
-    for k in range(1, pad + 1):
-        inside = min(k, n - 1)
-        for j in range(field.shape[1]):
-            out[pad - k, j] = 2.0 * field[0, j] - field[inside, j]
-            out[pad + n - 1 + k, j] = 2.0 * field[n - 1, j] - field[n - 1 - inside, j]
-    return out
+    end = min(max(i, 0), n - 1)
+    return end, min(max(2 * end - i, 0), n - 1)
 
 
 @compiled
-def averaged(field: F64, width: int) -> F64:
-    """Moving averages over `width` rows; that many less one are left."""
-    out = np.empty((field.shape[0] - width + 1, field.shape[1]))
-    total = np.zeros(field.shape[1])
-    for i in range(field.shape[0]):
-        for j in range(total.size):
-            total[j] += field[i, j]
-        if i >= width - 1:
-            for j in range(total.size):
-                out[i - width + 1, j] = total[j] / width
-                total[j] -= field[i - width + 1, j]
-    return out
+def average_down(field: F64, width: int, pad: int, total: F64, out: F64) -> None:
+    """Moving averages over `width` rows (odd) of a field, shape (n, m), continued by `pad` rows at
+    both ends, shape (n + 2 pad, m); `total`, shape (m,), is overwritten.
+    """
+    half, (n, m) = width // 2, field.shape
+    total[:] = 0.0
+    for i in range(-pad - half, n + pad + half):
+        end, mirrored = nearest(i, n)
+        for j in range(m):
+            total[j] += 2.0 * field[end, j] - field[mirrored, j]
+        if i >= half - pad:
+            end, mirrored = nearest(i - width + 1, n)
+            for j in range(m):
+                out[i + pad - half, j] = total[j] / width
+                total[j] -= 2.0 * field[end, j] - field[mirrored, j]
 
 
 @compiled
-def smooth(u: F64, width: int, pad: int, control: F32, centre: F64) -> None:
-    """Control points, shape (ny + 2 pad, nx + 2 pad), of a cubic B-spline at the moving averages of
-    u, (ny, nx), and its values there.
+def average_across(field: F64, width: int, pad: int, out: F64) -> None:
+    """The same along each row, shape (n, m + 2 pad)."""
+    half, (n, m) = width // 2, field.shape
+    for i in range(n):
+        total = 0.0
+        for j in range(-pad - half, m + pad + half):
+            end, mirrored = nearest(j, m)
+            total += 2.0 * field[i, end] - field[i, mirrored]
+            if j >= half - pad:
+                end, mirrored = nearest(j - width + 1, m)
+                out[i, j + pad - half] = total / width
+                total -= 2.0 * field[i, end] - field[i, mirrored]
+
+
+@compiled
+def smooth(u: F64, width: int, work: tuple[F64, F64, F64], control: F32, centre: F64) -> None:
+    """Control points of a cubic B-spline at the moving averages of u, (ny, nx), and its values
+    there.
 
     The average is over `width` x `width` points (odd); at the edges the field is continued by its
-    slope.
+    slope. `control` extends beyond u by the same number of points on each side; `work`, of the
+    shapes (nx,), (rows of `control`, nx) and that of `control`, is overwritten.
     """
-    down = averaged(extended(u, pad + width // 2), width)
-    points = averaged(extended(np.ascontiguousarray(down.T), pad + width // 2), width)
-    control[:] = points.T
-    end, last = points.shape[0] - pad + 1, points.shape[1] - pad + 1
-    rows = points[pad - 1 : -pad - 1] + 4.0 * points[pad:-pad] + points[pad + 1 : end]
-    values = rows[:, pad - 1 : -pad - 1] + 4.0 * rows[:, pad:-pad] + rows[:, pad + 1 : last]
-    centre[:] = values.T / 36.0
+    total, down, points = work
+    pad = (control.shape[0] - u.shape[0]) // 2
+    average_down(u, width, pad, total, down)
+    average_across(down, width, pad, points)
+    for i in range(points.shape[0]):
+        for j in range(points.shape[1]):
+            control[i, j] = points[i, j]
+    for i in range(u.shape[0]):
+        above, row, below = points[pad + i - 1], points[pad + i], points[pad + i + 1]
+        for j in range(u.shape[1]):
+            k = pad + j
+            value = above[k - 1] + 4.0 * above[k] + above[k + 1]
+            value += 4.0 * (row[k - 1] + 4.0 * row[k] + row[k + 1])
+            value += below[k - 1] + 4.0 * below[k] + below[k + 1]
+            centre[i, j] = value / 36.0
 
 
 @compiled
@@ -61,7 +79,5 @@ def widen(field: F32, pad: int, out: F32) -> None:
     """A field, shape (ny, nx), with its outermost values repeated `pad` times on all sides."""
     ny, nx = field.shape
     for i in range(out.shape[0]):
-        row, source = out[i], field[min(max(i - pad, 0), ny - 1)]
-        row[:pad] = source[0]
-        row[pad : pad + nx] = source
-        row[pad + nx :] = source[nx - 1]
+        for j in range(out.shape[1]):
+            out[i, j] = field[min(max(i - pad, 0), ny - 1), min(max(j - pad, 0), nx - 1)]

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from analysis.arrays import F32, F64, Array
+from analysis.arrays import F32, F64, Array, Bool
 from analysis.dic.interpolants import FAST, tap_weights
 from analysis.dic.shared import SUMS, Guess, Layout, Prepared, Splines
 from analysis.dic.threads import Rows
@@ -220,8 +220,12 @@ def run_end(dx: F32, dy: F32, begin: int, last: int, nx: int, ny: int, beyond: n
 
 
 @compiled
-def sum_cells(image: Array, prepared: Prepared, guess: Guess, rows: Rows, cells: F64) -> None:
-    """Sums over each cell, `cells` of shape (SUMS, nr, nc), for some rows of cells."""
+def sum_cells(
+    image: Array, prepared: Prepared, guess: Guess, needed: Bool, rows: Rows, cells: F64
+) -> None:
+    """Sums over each cell, `cells` of shape (SUMS, nr, nc), for some rows of cells; right where a
+    cell lies in blocks that are `needed`, shape (nr, blocks).
+    """
     layout, splines = prepared.layout, prepared.splines
     unusable, beyond = np.float32(prepared.unusable), np.float32(prepared.beyond)
     blocks, step = prepared.planes.shape[1], splines.basis.size // 4
@@ -232,12 +236,16 @@ def sum_cells(image: Array, prepared: Prepared, guess: Guess, rows: Rows, cells:
     sums = np.zeros((blocks, SUMS * PITCH), np.float32)
     control = np.zeros((guess.control.shape[2], FIELDS), np.float32)
     for row in range(rows[0], rows[1]):
+        if not needed[row].any():
+            continue
         sums[:] = 0.0
         for strip in range(layout.strip_cell[row], layout.strip_cell[row + 1]):
             predict_row(prepared, guess, strip, control)
             pairs = (layout.strip_rows[strip] + 1) // 2
             middle = np.float32((layout.strip_rows[strip] - 1) / 2)
             for block in range(blocks):
+                if not needed[row, block]:
+                    continue
                 at = layout.left[0] + block * BLOCK
                 predict_block(control, splines, step, block * BLOCK, fields)
                 begin, width = 0, min(BLOCK, layout.column_edges[-1] - at)

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dic import Field, Grid, Status, Tracker, compile_kernels, open_tracker
+from analysis.dic import Field, Grid, Status, Tracker, open_tracker
 from analysis.dic.updating import UpdatingTracker
 from analysis.options import as_written, options
 from analysis.settings import Correlation
+from app.engine.compiling import compile_correlation
 from app.errors import UserError
 from app.exchange.fields import FieldTable
 from app.exchange.images import read_image, size_text
@@ -119,7 +120,7 @@ def correlate_files(
     names = [str(path) for path in images]
     account = _Account()
     with closing(tracker), new_file(output, overwrite) as unfinished:
-        compile_kernels(correlation, first.dtype)
+        compile_correlation(correlation, first.dtype)
         with _writer(unfinished, names, tracker.grid, record) as append:
             for n, path in enumerate(images):
                 on_progress(path.name, n / len(images))

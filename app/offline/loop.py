@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.calibration.forces import SensorChain
-from analysis.dic import compile_kernels
 from app.engine.analyst import Analysis
+from app.engine.compiling import compile_analysis
 from app.engine.history import History
 from app.engine.recorder import RecordSink
 from app.engine.setup import sensor_chain
@@ -90,7 +90,7 @@ def analyse(
     feed = _Feed(analysis.history, chain, measured, events)
     received = lost = 0
     with closing(analysis):
-        compile_kernels(analysis.config.correlation)
+        compile_analysis(analysis.config)
         for block in _samples(measured, chain):
             sink.append(block)
         for position in measured.positions:

@@ -304,7 +304,8 @@ def _warp(c, period_x, wx, wy, nodes, out):  # type: ignore[no-untyped-def]
         n, k = j // CELL_PX, j % CELL_PX
         if k == 0:
             for axis in range(2):
-                spread[axis, 0] = spread[axis, 1]
+                for i in range(spread.shape[2]):
+                    spread[axis, 0, i] = spread[axis, 1, i]
                 _spread(nodes[axis, n + 1], spread[axis, 1])
         _between(np.float32(k / CELL_PX), spread[0, 0], spread[0, 1], tx)
         _between(np.float32(k / CELL_PX), spread[1, 0], spread[1, 1], ty)

@@ -154,6 +154,13 @@ def test_without_counter_and_timestamps_a_missed_trigger_leaves_uncertain_rows()
     assert "neither a count nor a timestamp" in frames[-1].doubt
 
 
+def test_a_late_exposure_does_not_pass_for_that_of_the_next_trigger():
+    # 24 of 31 samples late, then one missed: the timestamps are 1.2 periods apart
+    run = Run(["late", "missed", "good"], 31, counts=False, stamps=True, block=7, lag=0, late=24)
+    run.readout = 1
+    run.play().check(complete=False)
+
+
 def test_a_missed_first_trigger_is_not_hidden_by_timestamps():
     run = Run(["missed", *60 * ["good"]], 125, counts=False, stamps=True, first_id=1).play()
     run.check(complete=False)
