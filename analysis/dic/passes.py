@@ -83,6 +83,9 @@ class SharedPasses:
         (ny, nx), more = grid.shape, 2 * self._pad
         shapes = (nx,), (ny + more, nx), (ny + more, nx + more)
         self._work = [tuple(map(np.empty, shapes)) for _ in range(2)]
+        self._everywhere = tuple(
+            np.ones(shape, np.bool_) for shape in (grid.shape, (rows.size, blocks.size))
+        )
         nothing = np.array([1.0, 0.0, UNLIMITED], np.float32)[:, None, None]
         self._grey = np.broadcast_to(nothing, (3, *grid.shape)).copy()
         self._criteria = shared.Criteria(
@@ -145,12 +148,13 @@ class SharedPasses:
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
         n, passes, is_settled, is_last = 0, np.zeros(self._grid.shape, np.uint8), False, False
+        typical = _typical(grey[2])
         while not is_last:
             last, measured = self._pass(image, u, grey, everywhere=not is_settled)
             n, few = n + 1, RESTLESS * last.step.size
             passes += measured
-            least = SETTLED * _typical(grey[2])
-            is_settled = last.wrong.sum() <= few and _typical(last.expected[2]) > least
+            before, typical = typical, _typical(last.expected[2])
+            is_settled = last.wrong.sum() <= few and typical > SETTLED * before
             is_last = n == self._max_passes or (is_settled and last.restless.sum() <= few)
             u, grey = last.u.copy(), last.expected.copy()
         self._grey = grey
@@ -161,7 +165,8 @@ class SharedPasses:
     def _needed(self, wanted: Bool) -> Bool:
         """The blocks, shape (rows of cells, blocks), that the boxes of these points reach."""
         before_row, upto_row, before_block, upto_block = self._reach
-        n = np.pad(wanted.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        n = np.zeros((wanted.shape[0] + 1, wanted.shape[1] + 1), np.int64)
+        wanted.cumsum(axis=0).cumsum(axis=1, out=n[1:, 1:])
         within_rows = n[upto_row] - n[before_row]
         return np.asarray(within_rows[:, upto_block] > within_rows[:, before_block])
 
@@ -199,11 +204,11 @@ class SharedPasses:
             shared.solve_boxes(cells, prepared, guess, *limits, wanted, rows, self._result)
 
         self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
-        self._predicted, wanted = centre, np.ones((ny, nx), np.bool_)
+        self._predicted, (wanted, needed) = centre, self._everywhere
         if not everywhere:
             differs = np.abs(centre - before).max(axis=0) > SAME
             wanted = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        needed = self._needed(wanted)
+            needed = self._needed(wanted)
         self._threads.share(sum_cells, self._threads.bands(cells.shape[1]))
         self._threads.share(solve, self._threads.bands(ny))
         return self._result, wanted
@@ -219,7 +224,8 @@ class SharedPasses:
 
 def _typical(values: F32) -> float:
     """The median of every fifth value along both axes."""
-    return float(np.median(values[::5, ::5]))
+    some = values[::5, ::5].ravel()
+    return float(np.partition(some, some.size // 2)[some.size // 2])
 
 
 def _layout(grid: Grid) -> shared.Layout:
