@@ -150,6 +150,12 @@ class Correlation(Section):
         ge=0,
         le=1,
     )
+    quality: str = option(
+        "full",
+        "What a live run computes of each frame: full, all that is asked for; auto, less while the"
+        " processor can not keep up",
+        choices=("full", "auto"),
+    )
     threads: int = option(
         2, "Threads that share a field; the result does not depend on it", ge=1, le=64
     )
@@ -160,6 +166,13 @@ class Correlation(Section):
             raise ValueError(
                 f"correlation: double precision asked of method '{self.method}'; use method"
                 " 'icgn', or single precision"
+            )
+
+        if self.quality == "auto" and (self.method == "direct" or self.update != "never"):
+            raise ValueError(
+                f"correlation: quality 'auto' asked with method '{self.method}' and update"
+                f" '{self.update}', of which nothing can be left out; use method 'shared' or"
+                " 'icgn', and update 'never'"
             )
 
     @property

@@ -44,6 +44,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "uncertainty",
     "dic",
     "stress",
+    "recording.results",
     "camera.pixel",
     "camera.angle",
     "camera.distortion",

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from app.records import F64, NAN, Conditions, Motion, Snapshot, Stick, Traction
+from app.effort import Effort
+from app.records import F64, NAN, Conditions, Motion, Phase, Snapshot, Stick, Traction
 from app.schema import columns_of
 
 # the numbers of a snapshot by their names, and the parts that hold them
@@ -18,7 +19,10 @@ _PARTS: dict[str, Any] = {
     "motion": Motion,
     "stick": Stick,
     "traction": Traction,
+    "effort": Effort,
 }
+WHOLE = [name for name, c in NUMBERS.items() if "int" in c.dtype and c.kind is not Phase]
+"""Those of the numbers that are whole."""
 
 
 def numbers_of(snapshot: Snapshot) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from app.channels import Channels
+from app.effort import Effort
 from app.schema import column, columns, record, uncertainty
 from app.summary import Summary
 
@@ -323,6 +324,7 @@ class Snapshot:
     stress_field_pa : ndarray, shape (ny, nx), float32, or None
         Shear traction of each grid point, where the settings ask for it. It is not recorded: the
         displacement fields give it again.
+    effort : Effort
     """
 
     frame: Index = column("frame", "1", "trigger number of the frame, in the order of analysis")
@@ -335,6 +337,7 @@ class Snapshot:
     traction: Traction | None = None
     stress: StressProfile | None = None
     stress_field_pa: F32 | None = None
+    effort: Effort = Effort()
 
     @property
     def stick_radius(self) -> float:
@@ -416,7 +419,7 @@ class Health:
 
     `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
     hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
-    replay). `uncertain` frames may be of another trigger.
+    replay). `uncertain` frames may be of another trigger. `shed` is that of `Effort` now.
     """
 
     state: str
@@ -429,6 +432,8 @@ class Health:
     sample: int
     progress: float
     uncertain: int = 0
+    shed: int = 0
+    shed_why: str = ""
 
 
 Record = (

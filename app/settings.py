@@ -109,6 +109,13 @@ class RecordingSettings(Section):
         gt=0,
         le=60,
     )
+    results: str = option(
+        "fields",
+        "What of each frame is computed and recorded: displacement fields and all that follows;"
+        " profiles: u_x(r), sigma(r) and c, from displacements about the contact; or forces alone."
+        " A window is shown all that it shows",
+        choices=("fields", "profiles", "forces"),
+    )
     compression: str = option(
         "none",
         "Of the images; gzip saves a tenth of the space for 30 ms of processor time per image",

@@ -80,7 +80,11 @@ def _open(
     grid = Grid.cover(image.shape, correlation.box, correlation.step)
     prepared = Reference(image, grid, Threads(correlation.threads), usable)
     if correlation.method != "direct":
-        refinement = Refinement(prepared, correlation, _refiner(correlation), roi)
+        is_auto = correlation.quality == "auto" and correlation.method != "shared"
+        quick = (
+            _refiner(replace(correlation, method="shared", precision="single")) if is_auto else None
+        )
+        refinement = Refinement(prepared, correlation, _refiner(correlation), roi, quick)
         return ReferenceTracker(prepared, refinement)
     if usable is not None or roi is not None:
         raise ValueError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from analysis.arrays import F32, U8, Array
+from analysis.arrays import F32, U8, Array, Bool
 from analysis.grid import Grid
 
 
@@ -45,8 +45,16 @@ class Tracker(Protocol):
     def grid(self) -> Grid:
         """The points at which the displacement is measured."""
 
-    def track(self, image: Array) -> Field:
+    def track(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Field:
         """The displacement of every point between the reference and `image`.
+
+        Parameters
+        ----------
+        points : ndarray of bool, shape (ny, nx), or None
+            Those that are wanted, the others are MASKED; None: all.
+        most_passes : int
+            Of the method ``shared``, and of ``icgn``, which then makes way for it; 0: as many as
+            the method needs.
 
         Raises
         ------

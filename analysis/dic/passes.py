@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from analysis.arrays import F32, F64, I64, Array, Bool
 from analysis.dic import shared, strips
@@ -83,6 +84,7 @@ class SharedPasses:
         (ny, nx), more = grid.shape, 2 * self._pad
         shapes = (nx,), (ny + more, nx), (ny + more, nx + more)
         self._work = [tuple(map(np.empty, shapes)) for _ in range(2)]
+        self._nearest: tuple[Bool | None, tuple[I64, ...]] = None, ()
         self._everywhere = tuple(
             np.ones(shape, np.bool_) for shape in (grid.shape, (rows.size, blocks.size))
         )
@@ -140,27 +142,47 @@ class SharedPasses:
         )
         return prepared, pixels, contrast
 
-    def refine(self, image: Array, start: F64, wanted: Bool) -> Estimate:
-        """See `Refiner`: passes until the displacement hardly changes, of every point, wanted or
-        not.
-        """
+    def refine(
+        self,
+        image: Array,
+        start: F64,
+        wanted: Bool,
+        points: Bool | None = None,
+        most_passes: int = 0,
+    ) -> Estimate:
+        """See `Refiner`: passes until the displacement hardly changes."""
         u, grey = start, self._grey
+        if points is not None:
+            u = self._continued(start, points)
+            self._result.forget(u)
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
         n, passes, is_settled, is_last = 0, np.zeros(self._grid.shape, np.uint8), False, False
         typical = _typical(grey[2])
         while not is_last:
-            last, measured = self._pass(image, u, grey, everywhere=not is_settled)
+            last, measured = self._pass(image, u, grey, points, everywhere=not is_settled)
             n, few = n + 1, RESTLESS * last.step.size
             passes += measured
             before, typical = typical, _typical(last.expected[2])
             is_settled = last.wrong.sum() <= few and typical > SETTLED * before
-            is_last = n == self._max_passes or (is_settled and last.restless.sum() <= few)
+            is_last = n == (most_passes or self._max_passes) or (
+                is_settled and last.restless.sum() <= few
+            )
             u, grey = last.u.copy(), last.expected.copy()
         self._grey = grey
         at_rest = (last.step <= AT_REST) & (last.odd <= MOST_ODD)
         status = np.where(at_rest, OK, NOT_CONVERGED).astype(np.uint8)
         return Estimate(u, last.zncc.copy(), last.std.copy(), status, passes)
+
+    def _continued(self, u: F64, points: Bool) -> F64:
+        """A field, shape (2, ny, nx), in which all others have the value of the nearest of some
+        points, as their predictions need.
+        """
+        if points is not self._nearest[0]:
+            at = distance_transform_edt(~points, return_distances=False, return_indices=True)
+            self._nearest = points, tuple(at)
+        rows, columns = self._nearest[1]
+        return np.asarray(u[:, rows, columns])
 
     def _needed(self, wanted: Bool) -> Bool:
         """The blocks, shape (rows of cells, blocks), that the boxes of these points reach."""
@@ -171,11 +193,11 @@ class SharedPasses:
         return np.asarray(within_rows[:, upto_block] > within_rows[:, before_block])
 
     def _pass(
-        self, image: Array, u: F64, grey: F32, *, everywhere: bool
+        self, image: Array, u: F64, grey: F32, points: Bool | None, *, everywhere: bool
     ) -> tuple[shared.PassResult, Bool]:
         """One pass: the field that is left after the image is deformed back by the smoothed field
-        `u`, added to it; and the points, shape (ny, nx), that were measured: all, or those whose
-        prediction is not that of the pass before, whose result the others keep.
+        `u`, added to it; and the points, shape (ny, nx), that were measured: all of `points`, or
+        those whose prediction is not that of the pass before. The result of the others stays.
 
         Parameters
         ----------
@@ -208,6 +230,9 @@ class SharedPasses:
         if not everywhere:
             differs = np.abs(centre - before).max(axis=0) > SAME
             wanted = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        if points is not None:
+            wanted = wanted & points
+        if wanted is not self._everywhere[0]:
             needed = self._needed(wanted)
         self._threads.share(sum_cells, self._threads.bands(cells.shape[1]))
         self._threads.share(solve, self._threads.bands(ny))

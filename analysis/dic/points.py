@@ -50,8 +50,16 @@ class SeparatePoints:
         self._shape, self._threads, self._order = reference.grid.shape, reference.threads, order
         self._last = np.zeros((PARAMETERS[order], *self._shape))
 
-    def refine(self, image: Array, start: F64, wanted: Bool) -> Estimate:
+    def refine(
+        self,
+        image: Array,
+        start: F64,
+        wanted: Bool,
+        points: Bool | None = None,
+        most_passes: int = 0,
+    ) -> Estimate:
         """See `Refiner`; the gradients start from those of the last solution."""
+        del points, most_passes
         parameters = self._last.copy()
         parameters[:2] = start
         parameters[:, ~wanted] = np.nan

@@ -49,10 +49,18 @@ class Refiner(Protocol):
     contrast: F64  # (ny, nx) standard deviation of the reference's grey levels in each box
     is_shared: bool  # points depend on each other, so that all are refined even if few are wanted
 
-    def refine(self, image: Array, start: F64, wanted: Bool) -> Estimate:
+    def refine(
+        self,
+        image: Array,
+        start: F64,
+        wanted: Bool,
+        points: Bool | None = None,
+        most_passes: int = 0,
+    ) -> Estimate:
         """The displacement of at least the wanted points from a guess, shape (2, ny, nx), finite.
 
-        The status is OK, or NOT_CONVERGED where the last step was long.
+        The status is OK, or NOT_CONVERGED where the last step was long. If points depend on each
+        other, all of `points` are refined (None: of the grid), in `most_passes` (0: as it needs).
         """
 
 
@@ -76,6 +84,8 @@ class Refinement:
         `search`, `min_correlation`, `min_contrast`, `max_saturated` and `full_scale` are used.
     make : callable
         Makes the refiner.
+    quick : callable or None
+        Makes one that takes its place in images whose passes are limited.
     roi : tuple of int, or None
         Left, top, right, bottom, in pixels: points outside are MASKED. What is measured inside does
         not depend on it, to the bit, except for points that were repaired from points outside.
@@ -92,9 +102,16 @@ class Refinement:
         settings: Correlation,
         make: MakeRefiner,
         roi: tuple[int, int, int, int] | None,
+        quick: MakeRefiner | None = None,
     ) -> None:
         self._image, self._grid = reference.image, reference.grid
         self._settings, self._make = settings, partial(make, reference)
+        self._make_quick = quick and partial(quick, reference)
+        self._best: Refiner
+        self._quick: Refiner | None
+        self._may_be_fine: bool
+        self._points: Bool | None = None  # of the present image
+        self._most_passes = 0
         self._full_scale = settings.full_scale or FULL_SCALE.get(str(self._image.dtype), math.inf)
         self._use(texture(self._image.astype(np.float32)))
         self._coarse = CoarseSearch(reference, settings.search)
@@ -113,9 +130,11 @@ class Refinement:
         self._motion: F64 | float = 0.0  # from one image to the next
         self._followed = np.zeros(self._grid.shape, np.bool_)
 
-    def measure(self, image: Array) -> Estimate:
+    def measure(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Estimate:
         """See `Method`."""
-        usable = self._fixed == OK
+        self._points, self._most_passes = points, most_passes
+        self._refiner = self._quick if most_passes and self._quick else self._best
+        usable = self._usable
         if self._last is None:
             found = self._refined(image, self._coarse.find(image), usable)
         else:
@@ -142,7 +161,8 @@ class Refinement:
 
     def _use(self, grain: Texture) -> None:
         """Make the refiner for a texture, and determine what correlation chance does not reach."""
-        self._refiner = self._make(grain)
+        self._refiner = self._best = self._make(grain)
+        self._quick = self._make_quick(grain) if self._make_quick else None
         grains = np.maximum(self._refiner.pixels / grain.grain_px2 - 4, 1.0)
         chance = np.sqrt(betaincinv(1.5, grains / 2, 1 - CHANCE))
         by_chance = np.minimum(chance, ALMOST_SURE)
@@ -151,11 +171,14 @@ class Refinement:
 
     def _refined(self, image: Array, start: F64, wanted: Bool) -> Estimate:
         """What the refiner makes of a start, with the status of each of the wanted points."""
-        found = self._refiner.refine(image, start, wanted)
+        limits = self._points, self._most_passes
+        found = self._refiner.refine(image, start, wanted, *limits)
         status = found.status
         status[~(found.zncc >= self._min_correlation)] = DECORRELATED
         status[~self._grid.is_inside(found.u, image.shape)] = OUT_OF_IMAGE
         np.copyto(status, self._fixed, where=self._fixed != OK)
+        if self._points is not None:
+            status[~self._points] = MASKED
         lost = wanted & ((status == NOT_CONVERGED) | (status == DECORRELATED))
         if lost.any():
             why = np.where(lost, OK, MASKED).astype(np.uint8)
@@ -179,17 +202,24 @@ class Refinement:
         """A second try with what looked like noise taken for texture, for good if that recognises
         most points.
         """
-        before = self._refiner, self._min_correlation
+        before = self._best, self._quick, self._min_correlation
         self._use(texture(self._image.astype(np.float32), is_noisy=False))
-        other = self._refined(image, self._coarse.find(image), self._fixed == OK)
+        other = self._refined(image, self._coarse.find(image), self._usable)
         if not self._are_few(other):
             return other
-        (self._refiner, self._min_correlation), self._may_be_fine = before, True
+        (self._best, self._quick, self._min_correlation), self._may_be_fine = before, True
+        self._refiner = self._quick if self._most_passes and self._quick else self._best
         return found
 
     def _are_few(self, found: Estimate) -> bool:
         """Whether most of the points that can be recognised are lost."""
-        return int(found.is_ok.sum()) < int((self._fixed == OK).sum()) // 2
+        return int(found.is_ok.sum()) < int(self._usable.sum()) // 2
+
+    @property
+    def _usable(self) -> Bool:
+        """The points of the present image that can be recognised."""
+        usable = self._fixed == OK
+        return np.asarray(usable if self._points is None else usable & self._points)
 
     def _is_off(self, image: Array, start: F64, usable: Bool) -> bool:
         """Whether most of a few points can not be refined from there, so that it is not worth
@@ -201,8 +231,9 @@ class Refinement:
         return int(ok.sum()) < int(few.sum()) // 2
 
     def _are_too_many_lost(self, found: Estimate) -> bool:
-        newly = int((self._followed & ~found.is_ok).sum())
-        return newly > max(4, LOST * int(self._followed.sum())) or self._are_few(found)
+        followed = self._followed & self._usable
+        newly = int((followed & ~found.is_ok).sum())
+        return newly > max(4, LOST * int(followed.sum())) or self._are_few(found)
 
     def _judge_reference(self) -> U8:
         """The status of the points that can never be recognised; OK elsewhere."""
@@ -224,8 +255,12 @@ class Refinement:
         """Make this field, and its change since the last one, the start of the next search."""
         ok = found.is_ok
         if ok.any():
-            last = filled(found.u, ok)
-            both = ok & self._followed
+            # what was not measured has been continued from what was, if points share a prediction
+            beside = (
+                ~self._points if self._points is not None and self._refiner.is_shared else False
+            )
+            last = filled(found.u, ok | beside)
+            both = (ok & self._followed) | beside
             self._motion = 0.0 if self._last is None else self._foreseen(last - self._last, both)
             self._last = last
         self._followed = ok

@@ -11,7 +11,7 @@ from analysis.arrays import F32, F64, I32, Array, Bool
 from analysis.dic import direct
 from analysis.dic.neighbours import neighbour_median
 from analysis.dic.spectrum import gradient, interpolation, texture
-from analysis.dic.status import DECORRELATED, NOT_CONVERGED
+from analysis.dic.status import DECORRELATED, MASKED, NOT_CONVERGED
 from analysis.dic.threads import Rows
 from analysis.dic.tracker import Estimate, Reference, agreement_px
 
@@ -79,8 +79,9 @@ class DirectSearch:
         if states_uncertainty:
             self._std = self._uncertainty(image)
 
-    def measure(self, image: Array) -> Estimate:
-        """See `Method`."""
+    def measure(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Estimate:
+        """See `Method`: every point is searched for, whether it is wanted or not."""
+        del most_passes
         self._load(image)
         start, guess = self._start, self._first_guess
         if start is None and guess is not None:
@@ -98,6 +99,8 @@ class DirectSearch:
         found.reject_lonely(self._grid)
         # a lost point keeps its last place
         self._start = np.where(found.is_ok, _shift(found), start)
+        if points is not None:
+            found.status[~points] = MASKED
         return found
 
     def start_from(self, u_px: F64 | None) -> None:

@@ -113,6 +113,12 @@ class PassResult(NamedTuple):
     wrong: Bool  # (ny, nx) whether the light was not the expected one
     restless: Bool  # (ny, nx) whether the point resembles the reference but has changed much
 
+    def forget(self, u: F64) -> None:
+        """Hold `u` and nothing else of all points, but what is expected of their light."""
+        self.u[:], self.std[:], self.zncc[:] = u, np.nan, 0.0
+        for values in (self.step, self.odd, self.wrong, self.restless):
+            values[:] = 0
+
     @classmethod
     def empty(cls, ny: int, nx: int) -> PassResult:
         """Room for the result on a grid of ny x nx points."""

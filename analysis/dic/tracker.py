@@ -84,8 +84,8 @@ def agreement_px(grid: Grid) -> float:
 class Method(Protocol):
     """A way to measure displacements, prepared for one reference."""
 
-    def measure(self, image: Array) -> Estimate:
-        """The displacement of every point in the next image."""
+    def measure(self, image: Array, points: Bool | None, most_passes: int) -> Estimate:
+        """The displacement of every wanted point in the next image; see `Tracker.track`."""
 
     def start_from(self, u_px: F64 | None) -> None:
         """Start the next search from this displacement, shape (2, ny, nx), or, given None, from
@@ -104,11 +104,11 @@ class ReferenceTracker:
         """See `Tracker`."""
         return self._reference.grid
 
-    def track(self, image: Array) -> Field:
+    def track(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Field:
         """See `Tracker`."""
         image = np.ascontiguousarray(checked(image, "image", self._reference.image)).view()
         image.flags.writeable = False  # one type, so that kernels compile once
-        found = self._method.measure(image)
+        found = self._method.measure(image, points, most_passes)
         values = np.array([*found.u, found.zncc, *found.std], np.float32)
         values[:, ~found.is_ok] = np.nan
         ux, uy, zncc, ux_std, uy_std = values

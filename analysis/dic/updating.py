@@ -9,7 +9,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from analysis.arrays import F32, Array
+from analysis.arrays import F32, Array, Bool
 from analysis.dic.field import Field, Tracker
 from analysis.dic.neighbours import filled
 from analysis.dic.status import OK
@@ -64,9 +64,9 @@ class UpdatingTracker:
             return 0.0
         return float(np.sqrt(np.nanmean(self._base.ux_std_px.astype(np.float64) ** 2)))
 
-    def track(self, image: Array) -> Field:
+    def track(self, image: Array, points: Bool | None = None, most_passes: int = 0) -> Field:
         """See `Tracker`: the displacement since the first reference."""
-        field = self._tracker.track(image)
+        field = self._tracker.track(image, points, most_passes)
         total = field if self._base is None else self._added(self._base, field)
         self._images += 1
         found = total.zncc[np.isfinite(total.zncc)]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -14,8 +15,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from app.effort import Effort
 from app.engine.channels import LatestChannel
 from app.engine.history import History
+from app.engine.quality import Quality
 from app.engine.recorder import Recorder
 from app.engine.series import Series
 from app.priority import give_way
@@ -39,7 +42,12 @@ class FrameAnalysis(Protocol):
     reference_frame: int | None
 
     def step(
-        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
+        self,
+        index: int,
+        sample: int,
+        image: NDArray[np.generic],
+        now: Conditions,
+        effort: Effort,
     ) -> Snapshot: ...
     def restart(self) -> None: ...
     def summary(self, snapshots: list[Snapshot]) -> Summary: ...
@@ -77,20 +85,30 @@ class Analysis:
         sample: int,
         image: NDArray[np.generic],
         append: Callable[[Event | Snapshot], None],
+        effort: Effort,
         *,
         is_certain: bool = True,
-    ) -> None:
-        """Analyse the next frame and append the result to the record.
+        waited_s: float | None = None,
+    ) -> Effort:
+        """Analyse the next frame and append the result to the record; what it took, too, where it
+        is said for how long the frame has waited.
 
         Everything up to the end of its exposure must be in the history.
         """
-        snapshot = self.pipeline.step(index, sample, image, self.history.conditions(sample))
+        began = time.perf_counter()
+        now = self.history.conditions(sample)
+        snapshot = self.pipeline.step(index, sample, image, now, effort)
+        if waited_s is not None:
+            effort = replace(effort, took_s=time.perf_counter() - began, waited_s=waited_s)
+            snapshot = replace(snapshot, effort=effort)
         if self.pipeline.reference_frame == index:
             append(Event(sample, "reference", f"frame {index}"))
-        append(snapshot)
+        has_fields = self.config.recording.results == "fields"
+        append(snapshot if has_fields else replace(snapshot, field=None))
         if not is_certain:
             self.uncertain.add(index)
         self.series.append(snapshot)
+        return effort
 
     def close(self) -> None:
         """Let the threads of the correlation go. May be called twice."""
@@ -124,9 +142,14 @@ class Analyst:
     """
 
     def __init__(
-        self, analysis: Analysis, recorder: Recorder, frames: LatestChannel[Frame]
+        self,
+        analysis: Analysis,
+        recorder: Recorder,
+        frames: LatestChannel[Frame],
+        quality: Quality,
     ) -> None:
         self.reference_taken = threading.Event()
+        self._quality, self._skipped = quality, 0
         self._analysis = analysis
         self._recorder = recorder
         self._frames = frames
@@ -155,14 +178,17 @@ class Analyst:
         if not history.wait_for(frame.sample + history.exposure_samples):
             self._frames.skipped += 1  # the forces ended before its exposure did
             return
+        effort, waited_s = self._quality.effort(), self._frames.waited_s
         for _ in range(TRIES):
             try:
-                self._analysis.step(
+                effort = self._analysis.step(
                     frame.index,
                     frame.sample,
                     frame.image,
                     self._recorder.append,
+                    effort,
                     is_certain=frame.is_certain,
+                    waited_s=waited_s,
                 )
                 break
             except Exception as error:
@@ -176,8 +202,22 @@ class Analyst:
             self._check_failures(frame, what)
             self._frames.skipped += 1
             return
-        if self._analysis.pipeline.reference_frame is not None:
+        if (
+            self._analysis.pipeline.reference_frame is not None
+            and not self.reference_taken.is_set()
+        ):
             self.reference_taken.set()
+        else:
+            self._keep_up(frame, effort)
+
+    def _keep_up(self, frame: Frame, effort: Effort) -> None:
+        """Let more or less be computed of the next frames; every change is an event."""
+        skipped, self._skipped = self._frames.skipped - self._skipped, self._frames.skipped
+        now_s, spent = time.monotonic(), (effort.waited_s, effort.took_s)
+        change = self._quality.took(*spent, skipped, now_s)
+        if change:
+            LOG.info("frame %d: %s", frame.index, change)
+            self._recorder.append(Event(frame.sample, "quality", change))
 
     def _check_failures(self, frame: Frame, what: str) -> None:
         if not self.reference_taken.is_set() and self._failures >= MOST_BEFORE_REFERENCE:

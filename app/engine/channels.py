@@ -6,6 +6,7 @@ Both bounded, both counted.
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from typing import Generic, TypeVar
 
@@ -118,7 +119,8 @@ class LatestChannel(Generic[T]):
         self._grace = 0  # items that may still be put at the old depth
         self.sender_waits = sender_waits
         self.skipped = 0
-        self._items: deque[T] = deque()
+        self.waited_s = 0.0  # of the item that was taken last
+        self._items: deque[tuple[T, float]] = deque()  # and when each was put
         self._ended = False
         self._changed = threading.Condition()
 
@@ -139,7 +141,7 @@ class LatestChannel(Generic[T]):
             if self._ended:
                 self.skipped += 1
                 return
-            self._items.append(item)
+            self._items.append((item, time.monotonic()))
             self._grace -= 1
             if self._grace < 0:
                 self.depth = self._narrow_to
@@ -156,7 +158,8 @@ class LatestChannel(Generic[T]):
             self._changed.wait_for(lambda: self._items or self._ended, timeout_s)
             if not self._items:
                 return None
-            item = self._items.popleft()
+            item, since = self._items.popleft()
+            self.waited_s = time.monotonic() - since
             if not self._items:
                 self.depth = self._narrow_to
             self._changed.notify_all()

@@ -20,9 +20,10 @@ from analysis.dic.field import Field
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
+from app.effort import Effort, Product
 from app.engine.conclusions import attempt, hertz_radius_m, summarise
 from app.engine.setup import grid_of, places_m
-from app.engine.tractions import Tractions
+from app.engine.tractions import Tractions, mask_radius_m
 from app.records import (
     Conditions,
     ContactResult,
@@ -38,7 +39,9 @@ from app.records import (
 from app.settings import Config
 from app.summary import Summary
 
+EFFORT = Effort()
 LOG = logging.getLogger(__name__)
+REGION = 1.2  # of the radius within which there is a traction: so far D needs displacements
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
 OUTSIDE = 1.3  # in contact radii: there the block moves as the drive does
 MOVED_PX = 0.1  # from which its direction is that of the block's motion, within a degree or so
@@ -74,7 +77,7 @@ class Pipeline:
         self.notes: list[str] = []
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
-        self._reference: tuple[int, int, NDArray[np.generic], Conditions] | None = None
+        self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
         self._reference_shear_n = 0.0
         self._tractions: Tractions | None = None
         self._nominal = Direction.at(config.camera.angle)
@@ -82,6 +85,9 @@ class Pipeline:
             self._nominal = self._nominal.reversed
         self._direction = self._nominal  # of the last frame
         self._outside = np.ones(self.grid.shape, np.bool_)
+        # within which displacements are measured if no more is asked; everywhere if None
+        self._region: NDArray[np.bool_] | None = None
+        self._region_m = math.inf
         self._x_px, self._y_px = np.meshgrid(self.grid.x_px, self.grid.y_px)
         self._x_m, self._y_m = places_m(config, self._x_px, self._y_px)
 
@@ -131,33 +137,47 @@ class Pipeline:
         return summarise(self.config, snapshots, self.contact, self.notes)
 
     def step(
-        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
+        self,
+        index: int,
+        sample: int,
+        image: NDArray[np.generic],
+        now: Conditions,
+        effort: Effort = EFFORT,
     ) -> Snapshot:
-        """The snapshot of one frame, given what the bench measured during its exposure."""
+        """The snapshot of one frame, given what the bench measured during its exposure, with what
+        the effort says is to be computed.
+        """
         if now.phase is Phase.BACKGROUND:
             self._background = image
-        elif now.phase is Phase.REFERENCE and self._tracker is None:
+        elif now.phase is Phase.REFERENCE and self.reference_frame is None:
             self._take_reference(index, image, now)
-            self._reference = index, sample, image, now
-        elif self._tracker is None and self._reference is not None:
+            self._reference = index, sample, image, now, effort
+        elif self.reference_frame is None and self._reference is not None:
             self.step(*self._reference)  # a restart has failed
-        measured = Snapshot(index, sample, now)
-        return measured if self._tracker is None else self._measure(measured, image)
+        measured = Snapshot(index, sample, now, effort=effort)
+        if self._reference is None or not effort.products & Product.CONTACT:
+            return measured
+        if self._tracker is None:
+            self._tracker = open_tracker(self.config.correlation, self._reference[2])
+            at_rest = np.zeros(self.grid.shape)
+            self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
+        return self._measure(measured, image)
 
     def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
-        self._tracker = open_tracker(self.config.correlation, image)
-        at_rest = np.zeros(self.grid.shape)
-        self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
         self._reference_shear_n = now.shear_force_n
-        self.reference_frame = index
         self._find_contact(image)
         assert self.contact is not None
         x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
         radius = next((a for a in held if math.isfinite(a)), 0.0)
-        self._outside = np.hypot(self._x_m - x, self._y_m - y) > OUTSIDE * radius
+        distance = np.hypot(self._x_m - x, self._y_m - y)
+        self._outside = distance > OUTSIDE * radius
+        if math.isfinite(hertz_m := held[1]):
+            self._region_m = REGION * mask_radius_m(self.config, hertz_m)
+            self._region = distance < self._region_m
         if self.config.stress.method != "none":
             self._prepare_tractions(now)
+        self.reference_frame = index
 
     def _find_contact(self, image: NDArray[np.generic]) -> None:
         """Centre and apparent radius from the background difference; without one the picture's
@@ -208,21 +228,28 @@ class Pipeline:
         assert self._tracker is not None
         assert self.contact is not None
         now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
-        field = self._tracker.track(image)
+        products, points = snapshot.effort.products, None
+        if not products & Product.PICTURE and self.config.dic.update == "never":
+            points = self._region
+        field = self._tracker.track(image, points, 0 if products & Product.SETTLED else 1)
         drive = self._direction = self._drive_in(field, now)
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
         lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
-        ux_m, uy_m = (u * pixel_m for u in self._ideal(field))
+        here: Any = slice(None) if points is None else points
+        ux_m, uy_m = (u[here] * pixel_m for u in self._ideal(field))
         centre_x, centre_y = self._centre_m
         # distances from the lens where the material is now, not where it was at t = 0
-        x = self._x_m + ux_m - centre_x - drive.x * lens_m
-        y = self._y_m + uy_m - centre_y - drive.y * lens_m
+        x = self._x_m[here] + ux_m - centre_x - drive.x * lens_m
+        y = self._y_m[here] + uy_m - centre_y - drive.y * lens_m
         r = np.hypot(x, y)
         sliding_ux = drive.along(ux_m, uy_m) - lens_m
         width = self.config.dic.step * self._pixel_m
         azimuth = np.arctan2(drive.across(x, y), drive.along(x, y))
-        rings = ring_means(r, sliding_ux, width, self._whole_rings_m(), theta=azimuth)
+        furthest_m = self._whole_rings_m()
+        if points is not None:  # which have moved since they were chosen
+            furthest_m = min(furthest_m, self._region_m - float(np.nanmax(np.hypot(ux_m, uy_m))))
+        rings = ring_means(r, sliding_ux, width, furthest_m, theta=azimuth)
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         apparent_m = self.contact.apparent_radius_m
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
@@ -233,12 +260,15 @@ class Pipeline:
             if (of := self._tractions) is not None:
                 none: tuple[Traction, StressProfile] | tuple[None, None] = (None, None)
                 traction, stress = attempt(notes, "shear traction", lambda: of.of(rings), none)
-                stress_field = attempt(
-                    notes,
-                    "field of the shear traction",
-                    lambda: of.field(sliding_ux, field.ux_std_px * pixel_m, drive),
-                    None,
-                )
+                if products & Product.EVERY_POINT:
+                    stress_field = attempt(
+                        notes,
+                        "field of the shear traction",
+                        lambda: of.field(
+                            self._on_grid(sliding_ux, here), field.ux_std_px * pixel_m, drive
+                        ),
+                        None,
+                    )
         dic = self.config.dic
         centre_ux_m, centre_sd_m = central_value(
             r,
@@ -265,6 +295,12 @@ class Pipeline:
             stress=stress,
             stress_field_pa=stress_field,
         )
+
+    def _on_grid(self, values: NDArray[Any], here: Any) -> NDArray[Any]:
+        """Values of some points of the grid, NaN at the others."""
+        out = np.full(self.grid.shape, np.nan)
+        out[here] = values
+        return out
 
     def _ideal(self, field: Field) -> tuple[NDArray[Any], NDArray[Any]]:
         """Displacements in pixels, the lens's distortion undone."""

@@ -34,6 +34,7 @@ from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.experiment import Experiment, ExperimentFailed, Measured
 from app.engine.intake import BenchDevices, Intake
+from app.engine.quality import Quality
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
 from app.engine.stage import Stage
@@ -109,6 +110,7 @@ class Run(Watched):
         self._bench = bench
         self._create_sink = create_sink
         self._free_running = pace is None
+        self._quality = Quality(config, is_live=pace is not None)
         self._prepare = prepare
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
@@ -182,6 +184,8 @@ class Run(Watched):
             sample=self._history.end,
             progress=1.0 if self._outcome else self._progress,
             uncertain=len(self._analysis.uncertain),
+            shed=self._quality.shed,
+            shed_why=self._quality.why,
         )
 
     # ------------------------------------------------------- the life of the run, in its thread
@@ -295,7 +299,7 @@ class Run(Watched):
             self._ending,
             self.config.limits,
         )
-        analyst = Analyst(self._analysis, recorder, self._to_analysis)
+        analyst = Analyst(self._analysis, recorder, self._to_analysis, self._quality)
         self._workers = workers = _Workers(recorder, receiver, analyst)
         recording = [self._ending.spawn(name, work) for name, work in recorder.works()]
         others: list[threading.Thread] = []
@@ -367,7 +371,8 @@ class Run(Watched):
         if not self._free_running:
             rate = self.sample_rate_hz / self.config.camera.divisor
             self._to_analysis.narrow(
-                max(1, round(HURRIED_S * rate)), grace=2 * self._unhurried_depth
+                max(1, round(min(HURRIED_S, self._quality.patience_s) * rate)),
+                grace=2 * self._unhurried_depth,
             )
         self._ask(self._stage.name, self._stage.aim)
         self._begin_phase(workers, Phase.DRIVE, self._now())

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from app.numbers import NUMBERS, numbers_of, snapshot_of
+from app.numbers import NUMBERS, WHOLE, numbers_of, snapshot_of
 from app.records import (
     Phase,
     RingProfile,
@@ -67,5 +67,5 @@ class Series:
     def _snapshot(self, row: list[float]) -> Snapshot:
         numbers: dict[str, Any] = dict(zip(NUMBERS, row, strict=True))
         numbers["phase"] = _PHASES[int(numbers["phase"])]
-        numbers |= {name: int(numbers[name]) for name in ("frame", "sample")}
+        numbers |= {name: int(numbers[name]) for name in WHOLE}
         return replace(snapshot_of(numbers), rings=self._rings.get(numbers["frame"]))

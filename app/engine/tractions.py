@@ -150,6 +150,11 @@ def largest_traction(
     return peak.radius, math.hypot(peak.radius_sd, UNEVEN * reach)
 
 
+def mask_radius_m(config: Config, hertz_radius_m: float) -> float:
+    """The distance from the contact's centre beyond which there is no traction, metres."""
+    return hertz_radius_m + RIM * config.sample.rim + MARGIN * config.dic.step * config.camera.pixel
+
+
 def radial_inversion(
     config: Config, x_m: F64, y_m: F64, hertz_radius_m: float, averaging: float = 1.0
 ) -> AxisymmetricInversion:
@@ -163,7 +168,7 @@ def radial_inversion(
         x_m,
         y_m,
         pitch,
-        hertz_radius_m + RIM * sample.rim + MARGIN * pitch,
+        mask_radius_m(config, hertz_radius_m),
         sample.young_modulus,
         sample.poisson,
         edge=hertz_radius_m,

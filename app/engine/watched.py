@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.analyst import Analysis, FrameAnalysis
+from app.engine.quality import Quality
 from app.engine.setup import grid_of
 from app.records import ContactResult, Outcome, Snapshot
 from app.settings import Config
@@ -35,6 +36,7 @@ class Watched:
         self.pixel_m = config.camera.pixel
         self.sample_rate_hz = float(config.forces.sample_rate)
         self._analysis = Analysis(config, pipeline)
+        self._quality = Quality(config, is_live=False)
         grid = grid_of(config)
         self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
         self._state = "idle"
@@ -60,10 +62,12 @@ class Watched:
         """The apparent contact, once the reference was taken."""
         return self._analysis.pipeline.contact
 
-    def snapshots_since(self, n: int) -> list[Snapshot]:
+    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
         """The snapshots after the first `n`; only the newest holds all its parts
-        (`app.engine.series`).
+        (`app.engine.series`). `is_shown` says that a window shows them.
         """
+        if is_shown:
+            self._quality.shows()
         return self._analysis.series.since(n)
 
     def force_history(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from analysis.options import quantity
+from app.effort import left_out
 from app.records import Counts, Health, Outcome, Phase
 from app.report.quantities import summary_quantities
 from app.settings import Config
@@ -106,11 +107,13 @@ def operator_sentence(
     return ""
 
 
-def count_cells(counts: Counts, uncertain: int = 0) -> tuple[Cell, ...]:
+def count_cells(
+    counts: Counts, uncertain: int = 0, shed: int = 0, shed_why: str = ""
+) -> tuple[Cell, ...]:
     """The account of triggers, frames and samples.
 
-    Losses are red; an analysis that skips more than half of the frames is amber, and so are frames
-    whose trigger is uncertain.
+    Losses are red; an analysis that skips more than half of the frames, or leaves something out of
+    each, is amber, and so are frames whose trigger is uncertain.
     """
     lost = Tone.BAD if counts.frames_lost else Tone.NEUTRAL
     samples_lost = Tone.BAD if counts.samples_lost else Tone.NEUTRAL
@@ -124,7 +127,13 @@ def count_cells(counts: Counts, uncertain: int = 0) -> tuple[Cell, ...]:
             tone=Tone.WARN if uncertain else Tone.NEUTRAL,
         ),
         Cell("recorded", grouped(counts.frames_recorded)),
-        Cell("analysed", grouped(counts.frames_analysed)),
+        Cell(
+            "analysed",
+            grouped(counts.frames_analysed),
+            detail=f"less {shed}" if shed else "",
+            tone=Tone.WARN if shed else Tone.NEUTRAL,
+            hint=f"left out: {left_out(shed)}; {shed_why}" if shed else "",
+        ),
         Cell(
             "skipped live",
             grouped(counts.frames_skipped),

@@ -33,6 +33,7 @@ class ViewReader:
         self.source = source
         self._requested = threading.Event()
         self._closed = False
+        self.is_shown = True  # whether the window can be seen
         self._requested_at: float | None = None
         self._answer: Answer | None = None
         self._lock = threading.Lock()
@@ -77,7 +78,8 @@ class ViewReader:
             before, problem = problem, ""
             try:
                 setup = setup or setup_of(self.source)
-                view = resolve(setup, read(self.source, view.curves.seen if view else 0), view)
+                seen = view.curves.seen if view else 0
+                view = resolve(setup, read(self.source, seen, is_shown=self.is_shown), view)
             except Exception as error:  # it is shown, and the next look may succeed
                 problem = (
                     f"The run could not be read ({type(error).__name__}: {error}); it goes on, and"

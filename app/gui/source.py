@@ -58,8 +58,8 @@ class RunSource(Protocol):
         It is the same object until there is a newer one.
         """
 
-    def snapshots_since(self, n: int) -> list[Snapshot]:
-        """All snapshots but the first `n`, in order."""
+    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
+        """All snapshots but the first `n`, in order; `is_shown` says that somebody sees them."""
 
     def contact(self) -> ContactResult | None:
         """The apparent contact on the reference frame; None before the reference."""

@@ -65,6 +65,7 @@ class ViewState:
     result: tuple[Cell, ...]
     outcome: Outcome | None
     behind: int
+    shed: int = 0
 
     @property
     def ended(self) -> bool:
@@ -77,13 +78,15 @@ class ViewState:
         return self.outcome.summary if self.outcome else None
 
 
-def read(source: RunSource, seen: int) -> Reading:
-    """The newest data of `source`; of the snapshots, those after the first `seen`."""
+def read(source: RunSource, seen: int, *, is_shown: bool = True) -> Reading:
+    """The newest data of `source`; of the snapshots, those after the first `seen`. `is_shown` says
+    whether the window can be seen.
+    """
     outcome = source.outcome()  # first, so that all that is read after an outcome is complete
     return Reading(
         source.health(),
         source.latest_image(),
-        tuple(source.snapshots_since(seen)),
+        tuple(source.snapshots_since(seen, is_shown=is_shown)),
         source.contact(),
         source.force_history(FORCE_POINTS),
         outcome,
@@ -128,7 +131,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         phase=str(Phase.END) if outcome else health.phase,
         sentence=sentence,
         progress=min(1.0, max(0.0, health.progress)),
-        counts=cells.count_cells(health.counts, health.uncertain),
+        counts=cells.count_cells(health.counts, health.uncertain, health.shed, health.shed_why),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
         queue=cells.queue_cell(health),
         disk=cells.disk_cell(health, config),
@@ -141,4 +144,5 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         result=cells.result_cells(outcome.summary) if outcome else cells.setting_cells(config),
         outcome=outcome,
         behind=waiting_frames(health.counts),
+        shed=health.shed,
     )

@@ -69,6 +69,7 @@ class MainWindow(QMainWindow):
         # when the last redraw began, by the clock and in processor time of this thread
         self._drawn = (0.0, 0.0)
         self._rests = RESTS
+        self._sparing = 1  # the time between redraws is so many times as long
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
         self._failures: deque[str] = deque()  # sentences from other threads
         self._build()
@@ -153,7 +154,7 @@ class MainWindow(QMainWindow):
         used, since = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
         if self._parts:
             self._draw(self._parts.popleft())
-        elif since >= max(REFRESH_S, (1 + self._rests) * used):
+        elif since >= max(REFRESH_S * self._sparing, (1 + self._rests) * used):
             self._drawn = (time.monotonic(), time.thread_time())
             self._draw(self._look)
         if self._close_by is not None and (
@@ -185,6 +186,7 @@ class MainWindow(QMainWindow):
         elif silent_s > SILENT_S:
             self._report(f"The run has not answered for {silent_s:.0f} s; STOP MOTION still works.")
         if self.outcome() is None:  # nothing changes any more after the end
+            self._reader.is_shown = self.isVisible() and not self.isMinimized()
             self._reader.request()
 
     def _show(self, answer: Answer) -> None:
@@ -204,6 +206,7 @@ class MainWindow(QMainWindow):
         if view is None or answer.problem:
             return
         self._view = view
+        self._sparing = 2 if view.shed else 1
         change = 1.5 if view.behind > MOST_BEHIND else 0.97
         self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
         self.top.show_state(view.state, view.tone, view.phase)

@@ -4,7 +4,7 @@ imports differ only in where the frames come from and where the results go.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.calibration.forces import SensorChain
+from app.effort import Effort
 from app.engine.analyst import Analysis
 from app.engine.compiling import compile_analysis
 from app.engine.history import History
+from app.engine.quality import complete
 from app.engine.recorder import RecordSink
 from app.engine.setup import sensor_chain
 from app.engine.usage import Usage
@@ -71,6 +73,7 @@ def analyse(
     triggers: Iterable[Trigger],
     sink: RecordSink,
     reason: Callable[[], str],
+    efforts: Mapping[int, Effort] | None = None,
 ) -> Outcome:
     """How the analysis of a recorded experiment ended, after everything was handed to the sink.
 
@@ -84,7 +87,10 @@ def analyse(
         Where measurements and results go.
     reason : callable
         Says why the analysis ended, once it has.
+    efforts : mapping, optional
+        Trigger number -> what is to be computed of that frame; else all that the settings name.
     """
+    efforts, everything = efforts or {}, complete(analysis.config)
     usage, chain = Usage(), sensor_chain(analysis.config)
     events = sorted(measured.events, key=lambda event: event.sample)
     feed = _Feed(analysis.history, chain, measured, events)
@@ -106,9 +112,9 @@ def analyse(
                 lost += 1
                 continue
             feed.up_to(record.sample)
-            analysis.step(
-                record.index, record.sample, image, sink.append, is_certain=record.span is None
-            )
+            effort = efforts.get(record.index, everything)
+            frame = record.index, record.sample, image
+            analysis.step(*frame, sink.append, effort, is_certain=record.span is None)
             if received % FLUSH_EVERY == 0:
                 sink.flush()
                 usage.look()

@@ -52,7 +52,8 @@ class Reanalysis(Replay):
         overrides: Sequence[str] = (),
         overwrite: bool = False,
     ) -> None:
-        super().__init__(path, pace=pace, overrides=overrides)
+        everything = "recording.results=fields"
+        super().__init__(path, pace=pace, overrides=(everything, *overrides))
         with SessionReader(path) as session:
             self.source = session.header.source or Source(path.name, session.header.started)
             self.recorded_summary = session.outcome.summary

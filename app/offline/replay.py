@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
 from app.config import from_record, revised
+from app.effort import Effort
 from app.engine.pipeline import Pipeline
 from app.engine.watched import Watched
 from app.errors import UserError
@@ -52,6 +53,7 @@ class Replay(Watched):
             super().__init__(config, f"replay of {path.name}", Pipeline(config))
             self._recorded_counts = session.outcome.counts
             self._frames = self._frames_of(session)
+            self._efforts = {} if overrides else _efforts(session)
         self.path = path
         self.playback = Playback(pace)
         self.browser = Browser(path)
@@ -168,6 +170,7 @@ class Replay(Watched):
             self._triggers(session),
             self._comparison,
             lambda: self._why_ended("analysed frames were replayed"),
+            self._efforts,
         )
         return replace(outcome, counts=self._counts())
 
@@ -213,6 +216,12 @@ class Replay(Watched):
         """Let the window see a frame that has been analysed."""
         self._latest_image = image
         self._phase = str(self._analysis.history.phase_at(sample))
+
+
+def _efforts(session: SessionReader) -> dict[int, Effort]:
+    """What was computed of each frame, by its trigger number."""
+    names = ["frame", *(one.name for one in fields(Effort))]
+    return {frame: Effort(*held) for frame, *held in session.results()[names].tolist()}
 
 
 def _check_agree(session: SessionReader, config: Config) -> None:

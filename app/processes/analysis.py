@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from app.effort import Effort
 from app.processes.calls import Methods, serve
 from app.processes.folder import shared_image
 from app.processes.starting import payload, say_hello
@@ -35,12 +36,12 @@ def methods_of(config: Config, image_path: Path) -> Methods:
     shared.setflags(write=False)
     is_updated = config.dic.update != "never"
 
-    def step(index: int, sample: int, now: Conditions) -> Answer:
+    def step(index: int, sample: int, now: Conditions, effort: Effort) -> Answer:
         image: Any = shared
         if is_updated or now.phase in (Phase.BACKGROUND, Phase.REFERENCE):
             image = np.array(shared)  # the pipeline keeps it, and the next one comes here
             image.setflags(write=False)
-        snapshot = pipeline.step(index, sample, image, now)
+        snapshot = pipeline.step(index, sample, image, now, effort)
         return Answer(snapshot, pipeline.contact, pipeline.reference_frame)
 
     def restart() -> Answer:

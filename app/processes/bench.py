@@ -118,7 +118,7 @@ class _Served:
             "health": run.health,
             "outcome": run.outcome,
             "contact": run.contact,
-            "snapshots_since": run.snapshots_since,
+            "snapshots_since": lambda n, is_shown: run.snapshots_since(n, is_shown=is_shown),
             "force_history": run.force_history,
             "image": image,
             "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},

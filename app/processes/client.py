@@ -109,11 +109,11 @@ class RemoteRun:
             time.sleep(POLL_S)
         return outcome
 
-    def snapshots_since(self, n: int) -> list[Snapshot]:
+    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
         """The snapshots after the first `n`; only the newest holds all its parts."""
         with self._lock:
             if self._outcome is None:
-                for snapshot in self._read("snapshots_since", [], len(self._series)):
+                for snapshot in self._read("snapshots_since", [], len(self._series), is_shown):
                     self._series.append(snapshot)
             return self._series.since(n)
 

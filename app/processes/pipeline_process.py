@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.effort import Effort
 from app.engine.analyst import FrameAnalysis
 from app.processes.analysis import Answer
 from app.processes.calls import Caller, Gone, Silent
@@ -29,7 +30,7 @@ LOG = logging.getLogger(__name__)
 STEP_S = 20.0  # of a frame that is never analysed
 CLOSE_S = 5.0
 
-Frame = tuple[int, int, NDArray[np.generic], Conditions]
+Frame = tuple[int, int, NDArray[np.generic], Conditions, Effort]
 
 
 class PipelineProcess(FrameAnalysis):
@@ -84,7 +85,12 @@ class PipelineProcess(FrameAnalysis):
             LOG.warning("analysis: %s", sentence)
 
     def step(
-        self, index: int, sample: int, image: NDArray[np.generic], now: Conditions
+        self,
+        index: int,
+        sample: int,
+        image: NDArray[np.generic],
+        now: Conditions,
+        effort: Effort,
     ) -> Snapshot:
         """As of a pipeline.
 
@@ -93,7 +99,7 @@ class PipelineProcess(FrameAnalysis):
         RuntimeError, ConnectionError, TimeoutError
             The frame can not be analysed, the process is gone, or says nothing.
         """
-        frame = (index, sample, image, now)
+        frame = (index, sample, image, now, effort)
         had_reference = self.reference_frame is not None
         if self._caller is None:
             self._begin_again()
@@ -144,9 +150,9 @@ class PipelineProcess(FrameAnalysis):
                 self._step(frame)
 
     def _step(self, frame: Frame) -> Snapshot:
-        index, sample, image, now = frame
+        index, sample, image, now, effort = frame
         np.copyto(self._image, image)
-        answer = self._call("step", index, sample, now)
+        answer = self._call("step", index, sample, now, effort)
         self._take(answer)
         snapshot = answer.snapshot
         assert isinstance(snapshot, Snapshot)

@@ -15,7 +15,7 @@ from app.records import ContactResult, Counts, Event, Gap, Header, Position, Sam
 from app.schema import Column, column, columns_of, record
 from app.summary import Summary
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
@@ -131,7 +131,7 @@ class ResultRow:
     ring_count: int = column(
         "ring_count", "1", "number of rings; the rest of the row in rings is NaN"
     )
-    field: int = column("field", "1", "row of its field in fields; -1: there was no reference yet")
+    field: int = column("field", "1", "row of its field in fields; -1: it has none")
 
 
 IMAGES = Column(

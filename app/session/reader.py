@@ -6,7 +6,6 @@ A file may come from anywhere: what it says is checked (`app.session.checked`) b
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -277,7 +276,7 @@ class SessionReader:
         kinds = [(c.attribute, "U16" if c.kind is Phase else c.dtype) for c in NUMBERS.values()]
         rows = np.empty(len(self._results["frame"]), dtype=kinds)
         for column in NUMBERS.values():
-            held: Any = self._results.get(column.name, np.nan)
+            held: Any = self._results.get(column.name, column.default)
             if column.kind is Phase:
                 with self.file.reading(column.path):
                     held = [column.restored(place) for place in held]
@@ -303,7 +302,7 @@ class SessionReader:
         row = {name: column[i].item() for name, column in self._results.items()}
         with self.file.reading("/entry/results"):
             numbers = {
-                column.attribute: column.restored(row.get(column.name, math.nan))
+                column.attribute: column.restored(row.get(column.name, column.default))
                 for column in NUMBERS.values()
             }
         return replace(

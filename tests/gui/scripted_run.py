@@ -169,7 +169,7 @@ class ScriptedRun:
             None if not self.frame else self.free if self.frame < BACKGROUND + 4 else self.pressed
         )
 
-    def snapshots_since(self, n: int) -> list[Snapshot]:
+    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
         return self._snapshots[n : self.frame]
 
     def contact(self) -> ContactResult | None:
