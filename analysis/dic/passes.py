@@ -151,38 +151,40 @@ class SharedPasses:
         most_passes: int = 0,
     ) -> Estimate:
         """See `Refiner`: passes until the displacement hardly changes."""
-        u, grey = start, self._grey
+        u, grey, passes = start, self._grey, np.zeros(self._grid.shape, np.uint8)
         if points is not None:
-            u = self._continued(start, points)
+            u, grey = self._continued(u, points), self._continued(grey, points)
             self._result.forget(u)
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
-        n, passes, is_settled, is_last = 0, np.zeros(self._grid.shape, np.uint8), False, False
-        typical = _typical(grey[2])
+        n, is_last, typical = 0, False, _typical(grey[2])
+        wrong = None  # points whose light was not the expected one; None: all may be
         while not is_last:
-            last, measured = self._pass(image, u, grey, points, everywhere=not is_settled)
+            last, measured = self._pass(image, u, grey, points, wrong)
             n, few = n + 1, RESTLESS * last.step.size
             passes += measured
-            before, typical = typical, _typical(last.expected[2])
-            is_settled = last.wrong.sum() <= few and typical > SETTLED * before
-            is_last = n == (most_passes or self._max_passes) or (
-                is_settled and last.restless.sum() <= few
-            )
             u, grey = last.u.copy(), last.expected.copy()
+            if points is not None:
+                u, grey = self._continued(u, points), self._continued(grey, points)
+            before, typical = typical, _typical(grey[2])
+            wrong = last.wrong if typical > SETTLED * before else None
+            is_settled = wrong is not None and wrong.sum() <= few
+            is_last = is_settled and last.restless.sum() <= few
+            is_last |= n == (most_passes or self._max_passes)
         self._grey = grey
         at_rest = (last.step <= AT_REST) & (last.odd <= MOST_ODD)
         status = np.where(at_rest, OK, NOT_CONVERGED).astype(np.uint8)
         return Estimate(u, last.zncc.copy(), last.std.copy(), status, passes)
 
-    def _continued(self, u: F64, points: Bool) -> F64:
-        """A field, shape (2, ny, nx), in which all others have the value of the nearest of some
+    def _continued(self, u: Array, points: Bool) -> Array:
+        """Fields, shape (k, ny, nx), in which all others have the value of the nearest of some
         points, as their predictions need.
         """
         if points is not self._nearest[0]:
             at = distance_transform_edt(~points, return_distances=False, return_indices=True)
             self._nearest = points, tuple(at)
         rows, columns = self._nearest[1]
-        return np.asarray(u[:, rows, columns])
+        return np.ascontiguousarray(u[:, rows, columns])
 
     def _needed(self, wanted: Bool) -> Bool:
         """The blocks, shape (rows of cells, blocks), that the boxes of these points reach."""
@@ -193,11 +195,12 @@ class SharedPasses:
         return np.asarray(within_rows[:, upto_block] > within_rows[:, before_block])
 
     def _pass(
-        self, image: Array, u: F64, grey: F32, points: Bool | None, *, everywhere: bool
+        self, image: Array, u: F64, grey: F32, points: Bool | None, wrong: Bool | None
     ) -> tuple[shared.PassResult, Bool]:
         """One pass: the field that is left after the image is deformed back by the smoothed field
         `u`, added to it; and the points, shape (ny, nx), that were measured: all of `points`, or
-        those whose prediction is not that of the pass before. The result of the others stays.
+        the `wrong` ones and those whose prediction is not that of the pass before. The result of
+        the others stays.
 
         Parameters
         ----------
@@ -227,8 +230,8 @@ class SharedPasses:
 
         self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
         self._predicted, (wanted, needed) = centre, self._everywhere
-        if not everywhere:
-            differs = np.abs(centre - before).max(axis=0) > SAME
+        if wrong is not None:
+            differs = wrong | (np.abs(centre - before).max(axis=0) > SAME)
             wanted = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
         if points is not None:
             wanted = wanted & points

@@ -16,6 +16,7 @@ from app.session.versions import processor
 SAME, DIFFERS = "agrees to the bit", "differs"
 AGREES = 0.1  # of a standard uncertainty: a processor rounds by less
 STATED = 0.01  # of its largest value: taken for the uncertainty of what states none
+TIMES = ("/entry/results/took", "/entry/results/waited")  # of the run, which no replay repeats
 # what states none, but follows from something that does
 FOLLOWS = {"/entry/results/centre_ux": "/entry/rings/ux", "/entry/rings/radius": "/entry/rings/ux"}
 
@@ -30,7 +31,9 @@ def difference(a: Snapshot, b: Snapshot, version: int = FORMAT_VERSION) -> str:
 def _unlike(a: Snapshot, b: Snapshot, version: int) -> Iterator[tuple[Column, Any, Any]]:
     for (column, new), (_, old) in zip(values(a), values(b), strict=True):
         x, y = column.stored(new), column.stored(old)
-        if column.since <= version and not np.array_equal(x, y, equal_nan=True):
+        if column.path in TIMES or column.since > version:
+            continue
+        if not np.array_equal(x, y, equal_nan=True):
             yield column, x, y
 
 

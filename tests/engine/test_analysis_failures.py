@@ -21,12 +21,12 @@ class Fragile(Pipeline):
         super().__init__(settings)
         self.fragile, self.times, self.tried = fragile, times, {}
 
-    def step(self, index, sample, image, now):
+    def step(self, index, sample, image, now, *effort):
         if self.fragile(index):
             self.tried[index] = self.tried.get(index, 0) + 1
             if self.tried[index] <= self.times:
                 raise FloatingPointError(f"no minimum in frame {index}")
-        return super().step(index, sample, image, now)
+        return super().step(index, sample, image, now, *effort)
 
 
 def run_with(path, fragile, times=99, *, more=()):

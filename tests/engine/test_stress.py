@@ -196,10 +196,10 @@ def test_an_analysis_ten_times_too_slow_costs_nothing_but_its_own_frames(tmp_pat
     def slow_down(s):
         step = s.run._analysis.pipeline.step
 
-        def slowly(index, sample, image, now):
+        def slowly(index, sample, image, now, effort):
             if now.phase is Phase.DRIVE:
                 s.until(s.world.now + 10 * DIVISOR)
-            return step(index, sample, image, now)
+            return step(index, sample, image, now, effort)
 
         s.run._analysis.pipeline.step = slowly
 

@@ -47,7 +47,7 @@ def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtb
             getattr(after.counts, name) - getattr(before.counts, name)
             >= 0.85 * 1000 * BLOCKED_S / DIVISOR
         ), name
-    assert (outcome.state, outcome.reason) == ("done", "the drive of 60 um is complete")
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 90 um is complete")
     counts = outcome.counts
     assert (
         counts.triggers

@@ -1,0 +1,151 @@
+"""Runs that compute less than everything: what is recorded, and that a replay repeats it."""
+
+import time
+
+import numpy as np
+import pytest
+from short_run import SMALL, TRACTION
+
+from app import config, live
+from app.effort import Product
+from app.engine.pipeline import Pipeline
+from app.engine.quality import LATEST_S
+from app.offline.reanalysis import Reanalysis
+from app.offline.replay import Replay
+from app.records import Phase
+from app.session.reader import SessionReader
+
+SETTINGS = (*SMALL, TRACTION, "run.travel=40")
+
+
+def run_to(path, *settings, pace=None, sabotage=lambda run: None):
+    run = live.make_run(config.load(None, [*SETTINGS, *settings]), path, pace=pace)
+    sabotage(run)
+    run.start()
+    outcome = run.wait(300)
+    assert outcome is not None
+    assert outcome.state == "done", outcome.reason
+    return outcome
+
+
+def content(path):
+    with SessionReader(path) as session:
+        return list(session.snapshots()), session.events()
+
+
+def replayed(path):
+    replay = Replay(path, pace=None)
+    replay.start()
+    outcome = replay.wait(300)
+    assert outcome.state == "done", outcome.reason
+    return replay.comparison()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    path = tmp_path_factory.mktemp("whole") / "x.h5"
+    run_to(path)
+    return content(path)[0]
+
+
+@pytest.fixture(scope="module")
+def profiles(tmp_path_factory):
+    path = tmp_path_factory.mktemp("profiles") / "x.h5"
+    return path, run_to(path, "recording.results=profiles")
+
+
+def test_profiles_are_recorded_without_fields_and_are_those_of_whole_fields(whole, profiles):
+    path, outcome = profiles
+    snapshots, _ = content(path)
+    driven = [s for s in snapshots if s.conditions.phase is Phase.DRIVE and s.traction]
+    assert len(driven) > 30
+    for one in driven:
+        assert one.field is None
+        assert one.effort.products == Product.CONTACT | Product.SETTLED
+        assert one.effort.took_s > 0
+    by_frame = {s.frame: s for s in whole}
+    # the same pictures: what differs is the far field that D and the smoothing would have had
+    pairs = [(s.traction, by_frame[s.frame].traction) for s in driven]
+    c = [(a.peak_radius_m - b.peak_radius_m) / a.peak_radius_sd_m for a, b in pairs]
+    force = [(a.stress_force_n - b.stress_force_n) / a.stress_force_sd_n for a, b in pairs]
+    assert np.nanmedian(np.abs(c)) < 0.5
+    assert np.median(np.abs(force)) < 0.5
+    assert outcome.summary.mu_d > 0
+
+
+def test_a_replay_computes_what_the_run_has_computed_to_the_bit(profiles):
+    comparison = replayed(profiles[0])
+    assert comparison.all_identical, comparison.first_difference
+    assert comparison.frames > 30
+
+
+def test_a_further_analysis_computes_all_fields(profiles, whole):
+    path = profiles[0]
+    again = Reanalysis(path, path.with_name("again.h5"), pace=None)
+    again.start()
+    assert again.wait(300).state == "done"
+    snapshots, _ = content(path.with_name("again.h5"))
+    assert [s.frame for s in snapshots if s.field] == [s.frame for s in whole if s.field]
+    last = next(s for s in reversed(snapshots) if s.field)
+    held = next(s for s in whole if s.frame == last.frame)
+    np.testing.assert_array_equal(last.field.ux_px, held.field.ux_px)
+
+
+def test_forces_alone_need_no_correlation(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "app.engine.pipeline.open_tracker", lambda *_: pytest.fail("images were correlated")
+    )
+    outcome = run_to(tmp_path / "x.h5", "recording.results=forces")
+    snapshots, _ = content(tmp_path / "x.h5")
+    assert not any(s.motion or s.field or s.rings or s.stick or s.traction for s in snapshots)
+    assert max(s.conditions.shear_force_n for s in snapshots) > 0.05
+    assert outcome.summary.apparent_radius_m > 0  # of the two pictures that everything rests on
+    assert replayed(tmp_path / "x.h5").all_identical
+
+
+def test_a_window_that_opens_during_a_run_of_forces_is_shown_fields(tmp_path):
+    def sabotage(run):
+        step = run._analysis.pipeline.step
+
+        def shown_late(index, *rest):
+            if index > 40:
+                run.snapshots_since(0, is_shown=True)
+            return step(index, *rest)
+
+        run._analysis.pipeline.step = shown_late
+
+    run_to(tmp_path / "x.h5", "recording.results=forces", sabotage=sabotage)
+    snapshots, _ = content(tmp_path / "x.h5")
+    assert {bool(s.rings) for s in snapshots if s.frame > 45} == {True}
+    assert {bool(s.rings) for s in snapshots if s.frame < 40} == {False}
+    assert replayed(tmp_path / "x.h5").all_identical
+
+
+class Slow(Pipeline):
+    """A pipeline on a processor that has other things to do, from frame 30 on."""
+
+    def step(self, index, sample, image, now, effort):
+        products = effort.products
+        if index > 30 and products & Product.CONTACT:
+            time.sleep(0.02 + 0.1 * bool(products & Product.SETTLED))
+        return super().step(index, sample, image, now, effort)
+
+
+def test_a_slow_processor_is_given_less_which_is_recorded_and_repeated(tmp_path):
+    settings = config.load(None, [*SETTINGS, "dic.quality=auto", "camera.divisor=50"])
+    path = tmp_path / "x.h5"
+    run = live.make_run(settings, path, pace=1.0, pipeline=Slow(settings))
+    run.start()
+    assert run.wait(300).state == "done"
+    snapshots, events = content(path)
+    assert max(s.effort.shed for s in snapshots) == 4
+    shed = [s for s in snapshots if s.effort.shed == 4]
+    assert len(shed) > 20
+    assert all(s.effort.products == Product.CONTACT for s in shed)
+    assert all(s.rings is not None and s.traction is not None for s in shed[3:])
+    late = [s.effort.waited_s + s.effort.took_s for s in shed[5:]]
+    assert np.median(late) < LATEST_S
+    first = next(e.text for e in events if e.kind == "quality")
+    assert first.startswith("left out: every second redraw; ")
+    comparison = replayed(path)
+    assert comparison.all_identical, comparison.first_difference
