@@ -54,6 +54,11 @@ def _report(summary: CorrelationSummary) -> None:
     output().print(
         f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else "")
     )
+    if summary.aligned:
+        output().print(
+            f"{summary.aligned} images were turned back first, as features that they share with the"
+            " reference say: most points were lost without that"
+        )
     if summary.updates:
         output().print(
             f"reference replaced {summary.updates} times, which adds {summary.drift_px:.4f} px to"

@@ -51,7 +51,8 @@ class Renderer:
             _NORMALS, dtype=np.float32
         )
         self._coefficients: NDArray[np.float32] | None = None
-        self._scene = np.empty(shape, np.float32)
+        self._scene: NDArray[Any] = np.empty(shape, np.float32)
+        self._drawn: tuple[warp.Motion, bool] | None = None  # what the scene shows
         self._expose(self._draw(warp.AT_REST, self._is_exact), 0)
 
     def image(self, state: State, frame_index: int) -> NDArray[np.uint8]:
@@ -81,8 +82,13 @@ class Renderer:
         return move
 
     def _draw(self, move: warp.Motion, exact: bool) -> NDArray[Any]:
-        """The block under even light; the next call reuses the fast renderer's array."""
+        """The block under even light, drawn anew only if it has moved; the next call may reuse the
+        array.
+        """
         shape = self._shape
+        if self._drawn and self._drawn[1] == exact and self._drawn[0].equals(move):
+            return self._scene
+        self._drawn = None
         if exact:
             scene: NDArray[Any] = np.full(shape, self._background)
             base = warp.as_if_rigid(
@@ -93,9 +99,10 @@ class Renderer:
             if self._coefficients is None:
                 pattern = self._background + speckle.periodic_image(self._grains, shape)
                 self._coefficients = warp.spline_coefficients(pattern, shape[1])
-            scene = self._scene
+            scene = self._scene if self._scene.dtype == np.float32 else np.empty(shape, np.float32)
             warp.warp(self._coefficients, speckle.period(shape)[1], move, scene)
         self._add_micro_contacts(scene, move)
+        self._scene, self._drawn = scene, (move, exact)
         return scene
 
     def _add_micro_contacts(self, scene: NDArray[Any], move: warp.Motion) -> None:

@@ -9,7 +9,7 @@ direction of the drive, given by its radial functions g0 and g2.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,6 +53,11 @@ class Motion:
     drive: tuple[float, float] = (1.0, 0.0)
     lit: Array | None = None
     lens: Lens = IDEAL
+
+    def equals(self, other: Motion) -> bool:
+        """Whether the other one is the same, so that it gives the same picture."""
+        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
+        return all(np.array_equal(a, b) for a, b in pairs)
 
     @property
     def largest_elastic(self) -> float:
