@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import warnings
+from contextlib import closing
 from pathlib import Path
 
 import numba
@@ -14,6 +15,9 @@ import pytest
 from PIL import Image
 
 from analysis import kernels
+from analysis.dic import open_tracker, strips
+from app import config
+from app.engine.compiling import compile_analysis
 
 ROOT = Path(__file__).parents[1]
 DOUBLE = """
@@ -139,3 +143,27 @@ def test_a_folder_that_others_can_write_to_is_not_used(tmp_path, monkeypatch):
 
 def abs_of(x):
     return x if x > 0 else -x
+
+
+@pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12"])
+def test_a_run_compiles_for_its_own_pixels_before_it_begins(pixel_format):
+    settings = config.load(None, [f"camera.pixel_format={pixel_format}"])
+    compile_analysis(settings)
+    before = len(strips.load_rows.signatures)
+    images = np.random.default_rng(1).integers(0, 255, (2, 80, 96)).astype(settings.camera.dtype)
+    with closing(open_tracker(settings.correlation, images[0])) as tracker:
+        tracker.track(images[1])
+    assert len(strips.load_rows.signatures) == before
+
+
+def test_what_is_kept_is_known_to_be(tmp_path):
+    code = (
+        "from analysis.dic import Correlation, is_compiled, compile_kernels;"
+        "print(is_compiled(Correlation())); compile_kernels(part='field');"
+        "print(is_compiled(Correlation()))"
+    )
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["False", "True"]
