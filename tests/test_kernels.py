@@ -157,13 +157,14 @@ def test_a_run_compiles_for_its_own_pixels_before_it_begins(pixel_format):
 
 
 def test_what_is_kept_is_known_to_be(tmp_path):
+    (tmp_path / "doubling.py").write_text(DOUBLE)
     code = (
-        "from analysis.dic import Correlation, is_compiled, compile_kernels;"
-        "print(is_compiled(Correlation())); compile_kernels(part='field');"
-        "print(is_compiled(Correlation()))"
+        "from analysis.kernels import is_kept; from doubling import double;"
+        "print(is_kept(double)); double(2.0); print(is_kept(double)); print(is_kept(print))"
     )
-    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    path = os.pathsep.join((str(tmp_path), str(ROOT)))
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": path}
     done = subprocess.run(
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
     )
-    assert done.stdout.split() == ["False", "True"]
+    assert done.stdout.split() == ["False", "True", "False"]
