@@ -7,6 +7,7 @@ import numpy as np
 
 from analysis.arrays import F32, F64, I32, U8, Bool
 from analysis.dic.status import LOW_CONTRAST, MASKED, OK
+from analysis.dic.threads import Rows
 from analysis.kernels import compiled
 
 
@@ -59,17 +60,13 @@ def neighbour_median(shift: I32, valid: Bool, least: int) -> tuple[I32, Bool]:
 
 
 @compiled
-def contradicted(u: F32, status: U8, tolerance: float) -> Bool:
-    """The OK points, shape (ny, nx), that no neighbour confirms: none is OK and displaced alike,
-    within `tolerance` px, although some neighbour has contrast.
+def contradicted(u: F32, status: U8, tolerance: float, rows: Rows, out: Bool) -> None:
+    """Mark, in some rows of `out`, shape (ny, nx), the OK points that no neighbour confirms: none
+    is OK and displaced alike, within `tolerance` px, although some neighbour has contrast.
     """
-    _, ny, nx = u.shape
-    out = np.zeros((ny, nx), np.bool_)
-    for i in range(ny):
-        for j in range(nx):
-            if status[i, j] == OK:
-                out[i, j] = _is_contradicted(u, status, tolerance, i, j)
-    return out
+    for i in range(rows[0], rows[1]):
+        for j in range(u.shape[2]):
+            out[i, j] = status[i, j] == OK and _is_contradicted(u, status, tolerance, i, j)
 
 
 @compiled

@@ -104,7 +104,7 @@ class Refinement:
         roi: tuple[int, int, int, int] | None,
         quick: MakeRefiner | None = None,
     ) -> None:
-        self._image, self._grid = reference.image, reference.grid
+        self._image, self._grid, self._threads = reference.image, reference.grid, reference.threads
         self._settings, self._make = settings, partial(make, reference)
         self._make_quick = quick and partial(quick, reference)
         self._best: Refiner
@@ -149,7 +149,7 @@ class Refinement:
         if self._may_be_fine and self._are_few(found):
             found = self._with_fine_texture(image, found)
         found = self._repaired(image, found)
-        found.reject_lonely(self._grid)
+        found.reject_lonely(self._grid, self._threads)
         self._follow(found)
         found.status[self._outside] = MASKED
         return found

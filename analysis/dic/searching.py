@@ -96,7 +96,7 @@ class DirectSearch:
                 found = self._matched(start)
             found = self._with_lost_points(found, start)
         found = self._with_odd_points(found)
-        found.reject_lonely(self._grid)
+        found.reject_lonely(self._grid, self._threads)
         # a lost point keeps its last place
         self._start = np.where(found.is_ok, _shift(found), start)
         if points is not None:

@@ -65,12 +65,16 @@ class Estimate:
         names = [field.name for field in fields(self)]
         return Estimate(*(np.where(where, getattr(other, n), getattr(self, n)) for n in names))
 
-    def reject_lonely(self, grid: Grid) -> None:
+    def reject_lonely(self, grid: Grid, threads: Threads) -> None:
         """Mark points with which no neighbour agrees, to 2 px or 20 % of the step, DECORRELATED.
 
         Their peak is a chance resemblance.
         """
-        lonely = contradicted(self.u.astype(np.float32), self.status, agreement_px(grid))
+        u, most, lonely = self.u.astype(np.float32), agreement_px(grid), np.empty(grid.shape, bool)
+        threads.share(
+            lambda rows: contradicted(u, self.status, most, rows, lonely),
+            threads.bands(grid.shape[0]),
+        )
         self.status[lonely] = DECORRELATED
 
 
