@@ -150,6 +150,7 @@ class Analyst:
     ) -> None:
         self.reference_taken = threading.Event()
         self._quality, self._skipped = quality, 0
+        self._ready_s = 0.0  # when the reference was in place
         self._analysis = analysis
         self._recorder = recorder
         self._frames = frames
@@ -207,6 +208,7 @@ class Analyst:
             and not self.reference_taken.is_set()
         ):
             self.reference_taken.set()
+            self._ready_s = time.monotonic()
         else:
             self._keep_up(frame, effort)
 
@@ -214,6 +216,8 @@ class Analyst:
         """Let more or less be computed of the next frames; every change is an event."""
         skipped, self._skipped = self._frames.skipped - self._skipped, self._frames.skipped
         now_s, spent = time.monotonic(), (effort.waited_s, effort.took_s)
+        if now_s - sum(spent) < self._ready_s:  # it has waited for the reference, which takes long
+            return
         change = self._quality.took(*spent, skipped, now_s)
         if change:
             LOG.info("frame %d: %s", frame.index, change)

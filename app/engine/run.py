@@ -370,10 +370,9 @@ class Run(Watched):
         """
         if not self._free_running:
             rate = self.sample_rate_hz / self.config.camera.divisor
-            self._to_analysis.narrow(
-                max(1, round(min(HURRIED_S, self._quality.patience_s) * rate)),
-                grace=2 * self._unhurried_depth,
-            )
+            patience_s = min(HURRIED_S, self._quality.patience_s)
+            grace = 2 * self._unhurried_depth if patience_s == HURRIED_S else 0
+            self._to_analysis.narrow(max(1, round(patience_s * rate)), grace=grace)
         self._ask(self._stage.name, self._stage.aim)
         self._begin_phase(workers, Phase.DRIVE, self._now())
         self._watchdog.drives = self._drives = not self._free_running

@@ -130,7 +130,7 @@ def count_cells(
         Cell(
             "analysed",
             grouped(counts.frames_analysed),
-            detail=f"less {shed}" if shed else "",
+            detail="reduced" if shed else "",
             tone=Tone.WARN if shed else Tone.NEUTRAL,
             hint=f"left out: {left_out(shed)}; {shed_why}" if shed else "",
         ),
