@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -35,6 +36,16 @@ ALIKE = 0.5  # correlation below which a point's step says nothing
 SINGULAR = 1e-8  # determinant of the normal matrix with units on its diagonal
 SAME = 0.01  # px; a point whose prediction has changed by less is not measured again
 AT_REST = 0.5  # px; a point whose last step is longer has no place
+
+
+class _Part(NamedTuple):
+    """The points that are measured, shape (ny, nx), the blocks that they need, and which of them is
+    the nearest to each point of the grid, flat; None if all are measured.
+    """
+
+    points: Bool
+    needed: Bool
+    nearest: I64 | None = None
 
 
 class SharedPasses:
@@ -84,10 +95,9 @@ class SharedPasses:
         (ny, nx), more = grid.shape, 2 * self._pad
         shapes = (nx,), (ny + more, nx), (ny + more, nx + more)
         self._work = [tuple(map(np.empty, shapes)) for _ in range(2)]
-        self._nearest: tuple[Bool | None, tuple[I64, ...]] = None, ()
-        self._everywhere = tuple(
-            np.ones(shape, np.bool_) for shape in (grid.shape, (rows.size, blocks.size))
-        )
+        whole = np.ones(grid.shape, np.bool_), np.ones((rows.size, blocks.size), np.bool_)
+        self._part = _Part(*whole)
+        self._whole = self._part
         nothing = np.array([1.0, 0.0, UNLIMITED], np.float32)[:, None, None]
         self._grey = np.broadcast_to(nothing, (3, *grid.shape)).copy()
         self._criteria = shared.Criteria(
@@ -151,21 +161,19 @@ class SharedPasses:
         most_passes: int = 0,
     ) -> Estimate:
         """See `Refiner`: passes until the displacement hardly changes."""
-        u, grey, passes = start, self._grey, np.zeros(self._grid.shape, np.uint8)
+        self._use(points)
+        u, grey, passes = self._continued(start), self._grey, np.zeros(self._grid.shape, np.uint8)
         if points is not None:
-            u, grey = self._continued(u, points), self._continued(grey, points)
             self._result.forget(u)
         if self._interpolant.spline:
             image = self._interpolant.prepare(image.astype(np.float32))
         n, is_last, typical = 0, False, _typical(grey[2])
         wrong = None  # points whose light was not the expected one; None: all may be
         while not is_last:
-            last, measured = self._pass(image, u, grey, points, wrong)
+            last, measured = self._pass(image, u, grey, wrong)
             n, few = n + 1, RESTLESS * last.step.size
             passes += measured
-            u, grey = last.u.copy(), last.expected.copy()
-            if points is not None:
-                u, grey = self._continued(u, points), self._continued(grey, points)
+            u, grey = self._continued(last.u.copy()), self._continued(last.expected.copy())
             before, typical = typical, _typical(grey[2])
             wrong = last.wrong if typical > SETTLED * before else None
             is_settled = wrong is not None and wrong.sum() <= few
@@ -176,15 +184,23 @@ class SharedPasses:
         status = np.where(at_rest, OK, NOT_CONVERGED).astype(np.uint8)
         return Estimate(u, last.zncc.copy(), last.std.copy(), status, passes)
 
-    def _continued(self, u: Array, points: Bool) -> Array:
-        """Fields, shape (k, ny, nx), in which all others have the value of the nearest of some
-        points, as their predictions need.
-        """
-        if points is not self._nearest[0]:
+    def _use(self, points: Bool | None) -> None:
+        """Measure those points, or all."""
+        if points is None:
+            self._part = self._whole
+        elif points is not self._part.points:
             at = distance_transform_edt(~points, return_distances=False, return_indices=True)
-            self._nearest = points, tuple(at)
-        rows, columns = self._nearest[1]
-        return np.ascontiguousarray(u[:, rows, columns])
+            nearest = np.ravel_multi_index(tuple(at), points.shape).ravel()
+            self._part = _Part(points, self._needed(points), nearest)
+
+    def _continued(self, fields: Array) -> Array:
+        """Fields, shape (k, ny, nx), in which all other points have the value of the nearest of
+        those that are measured, as their predictions need.
+        """
+        nearest = self._part.nearest
+        if nearest is None:
+            return fields
+        return fields.reshape(len(fields), -1).take(nearest, axis=1).reshape(fields.shape)
 
     def _needed(self, wanted: Bool) -> Bool:
         """The blocks, shape (rows of cells, blocks), that the boxes of these points reach."""
@@ -195,11 +211,11 @@ class SharedPasses:
         return np.asarray(within_rows[:, upto_block] > within_rows[:, before_block])
 
     def _pass(
-        self, image: Array, u: F64, grey: F32, points: Bool | None, wrong: Bool | None
+        self, image: Array, u: F64, grey: F32, wrong: Bool | None
     ) -> tuple[shared.PassResult, Bool]:
         """One pass: the field that is left after the image is deformed back by the smoothed field
-        `u`, added to it; and the points, shape (ny, nx), that were measured: all of `points`, or
-        the `wrong` ones and those whose prediction is not that of the pass before. The result of
+        `u`, added to it; and the points, shape (ny, nx), that were measured: all, or the
+        `wrong` ones and those whose prediction is not that of the pass before. The result of
         the others stays.
 
         Parameters
@@ -229,13 +245,10 @@ class SharedPasses:
             shared.solve_boxes(cells, prepared, guess, *limits, wanted, rows, self._result)
 
         self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
-        self._predicted, (wanted, needed) = centre, self._everywhere
+        self._predicted, (wanted, needed, _) = centre, self._part
         if wrong is not None:
             differs = wrong | (np.abs(centre - before).max(axis=0) > SAME)
-            wanted = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        if points is not None:
-            wanted = wanted & points
-        if wanted is not self._everywhere[0]:
+            wanted = wanted & (cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)) > 0)
             needed = self._needed(wanted)
         self._threads.share(sum_cells, self._threads.bands(cells.shape[1]))
         self._threads.share(solve, self._threads.bands(ny))

@@ -232,11 +232,11 @@ class Pipeline:
         if not products & Product.PICTURE and self.config.dic.update == "never":
             points = self._region
         field = self._tracker.track(image, points, 0 if products & Product.SETTLED else 1)
-        drive = self._direction = self._drive_in(field, now)
+        here: Any = slice(None) if points is None else points
+        drive = self._direction = self._drive_in(field, here, now)
         compliance = self.config.sample.lens_compliance
         # a stiff holder needs no force
         lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
-        here: Any = slice(None) if points is None else points
         ux_m, uy_m = (u[here] * pixel_m for u in self._ideal(field))
         centre_x, centre_y = self._centre_m
         # distances from the lens where the material is now, not where it was at t = 0
@@ -309,11 +309,14 @@ class Pipeline:
             return u
         return ideal_displacement(self._x_px, self._y_px, *u, camera.distortion, camera.shape)
 
-    def _drive_in(self, field: Field, now: Conditions) -> Direction:
-        """Where the drive goes in the picture, by what the block has moved in a frame."""
+    def _drive_in(self, field: Field, here: Any, now: Conditions) -> Direction:
+        """Where the drive goes in the picture, by what the block has moved in a frame, at those
+        points.
+        """
         if now.phase is not Phase.DRIVE or self.config.camera.angle_from == "angle":
             return self._nominal
-        found = drive_direction(field.ux_px, field.uy_px, self._outside, least=MOVED_PX)
+        u, v, outside = field.ux_px[here], field.uy_px[here], self._outside[here]
+        found = drive_direction(u, v, outside, least=MOVED_PX)
         return found or self._nominal
 
     def _stick(self, rings: Rings, hertz_m: float) -> Stick | None:
