@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64, I64
 from analysis.contact.rings import Rings
 from analysis.inversion.grid import check_block, grid_pitch
-from analysis.inversion.result import NOT_COVERED, RadialInversion, Stopped
+from analysis.inversion.result import NOT_COVERED, NOT_SEEN, RadialInversion, Stopped
 from analysis.inversion.smoothing import SmoothFit, overlaps, smooth_fit
 from analysis.mechanics.cattaneo_mindlin import phi0
 from analysis.mechanics.half_space import layer_correction
@@ -33,6 +33,7 @@ OUTLYING = 4.0  # standard deviations beyond which a ring is left out
 # share of the rings that may be left out; if there are more, it is the model that is wrong
 MOST_WRONG = 0.05
 TOO_LARGE = 4.0  # standard deviations of chi2
+VISIBLE = 4.0  # standard deviations from which a stress stands out of the noise
 # standard deviations, and share of the greatest stress, of the last two rings' stress if the mask
 # cuts the contact
 CUT_OFF = (6.0, 0.1)
@@ -219,7 +220,12 @@ class AxisymmetricInversion:
         rim, size = np.flatnonzero(inside)[-2:], np.abs(sigma)
         visible = np.maximum(CUT_OFF[0] * sigma_sd[rim], CUT_OFF[1] * size.max())
         cuts = bool((size[rim] > visible).any())
+        stands_out = (size > VISIBLE * sigma_sd)[inside].any()
+        seen = bool(stands_out or abs(self._force @ b) > VISIBLE * Q_sd)
+        stopped = Stopped.GCV if seen or not fits else Stopped.SILENT
         notes = [] if is_covered else [NOT_COVERED]
+        if stopped is Stopped.SILENT:
+            notes.append(NOT_SEEN)
         if not fits:
             notes.append(
                 f"axisymmetric inversion: the residual is {math.sqrt(chi2):.2f} times the noise;"
@@ -247,9 +253,9 @@ class AxisymmetricInversion:
             residual=residual,
             chi2=chi2,
             iterations=0,
-            stopped=Stopped.GCV,
+            stopped=stopped,
             is_covered=is_covered,
-            is_converged=fits and not cuts,
+            is_converged=fits and seen and not cuts,
             notes=tuple(notes),
         )
 

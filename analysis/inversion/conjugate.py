@@ -67,11 +67,8 @@ def conjugate_gradient(
         sigma,
         iterations,
     )
-    stopped = found.stopped
-    if stopped is Stopped.DISCREPANCY and problem.is_silent(field):
-        stopped = Stopped.SILENT
     D = float(found.amounts[0])
-    return problem.result(found.sigma, D, field, found.residual, found.iterations, stopped)
+    return problem.result(found.sigma, D, field, found.residual, found.iterations, found.stopped)
 
 
 class Descent(NamedTuple):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from analysis.arrays import F64
 from analysis.inversion.conjugate import descend
 from analysis.inversion.problem import LARGEST_CHI2, InversionProblem, MeasuredField
-from analysis.inversion.result import NOT_COVERED, Stopped
+from analysis.inversion.result import NOT_COVERED, NOT_SEEN, Stopped
 from analysis.mechanics.half_space import SurfaceGreen
 
 Pair = tuple[float, float]
@@ -120,10 +120,7 @@ class CoupledProblem:
             np.zeros_like(measured),
             iterations,
         )
-        stopped = found.stopped
-        if stopped is Stopped.DISCREPANCY and all(one.is_silent(part) for part in parts):
-            stopped = Stopped.SILENT
-        sigma, amounts, left, n, _ = found
+        sigma, amounts, left, n, stopped = found
         return self._result(sigma, amounts, parts, left, count, n, stopped)
 
     def _known(self) -> tuple[F64, F64]:
@@ -155,6 +152,9 @@ class CoupledProblem:
         chi2 = float(np.vdot(weight * left, left)) / count
         covers = [one.covers(part) for part in parts]
         notes = [] if all(covers) else [NOT_COVERED]
+        if chi2 <= LARGEST_CHI2 and all(one.is_silent(part) for part in parts):
+            stopped = Stopped.SILENT
+            notes.append(NOT_SEEN)
         if chi2 > LARGEST_CHI2:
             notes.append(
                 f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of"

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from analysis.arrays import F64, Bool
-from analysis.inversion.result import NOT_COVERED, Inversion, Stopped
+from analysis.inversion.result import NOT_COVERED, NOT_SEEN, Inversion, Stopped
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.hertz import contact_radius
 from analysis.robust import robust_sd
@@ -23,6 +23,9 @@ OUTLYING = 4.0  # standard deviations from which a point counts less
 LARGEST_CHI2 = 1.03**2  # of a residual that is down to the noise
 FEWEST_OUTSIDE = 8
 SHAPES = (0.5, 1.5, 3.0)  # powers of 1 - r^2/A^2 for a disc: Hertz's, and two more peaked
+# drop of chi2 (4 standard deviations) below which a stress does not stand out of the noise
+VISIBLE = 16.0
+BOX_OF_NOISE = 1 / 0.6  # of the box over which u is averaged: within it points share noise
 LARGEST_HOLE = 0.02  # share of the mask's points that may be unmeasured
 
 
@@ -183,9 +186,17 @@ class InversionProblem:
             )
         return level
 
-    def is_silent(self, field: MeasuredField) -> bool:
-        """Whether no stress stands out of a field's noise: D alone explains it."""
-        return field.chi2(field.u - field.mean(field.u)) <= 1
+    def is_silent(self, field: MeasuredField, D: float | None = None) -> bool:
+        """Whether no stress stands out of a field's noise: simple stresses explain it hardly better
+        than D alone, which is fitted where it is not given.
+        """
+        _, known = self.shapes
+        seen = known * field.weight.ravel()
+        amounts = np.linalg.lstsq(seen @ known.T, seen @ field.u.ravel())[0]
+        best = field.chi2(field.u - (amounts @ known).reshape(field.u.shape))
+        drop = field.chi2(field.u - (field.mean(field.u) if D is None else D)) - best
+        sharing = max(1.0, (BOX_OF_NOISE * self.box / self.pitch) ** 2)
+        return drop * field.count <= VISIBLE * sharing * max(best, 1.0)
 
     def covers(self, field: MeasuredField) -> bool:
         """Whether the measured part of a field covers the mask."""
@@ -206,13 +217,12 @@ class InversionProblem:
     ) -> Inversion:
         """The result of an iterative method, with its flags."""
         valid, chi2 = field.weight > 0, field.chi2(residual)
+        if chi2 <= LARGEST_CHI2 and self.is_silent(field, D if D_sd == 0 else None):
+            stopped = Stopped.SILENT
         is_covered = self.covers(field)
         notes = [] if is_covered else [NOT_COVERED]
         if stopped is Stopped.SILENT:
-            notes.append(
-                "inversion: the field is as even as its noise, so that no stress is seen; take a"
-                " frame with more shear force, or check the uncertainty"
-            )
+            notes.append(NOT_SEEN)
         if chi2 > LARGEST_CHI2:
             notes.append(
                 f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of"

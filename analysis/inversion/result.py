@@ -88,6 +88,10 @@ class RadialInversion(Inversion):
     covariance: F64
 
 
+NOT_SEEN = (
+    "inversion: the field is as even as its noise, so that no stress is seen; take a frame with more"
+    " shear force, or check the uncertainty"
+)
 NOT_COVERED = (
     "inversion: the mask reaches beyond the measured points, and sigma, Q and D rest on a part of"
     " the contact; widen the field"

@@ -4,6 +4,8 @@ operator's norm.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -50,7 +52,7 @@ def van_cittert(
     Raises
     ------
     ValueError
-        A step that diverges; see also `InversionProblem.measured`.
+        A step that diverges, a `D` that is none; see also `InversionProblem.measured`.
 
     References
     ----------
@@ -61,6 +63,8 @@ def van_cittert(
             f"Van-Cittert: a step of {step:g} over the largest eigenvalue was given; it converges"
             " between 0 and 2"
         )
+    if D is not None and not math.isfinite(D):
+        raise ValueError(f"Van-Cittert: a displacement of {D:g} m far away was given; give a number")
     field = problem.measured(ux, sd, needs_outside=D is None)
     sigma = image = np.zeros(problem.mask.shape)
     usual = np.median(field.weight[field.weight > 0])
@@ -82,6 +86,6 @@ def van_cittert(
     chi2, sigma, far, residual = best
     stopped = Stopped.STAGNATION if since >= PATIENCE else Stopped.ITERATIONS
     if chi2 <= 1:
-        stopped = Stopped.SILENT if problem.is_silent(field) else Stopped.DISCREPANCY
+        stopped = Stopped.DISCREPANCY
     D_sd = np.nan if D is None else 0.0
     return problem.result(sigma, far, field, residual, n, stopped, D_sd=D_sd)

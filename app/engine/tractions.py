@@ -15,7 +15,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.inversion.conjugate import conjugate_gradient
 from analysis.inversion.material import UPRIGHT, as_seen
 from analysis.inversion.problem import InversionProblem
-from analysis.inversion.result import RadialInversion
+from analysis.inversion.result import RadialInversion, Stopped
 from app.records import (
     F32,
     F64,
@@ -130,7 +130,7 @@ class Tractions:
             self._refused, self._refusal = self._refused + 1, self._refusal or str(error)
             return None, None
         self._uncovered += not found.is_covered
-        self._doubtful += not found.is_converged
+        self._doubtful += not found.is_converged and found.stopped is not Stopped.SILENT
         inside = found.radius < self._profile.mask_radius
         c = largest_traction(found, self._profile.mask_radius, self._reach)
         traction = Traction(*c, found.D, found.D_sd, found.Q, found.Q_sd)
