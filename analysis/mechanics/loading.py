@@ -33,6 +33,7 @@ from analysis.mechanics.modes import basis, chebyshev_series
 MODES, ROUGH_MODES = 64, 96
 FAINTEST = 1e-9  # of the peak, of the pressure at the end of a rough contact
 MOST_STEPS = 80
+ROUNDING = 16 * np.finfo(np.float64).eps  # of D and s, in their balance
 FAR = 6.0  # in thicknesses of a layer: beyond, its surface does not move
 LAYER_TERMS, LAYER_ANGLES = 128, 16
 
@@ -392,6 +393,7 @@ class AxisymmetricLoading:
         move = one * math.copysign(1e-12 * self.contact.L, target - per_D * D - per_Q * state.Q)
         sigma, stiffness, front = respond(memory, self.p, move)
         local, rest, size = excess(sigma, s, D)
+        shortest = math.inf
         for _ in range(MOST_STEPS):
             matrix = eye + self._green * stiffness
             first, moved = np.linalg.solve(matrix, np.stack([local, one], axis=1)).T
@@ -403,13 +405,19 @@ class AxisymmetricLoading:
                 move = s + share * ds - before
                 sigma, stiffness, front = respond(memory, self.p, move)
                 after = excess(sigma, s + share * ds, D + share * dD)
-                if after[2] <= (1 - 1e-4 * share) * size or share < 1e-3:
+                lost = ROUNDING * (abs(D) + float(np.abs(s).max()))
+                if after[2] <= max((1 - 1e-4 * share) * size, lost) or share < 1e-3:
                     break
                 share /= 2
             s, D, (local, rest, size) = s + share * ds, D + share * dD, after
             # the next step would be at most half the square of this one over mu L
-            if np.abs(ds).max() ** 2 <= 1e-13 * self.contact.mu * self.contact.L * np.abs(s).max():
+            length = float(np.abs(ds).max())
+            if length**2 <= 1e-13 * self.contact.mu * self.contact.L * np.abs(s).max():
                 break
+            # close to full slip what is left of the force is rounding, and so is the step
+            if size <= lost and abs(rest) <= ROUNDING * abs(target) and length > shortest / 2:
+                break
+            shortest = length
         else:
             raise ValueError(
                 f"loading: no equilibrium was found in {MOST_STEPS} steps towards {target:g}; go"
