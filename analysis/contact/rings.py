@@ -71,11 +71,13 @@ def ring_means(
     left out. The standard error counts points as independent; boxes that overlap share noise, so
     that it is too small by up to the square root of the number of boxes that overlap in a place.
     """
-    if not width > 0:
-        raise ValueError(f"rings: a width of {width} was requested; it must be positive")
     limit = np.inf if r_max is None else r_max
+    if not (width > 0 and (r_max is None or 0 <= r_max < np.inf)):
+        raise ValueError(
+            f"rings: a width of {width} up to {limit} was requested; it must be positive"
+        )
     r, values = (np.asarray(v, dtype=np.float64) for v in (r, values))
-    chosen = np.isfinite(r) & np.isfinite(values) & (r < limit)
+    chosen = np.isfinite(values) & (r >= 0) & (r < limit)
     r, values = r[chosen], values[chosen]
     n = int(limit // width) if r_max is not None else int(r.max() // width) + 1 if len(r) else 0
     ring = (r / width).astype(np.int64)

@@ -117,7 +117,8 @@ def balance_modulus(
         why = f"stress and force have opposite signs (slope {slope:.3g}); check the sign of Q"
     if why:
         return Modulus(frames=frames, outliers=outliers, notes=(f"modulus: {why}",))
-    shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / float(scores @ scores))
+    power = float(scores @ scores) or 1.0  # 0 where no frame is off the line
+    shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / power)
     slope_sd = scale * np.sqrt(shared / spread)
     E = slope * E_supposed
     return Modulus(E, float(slope_sd * E_supposed), slope, offset, frames, outliers)

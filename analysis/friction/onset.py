@@ -14,7 +14,8 @@ from analysis.robust import white_noise
 
 FEWEST = 12  # frames in the fit of the sliding part
 FEWEST_SETTLED = 6  # of them in steady sliding
-BLOCK = 4  # frames by which the fit's window grows
+BLOCK = 4  # frames by which the fit's window grows; in a long run a share of it
+MOST_BLOCKS = 256
 AGREE = 4.0  # standard deviations by which a block may leave the line and still belong to it
 MARGIN = 0.2  # share of the constant-velocity part, next to the onset, that the fit leaves out
 STILL_LOADING = 0.2  # share of the mean loading rate above which Q counts as still rising
@@ -135,6 +136,8 @@ def sliding_onset(
             " for t_s"
         )
         return Onset(notes=(why,))
+    if not (np.diff(t) > 0).all():
+        return Onset(notes=("onset: the times of the frames do not increase; give them in order",))
     if not (p > 0).all():
         why = (
             f"onset: the normal force falls to {p.min():.3g} N during the drive; without contact"
@@ -206,12 +209,12 @@ def _constant_velocity_start(t: F64, u: F64) -> int:
     """Index of the first frame of the final part in which u grows at constant velocity."""
     # u grows from 0 at t_s, so the last half of its rise is the last half of the sliding; shorter
     # starts are at the mercy of slow errors
-    final = float(np.median(u[-BLOCK:]))
+    final, block = float(np.median(u[-BLOCK:])), max(BLOCK, len(t) // MOST_BLOCKS)
     lower = np.flatnonzero(u <= 0.5 * final)
     start = min(lower[-1] + 1 if len(lower) else 0, len(t) - FEWEST)
     while start > 0:
         line = _fit(t[start:], u[start:])
-        before = slice(max(start - BLOCK, 0), start)
+        before = slice(max(start - block, 0), start)
         miss = np.mean(u[before] - line.at(t[before]))
         block_variance = line.noise**2 / (before.stop - before.start)
         if abs(miss) > AGREE * np.sqrt(block_variance + line.variance_at(float(t[before].mean()))):
@@ -228,10 +231,10 @@ def _not_sliding(t: F64, q: F64, start: int, line: _Line) -> str:
             f"onset: the centre moves at {line.slope * 1e6:.3g} +- {slope_sd * 1e6:.2g} um/s at the"
             " end of the run, so sliding was not reached; drive further"
         )
-    if not t[0] < line.zero < t[start]:
+    if not t[FORCE_FRAMES] < line.zero < t[start]:
         return (
             f"onset: the line through the central u_x meets zero at {line.zero:.3g} s, outside the"
-            f" {t[0]:.3g} to {t[start]:.3g} s before its fit, so the onset was not seen; drive"
+            f" {t[FORCE_FRAMES]:.3g} to {t[start]:.3g} s before its fit, so the onset was not seen; drive"
             " further"
         )
     rise = q[start:].mean() - q[0]

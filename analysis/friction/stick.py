@@ -143,7 +143,7 @@ def fit_stick_radius(
     r, u, sd = (np.asarray(v, dtype=np.float64) for v in (r, u, sd))
     good = np.isfinite(r) & np.isfinite(u) & np.isfinite(sd) & (sd > 0)
     a = float(hertz_radius)
-    if good.sum() < FEWEST or not a > 0:
+    if good.sum() < FEWEST or not 0 < a < np.inf:
         return LOST
     r, u, sd = r[good], u[good], sd[good]
     # a ring of three points may agree by chance: the scatter of a point is shared with the three

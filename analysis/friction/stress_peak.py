@@ -22,6 +22,7 @@ from analysis.mechanics.loading import LoadingState
 
 FEWEST = 5  # rings in the cubic
 ROUNDS = 4
+VISIBLE = 4.0  # standard deviations from which a stress stands out of the noise
 FLATTEST = 1e-9  # of the stress, over the reach: less curvature is rounding
 RELIABLE = 0.7  # share of the samples of a state in which its estimate must exist
 
@@ -88,6 +89,10 @@ def stress_peak(
     curvature = 2 * bend + 6 * skew * shift
     if not curvature < -FLATTEST * abs(level):
         return _no_peak("the stress has no maximum that stands out of the noise")
+    at_top = np.array([shift**3, shift**2, shift, 1.0]) @ cubic
+    top, top_sd = float(at_top @ sigma), float(np.sqrt(at_top @ covariance @ at_top))
+    if abs(shift) == 1 or not top > VISIBLE * top_sd:
+        return _no_peak("the stress has no maximum that stands out of the noise")
     gradient = -np.array([3 * shift**2, 2 * shift, 1.0]) @ cubic[:3] / curvature * reach
     spread = float(np.sqrt(gradient @ covariance @ gradient))
     if not reach < found < r[-1] or spread > reach:
@@ -95,8 +100,7 @@ def stress_peak(
         if found <= reach:
             why = f"within {reach * 1e3:.2g} mm of the centre, where c is lost"
         return _no_peak(f"at {found * 1e3:.3g} +- {spread * 1e3:.2g} mm, {why}")
-    top = level + shift * (slope + shift * (bend + shift * skew))
-    return StressPeak(found, spread, float(top))
+    return StressPeak(found, spread, top)
 
 
 def _no_peak(reason: str) -> StressPeak:
