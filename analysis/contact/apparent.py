@@ -20,6 +20,7 @@ DARK_RINGS = 3  # rings in a row below background + 3 sd that end the contact
 FEWEST_MICRO_CONTACTS = 12
 # by which the disc must explain the micro-contacts better than chance does, in log-likelihood
 LEAST_GAIN = 15.0
+ROUNDING = 1e-6  # of a grey level, by single precision
 NOWHERE = (np.nan, np.nan)
 
 
@@ -87,7 +88,7 @@ def apparent_contact(background: Array, image: Array) -> ApparentContact:
     except NotRegistered as error:
         return ApparentContact(notes=(str(error),))
     difference, known = background_difference(background, image, shift)
-    x, y = micro_contacts(difference)
+    x, y = micro_contacts(difference, ROUNDING * float(np.abs(image).max()))
     seen = known[y.astype(int), x.astype(int)]
     x, y = x[seen], y[seen]
 

@@ -65,6 +65,8 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     area = float(shape[0] * shape[1])
     middle = np.median(x), np.median(y)
     half = float(np.median(np.hypot(x - middle[0], y - middle[1])))
+    # points in one place, or all along the rim of the picture, are where no draw would be possible
+    half = float(np.clip(half, LOCALISATION_PX, 0.29 * math.hypot(*shape)))
     stray = _stray_share(np.hypot(x - middle[0], y - middle[1]), 1.3 * 1.65 * half, area)
     known = [_fitted(kind, x, y, shape, half, stray) for kind in FAMILIES]
     evidence = np.array([one.evidence for one in known])

@@ -16,16 +16,17 @@ LIGHT_PX = 61  # side of the box whose mean is taken for slow light
 SIGNIFICANT = 6.0
 
 
-def micro_contacts(difference: F32) -> tuple[F64, F64]:
+def micro_contacts(difference: F32, rounding: float = 0.0) -> tuple[F64, F64]:
     """Positions x, y (px) of the local maxima of a background difference that stand out of its
     noise; both of shape (n,).
 
     The noise is that of the picture's rim, where the block is free, so that a large contact does
-    not raise its own threshold.
+    not raise its own threshold; it is no less than the `rounding` of the difference, which is all
+    that two equal pictures leave.
     """
     light = cv2.blur(difference, (LIGHT_PX, LIGHT_PX))
     filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - light
-    threshold = SIGNIFICANT * _rim_noise(filtered)
+    threshold = SIGNIFICANT * max(_rim_noise(filtered), rounding)
     highest = cv2.dilate(filtered, np.ones((5, 5), np.uint8))
     y, x = np.nonzero((filtered >= highest) & (filtered > threshold))
     inside = (x > 0) & (x < filtered.shape[1] - 1) & (y > 0) & (y < filtered.shape[0] - 1)

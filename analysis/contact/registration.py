@@ -15,8 +15,10 @@ TILE_PX = 128
 BORDER_TILES = (7, 5)  # along x and y; only those on the rim of the picture are used
 LEAST_CORRELATION = 0.3
 FEWEST = 3  # tiles
+SMALLEST_PX = 8
 SINC_HALF = 5  # taps of the interpolating kernel on each side
-ITERATIONS, AT_REST_PX, FURTHEST_PX = 8, 1e-3, 2.0  # of the least squares of a tile
+# of the least squares of a tile; noise in its gradients slows them down
+ITERATIONS, AT_REST_PX, FURTHEST_PX = 50, 1e-3, 2.0
 
 
 class NotRegistered(ValueError):
@@ -45,16 +47,16 @@ def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
     NotRegistered
         Fewer than three tiles are recognised.
     ValueError
-        The shapes differ.
+        The shapes differ, or are too small for tiles.
 
     References
     ----------
     Prevost et al. 2013, section 2.3.1 (note on the rigid displacement of the block).
     """
-    if background.shape != image.shape or background.ndim != 2:
+    if background.shape != image.shape or background.ndim != 2 or min(image.shape) < SMALLEST_PX:
         raise ValueError(
-            f"registration: two grey images of one shape are needed, found {background.shape} and"
-            f" {image.shape}"
+            f"registration: two grey images of one shape, {SMALLEST_PX} px or more each way, are"
+            f" needed, found {background.shape} and {image.shape}"
         )
     first, second = _flattened(background), _flattened(image)
     coarse = _coarse_shift(first, second)
@@ -148,7 +150,7 @@ def _refined(
     first: F32, second: F32, x: int, y: int, side: int, dx: float, dy: float
 ) -> tuple[float, float] | None:
     """Least squares of zero-mean, unit-variance tiles by Gauss-Newton, from a whole-pixel start;
-    None where that runs away.
+    None where that runs away or does not come to rest.
     """
     margin = SINC_HALF + 1
     size, inner = side + 2 * margin, slice(margin + 1, margin + side - 1)
@@ -167,13 +169,16 @@ def _refined(
         moved = shifted(piece, ix - dx, iy - dy)[inner, inner].astype(np.float64)
         moved -= moved.mean()
         error = moved * (_sum(moved, tile) / _sum(moved, moved)) - tile
-        step = np.linalg.solve(hessian, [_sum(gx, error), _sum(gy, error)])
+        try:
+            step = np.linalg.solve(hessian, [_sum(gx, error), _sum(gy, error)])
+        except np.linalg.LinAlgError:  # stripes: nothing tells the displacement along them
+            return None
         dx, dy = dx - step[0], dy - step[1]
         if max(abs(dx - start[0]), abs(dy - start[1])) > FURTHEST_PX:
             return None
         if np.abs(step).max() < AT_REST_PX:
-            break
-    return float(dx), float(dy)
+            return float(dx), float(dy)
+    return None
 
 
 def _sum(a: F64, b: F64) -> float:
