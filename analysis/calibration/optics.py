@@ -91,6 +91,10 @@ def distortion_of_translation(
 
     scale = max(robust_sd(off(np.array([*start, 0.0]))), 1e-6)
     found = least_squares(off, [*start, 0.0], loss="huber", f_scale=3 * scale, x_scale=[1, 1, 1e-3])
+    if not found.success:
+        raise ValueError(
+            f"distortion: no solution after {found.nfev} trials; take a field of a plain translation"
+        )
     left = off(found.x)
     rough = _roughness(places[2])
     if robust_sd(left) > LARGEST_MISFIT * max(rough, 1e-3):

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.special import betaincinv
 
 from analysis.arrays import Array, Bool
 from analysis.dic.coarse import CoarseSearch
@@ -17,8 +18,9 @@ from analysis.dic.icgn import solve_rows
 from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
-from analysis.dic.refining import MakeRefiner, Refinement
+from analysis.dic.refining import ALMOST_SURE, CHANCE, MakeRefiner, Refinement
 from analysis.dic.searching import DirectSearch
+from analysis.dic.spectrum import texture
 from analysis.dic.strips import sum_cells
 from analysis.dic.threads import Threads
 from analysis.dic.tracker import Reference, ReferenceTracker, checked
@@ -92,14 +94,26 @@ def _open(
         )
     near = min(correlation.search, DIRECT_SEARCH)
     guess = CoarseSearch(prepared, correlation.search)  # for jumps that are longer
+    by_chance = _highest_by_chance(image, correlation.box, near)
     search = DirectSearch(
         prepared,
         search=near,
-        min_correlation=correlation.min_correlation,
+        min_correlation=max(correlation.min_correlation, by_chance),
         min_contrast=correlation.min_contrast,
         first_guess=guess.find if correlation.search > near else None,
     )
     return ReferenceTracker(prepared, search)
+
+
+def _highest_by_chance(image: Array, box: int, search: int) -> float:
+    """Correlation that a box which is not in the image reaches once in 1 / `CHANCE` searches, given
+    the grains of the texture in a box and in the area searched.
+    """
+    grain = max(texture(image.astype(np.float32)).grain_px2, 1.0)
+    places = max((2 * search + 1) ** 2 / grain, 1.0)
+    freedom = max(box**2 / grain - 2, 1.0)
+    share = betaincinv(0.5, freedom / 2, 1 - 2 * CHANCE / places)
+    return float(min(np.sqrt(share), ALMOST_SURE))
 
 
 def _refiner(correlation: Correlation) -> MakeRefiner:

@@ -19,6 +19,7 @@ from analysis.friction.local_law import LocalLaw
 
 FEWEST = 2  # loads
 LARGEST_CHI2 = 4.0
+LEAST_RANGE = 1e-6  # of the logarithm of the loads; with less they are one load
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ def joint_law(
         Relative uncertainties of mu, L and E that all runs share: no number of runs reduces them.
     """
     load = np.asarray(P, dtype=np.float64)
-    use = np.array([math.isfinite(law.L) and p > 0 for law, p in zip(laws, load, strict=True)])
+    use = np.array([_is_usable(law) and 0 < p < np.inf for law, p in zip(laws, load, strict=True)])
     if use.sum() < FEWEST:
         return JointLaw(
             notes=(f"joint fit: {int(use.sum())} runs have a law; {FEWEST} or more are needed",)
@@ -83,7 +84,7 @@ def joint_law(
         value, sd = column(name)
         means[name] = _common(one, np.log(value), sd, shared)[0]
     value, sd = column("mu")
-    has_range = np.ptp(load) > 0 and len(load) > FEWEST
+    has_range = np.ptp(logarithm) > LEAST_RANGE and len(load) > FEWEST
     design = np.hstack([one, logarithm]) if has_range else one
     mu, decay, decay_sd = _common(design, np.log(value), sd, relative_sd[0])
     notes = [
@@ -95,6 +96,13 @@ def joint_law(
     return JointLaw(
         E=means["E"], L=means["L"], mu=mu, decay=decay, decay_sd=decay_sd, notes=tuple(notes)
     )
+
+
+def _is_usable(law: LocalLaw) -> bool:
+    """Whether mu, L and E are positive numbers with uncertainties."""
+    values = law.mu, law.L, law.E
+    known = (*values, law.mu_sd, law.L_sd, law.E_sd)
+    return all(map(math.isfinite, known)) and min(values) > 0
 
 
 def _common(design: F64, y: F64, sd: F64, shared: float) -> tuple[Common, float, float]:

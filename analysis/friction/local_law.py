@@ -183,6 +183,10 @@ def fit_local_law(
         f"local law: {len(run.Q)} frames, {int(slides.sum())} of them sliding,"
         f" {found.points} points, {math.sqrt(found.chi2):.2g} times their uncertainty from the law"
     ]
+    if not found.settled:
+        notes.append(
+            f"local law: which frames slide was still changing after {ROUNDS} rounds; drive further"
+        )
     if found.chi2 > LARGEST_CHI2:
         notes.append(
             "local law: traction against slip does not follow mu p (1 - exp(-s/(mu L))): the points"
@@ -293,6 +297,7 @@ class _Fitted(NamedTuple):
     ratio: F64
     chi2: float
     points: int
+    settled: bool  # law and sliding frames belong to each other
 
 
 def _fit(run: Run, start: float = math.nan) -> _Fitted | str:
@@ -300,7 +305,7 @@ def _fit(run: Run, start: float = math.nan) -> _Fitted | str:
     at_centre = run.slip[:, :3].mean(axis=1)
     count = len(run.Q)
     slides = np.arange(count) >= count - FEWEST_SLIDING
-    soft = start
+    soft, settled = start, True
     for _ in range(ROUNDS):
         mu = float(np.mean((run.Q / run.P)[slides]))
         if not mu > 0:
@@ -326,6 +331,8 @@ def _fit(run: Run, start: float = math.nan) -> _Fitted | str:
         if np.array_equal(again, slides):
             break
         slides = again
+    else:
+        settled = False
     used = np.isfinite(ratio) & (run.slip < FURTHEST * soft) & ~slides[:, None]
     if used.sum() < FEWEST:
         return f"{int(used.sum())} points lie on the rise of the law; take more frames"
@@ -343,6 +350,7 @@ def _fit(run: Run, start: float = math.nan) -> _Fitted | str:
         np.where(used, ratio, np.nan),
         float(np.mean(np.minimum(off**2, 25.0))),
         int(used.sum()),
+        settled,
     )
 
 
@@ -369,6 +377,8 @@ def _slip_scale(run: Run, ratio: F64, ratio_sd: F64, slides: Bool, start: float)
 
     spread = max(1.0, robust_sd(off(np.zeros(1))))
     found = least_squares(off, [0.0], loss="huber", f_scale=2.5 * spread, xtol=1e-6)
+    if not found.success:
+        return math.nan
     return start * math.exp(float(np.clip(found.x[0], -3, 3)))
 
 

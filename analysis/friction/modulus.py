@@ -105,7 +105,7 @@ def balance_modulus(
         offset = float(level - slope * middle)
         residual = (y - offset - slope * x) / np.sqrt(Q_sd**2 + (slope * sx) ** 2)
         scale = max(1.0, robust_sd(residual))
-        keep = np.abs(residual) < OUTLYING * scale
+        kept, keep = keep, np.abs(residual) < OUTLYING * scale
     spread = float(weight @ (dx * dx))
     scores = (weight * dx * (y - offset - slope * x))[keep]
     frame_sd = float(np.sqrt(len(x) / weight.sum())) * scale
@@ -121,4 +121,7 @@ def balance_modulus(
     shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / power)
     slope_sd = scale * np.sqrt(shared / spread)
     E = slope * E_supposed
-    return Modulus(E, float(slope_sd * E_supposed), slope, offset, frames, outliers)
+    notes: tuple[str, ...] = ()
+    if not np.array_equal(kept, keep):
+        notes = (f"modulus: which frames are outliers was still changing after {ROUNDS} rounds",)
+    return Modulus(E, float(slope_sd * E_supposed), slope, offset, frames, outliers, notes)

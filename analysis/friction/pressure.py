@@ -82,7 +82,7 @@ def check_pressure(
         forces, R.
     """
     r, p, sd = law.radius, law.pressure, law.pressure_sd
-    if not (len(r) and math.isfinite(law.E)):
+    if not (len(r) >= FEWEST and math.isfinite(law.E) and P > 0 and p.max() > 0):
         return PressureCheck(
             hertz=np.empty(0),
             rough=np.empty(0),
@@ -194,5 +194,7 @@ def micro_contact_chi2(distances: ArrayLike, radius: ArrayLike, pressure: ArrayL
     expected *= counts.sum() / expected.sum()
     whole = (np.cumsum(expected) // 10).astype(int)
     pooled = [(counts[whole == k].sum(), expected[whole == k].sum()) for k in np.unique(whole)]
+    if not any(pair[1] >= 5 for pair in pooled):
+        return math.nan
     found, due = np.array([pair for pair in pooled if pair[1] >= 5]).T
     return float(((found - due) ** 2 / due).sum() / max(len(due) - 1, 1))

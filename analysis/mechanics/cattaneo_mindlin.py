@@ -195,6 +195,11 @@ def driven_shear_force(
     limit, soft = mu * P, full_shift(mu, P, a, E, nu)
     stiff = limit * compliance
     check("driven contact", limit=limit)
+    if not 0 <= compliance < np.inf:
+        raise ValueError(
+            f"driven contact: a compliance of {compliance:g} m/N found; give a finite number, 0 or"
+            " more"
+        )
     way = np.clip(np.asarray(distance, dtype=np.float64), 0.0, soft + stiff)
     left = soft + stiff - way
     s = np.minimum(np.minimum(np.sqrt(left / soft), np.cbrt(left / max(stiff, 1e-300))), 1.0)
