@@ -79,6 +79,8 @@ def _open(
             f"mask: shape {usable.shape} found, the reference has {image.shape}; use a mask of its"
             " size"
         )
+    if usable is not None and not usable.any():
+        raise ValueError("mask: no pixel of it is usable; widen it")
     grid = Grid.cover(image.shape, correlation.box, correlation.step)
     prepared = Reference(image, grid, Threads(correlation.threads), usable)
     if correlation.method != "direct":

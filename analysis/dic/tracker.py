@@ -14,6 +14,7 @@ from analysis.dic.status import DECORRELATED, OK
 from analysis.dic.threads import Threads
 from analysis.grid import Grid
 
+BRIGHTEST = 1e12  # grey level, of which single precision holds sums of squares
 FURTHEST = 1e5  # px; no search starts further away
 
 
@@ -155,8 +156,10 @@ def checked(image: Array, name: str, like: Array | None = None) -> Array:
         raise ValueError(
             f"{name}: grey levels of type {image.dtype} found; use uint8, uint16 or float32"
         )
-    if image.dtype == np.float32 and not np.isfinite(image).all():
-        raise ValueError(f"{name}: grey levels that are not finite found; replace them by numbers")
+    if image.dtype == np.float32 and not np.abs(image).max(initial=0.0) < BRIGHTEST:
+        raise ValueError(
+            f"{name}: grey levels that are not finite, or beyond {BRIGHTEST:g}, found; replace them"
+        )
     if like is not None and image.shape != like.shape:
         (rows, columns), (height, width) = like.shape, image.shape
         raise ValueError(
