@@ -125,8 +125,8 @@ class History:
             return self._phases[max(0, bisect_right(self._phase_samples, sample) - 1)]
 
     def conditions(self, sample: int) -> Conditions:
-        """The state of the bench during the exposure that starts at `sample`; it must be known by
-        now (`wait_for`).
+        """The state of the bench during the exposure that starts at `sample`; without forces where
+        they are not known up to its end (`wait_for`).
         """
         with self._changed:
             last = sample + self.exposure_samples
@@ -135,7 +135,9 @@ class History:
                     f"history: sample {sample} was asked {self._end - sample} samples later;"
                     f" {len(self._ring)} are kept"
                 )
-            mean = self._ring[np.arange(sample, last) % len(self._ring)].mean(axis=0)
+            mean = np.full(2, np.nan)
+            if last <= self._end:  # beyond, the ring holds what was a minute before
+                mean = self._ring[np.arange(sample, last) % len(self._ring)].mean(axis=0)
         phase = self.phase_at(sample)
         middle = sample + self.exposure_samples / 2
         drive = self.phase_start(Phase.DRIVE)
