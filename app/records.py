@@ -322,8 +322,9 @@ class Snapshot:
     stick, traction, stress : optional
         During the drive.
     stress_field_pa : ndarray, shape (ny, nx), float32, or None
-        Shear traction of each grid point, where the settings ask for it. It is not recorded: the
-        displacement fields give it again.
+        Shear traction of each grid point, where the settings ask for it, by a few iterations from
+        that of the frame before: large shapes are right, fine detail is not converged. It is not
+        recorded: the displacement fields give it again.
     effort : Effort
     """
 

@@ -42,6 +42,7 @@ FOLDERS = (
     "gui",
     "report",
     "session",
+    "extremes",
     "contact",
     "calibration",
 )

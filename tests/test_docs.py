@@ -46,6 +46,17 @@ def test_the_readme_leads_to_every_page() -> None:
     )
 
 
+def test_each_regime_of_the_extremes_names_its_test_and_each_test_its_regime() -> None:
+    files = (ROOT / "tests/extremes").glob("test_*.py")
+    tests = [name for file in files for name in re.findall(r"^def (test_\w+)", text(file), re.M)]
+    rows = re.findall(r"^\|.*`(test_\w+)` \|$", text(ROOT / "docs/extremes.md"), re.MULTILINE)
+    regimes = [
+        line for line in text(ROOT / "docs/extremes.md").splitlines() if line.count(" |") == 4
+    ]
+    assert sorted(rows) == sorted(tests)
+    assert len(regimes) == len(rows) + 5  # and the heads of the tables
+
+
 def test_the_readme_is_short_and_narrow() -> None:
     lines = text(PAGES[0]).splitlines()
     assert len(lines) <= README_LINES

@@ -93,7 +93,7 @@ def distortion_of_translation(
     found = least_squares(off, [*start, 0.0], loss="huber", f_scale=3 * scale, x_scale=[1, 1, 1e-3])
     if not found.success:
         raise ValueError(
-            f"distortion: no solution after {found.nfev} trials; take a field of a plain translation"
+            f"distortion: no solution after {found.nfev} trials; take a field of a translation"
         )
     left = off(found.x)
     rough = _roughness(places[2])

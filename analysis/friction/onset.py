@@ -234,8 +234,8 @@ def _not_sliding(t: F64, q: F64, start: int, line: _Line) -> str:
     if not t[FORCE_FRAMES] < line.zero < t[start]:
         return (
             f"onset: the line through the central u_x meets zero at {line.zero:.3g} s, outside the"
-            f" {t[FORCE_FRAMES]:.3g} to {t[start]:.3g} s before its fit, so the onset was not seen; drive"
-            " further"
+            f" {t[FORCE_FRAMES]:.3g} to {t[start]:.3g} s before its fit, so the onset was not seen;"
+            " drive further"
         )
     rise = q[start:].mean() - q[0]
     loading = abs(rise) / (t[start:].mean() - t[0])

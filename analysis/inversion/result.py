@@ -89,8 +89,8 @@ class RadialInversion(Inversion):
 
 
 NOT_SEEN = (
-    "inversion: the field is as even as its noise, so that no stress is seen; take a frame with more"
-    " shear force, or check the uncertainty"
+    "inversion: the field is as even as its noise, so that no stress is seen; take a frame with"
+    " more shear force, or check the uncertainty"
 )
 NOT_COVERED = (
     "inversion: the mask reaches beyond the measured points, and sigma, Q and D rest on a part of"

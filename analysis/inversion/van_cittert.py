@@ -64,7 +64,7 @@ def van_cittert(
             " between 0 and 2"
         )
     if D is not None and not math.isfinite(D):
-        raise ValueError(f"Van-Cittert: a displacement of {D:g} m far away was given; give a number")
+        raise ValueError(f"Van-Cittert: a displacement of {D:g} m far away was given; use a number")
     field = problem.measured(ux, sd, needs_outside=D is None)
     sigma = image = np.zeros(problem.mask.shape)
     usual = np.median(field.weight[field.weight > 0])

@@ -62,6 +62,7 @@ class Tractions:
         self._profile = radial_inversion(config, x_m, y_m, hertz_radius_m)
         self._frames = self._uncovered = self._doubtful = self._oblique = 0
         self._refused, self._refusal = 0, ""
+        self._fields = self._unconverged = self._without = 0
         self._reach = PEAK_REACH * hertz_radius_m
         self._problem: InversionProblem | None = None
         self._last: F64 | None = None
@@ -85,6 +86,17 @@ class Tractions:
             said.append(
                 f"field of the shear traction: in {self._oblique} frames there is none, since the"
                 " drive does not go along the rows of the picture; turn the camera"
+            )
+        if self._without:
+            said.append(
+                f"field of the shear traction: {self._without} frames have none, since too few"
+                " points were measured"
+            )
+        if self._unconverged:
+            said.append(
+                f"field of the shear traction: in {self._unconverged} of {self._fields} frames it"
+                f" had not converged after {ITERATIONS} iterations; for its fine detail use"
+                " slipscope invert"
             )
         if self._uncovered > OFTEN * n:
             said.append(
@@ -117,7 +129,10 @@ class Tractions:
                 self._problem, seen, seen_sd, start=self._last, iterations=ITERATIONS
             )
         except ValueError:
+            self._without += 1
             return None
+        self._fields += 1
+        self._unconverged += found.stopped in (Stopped.ITERATIONS, Stopped.STAGNATION)
         self._last = found.sigma
         return found.sigma.astype(np.float32)
 

@@ -244,9 +244,9 @@ def write_tractions(
 
     A CSV has the columns frame, r_mm, sigma_kpa, sigma_sd_kpa or, of methods that invert the whole
     field, frame, x_mm, y_mm, sigma_kpa, sigma_sd_kpa, residual_um and, of both components,
-    sigma_across_kpa. An npz has frame, D_m, D_sd_m, Q_n, Q_sd_n, radius_m, profile_pa,
-    profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa, sigma_sd_pa, residual_m,
-    sigma_across_pa.
+    sigma_across_kpa. An npz has frame, D_m, D_sd_m, Q_n, Q_sd_n, is_converged, stopped,
+    radius_m, profile_pa, profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa, sigma_sd_pa,
+    residual_m, sigma_across_pa.
     """
     is_whole = not isinstance(inverted[0].result, RadialInversion)
     with new_file(path, overwrite) as unfinished:
@@ -278,6 +278,8 @@ def _arrays(series: FieldSeries, inverted: Sequence[Inverted], is_whole: bool) -
         "profile_pa": np.array([one.profile[1] for one in inverted]),
         "profile_sd_pa": np.array([one.profile[2] for one in inverted]),
     }
+    arrays["is_converged"] = np.array([one.result.is_converged for one in inverted])
+    arrays["stopped"] = np.array([str(one.result.stopped) for one in inverted])
     attributes = {"D_m": "D", "D_sd_m": "D_sd", "Q_n": "Q", "Q_sd_n": "Q_sd"}
     if is_whole:
         arrays |= {"x_m": series.x_m, "y_m": series.y_m}

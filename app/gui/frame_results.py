@@ -90,6 +90,9 @@ def shown_image(full: Image) -> ShownImage:
     return ShownImage(pixels, rect, (float(low), float(max(high, low + 1))), caption, full)
 
 
+COARSE = ", fine detail not converged"  # of the live field: a few iterations for each frame
+
+
 def frame_results(snapshot: Snapshot, setup: Setup) -> FrameResults | None:
     """What is drawn of `snapshot`; None where it has no displacement field."""
     field, motion, kpa = snapshot.field, snapshot.motion, None
@@ -97,7 +100,7 @@ def frame_results(snapshot: Snapshot, setup: Setup) -> FrameResults | None:
         return None
     ux_um = field.ux_px * np.float32(setup.pixel_um) - np.float32(motion.lens_m * 1e6)
     if snapshot.stress_field_pa is not None:
-        kpa = _overlay(snapshot.stress_field_pa * np.float32(1e-3), "σₓ", "kPa", snapshot)
+        kpa = _overlay(snapshot.stress_field_pa * np.float32(1e-3), "σₓ", "kPa", snapshot, COARSE)
     return FrameResults(
         snapshot.frame,
         _overlay(ux_um, "uₓ", "µm", snapshot),
@@ -106,10 +109,10 @@ def frame_results(snapshot: Snapshot, setup: Setup) -> FrameResults | None:
     )
 
 
-def _overlay(values: F32, symbol: str, unit: str, snapshot: Snapshot) -> Overlay:
+def _overlay(values: F32, symbol: str, unit: str, snapshot: Snapshot, doubt: str = "") -> Overlay:
     time_s = snapshot.conditions.time_s
     when = f", t = {time_s:.2f} s" if math.isfinite(time_s) else ""
-    caption = f"{symbol} of frame {snapshot.frame}{when}"
+    caption = f"{symbol} of frame {snapshot.frame}{when}{doubt}"
     return Overlay(values, symmetric_limit(values), symbol, unit, caption)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import Result
 
+from analysis.inversion.result import Stopped
 from analysis.mechanics import cattaneo_mindlin, hertz
 
 Command = Callable[..., Result]
@@ -134,6 +135,8 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
         pitch = arrays["x_m"][1] - arrays["x_m"][0]
         np.testing.assert_allclose(arrays["sigma_pa"].sum(axis=(1, 2)) * pitch**2, arrays["Q_n"])
         assert np.isnan(arrays["residual_m"][0, 3, 5])
+        assert arrays["is_converged"].shape == arrays["stopped"].shape == arrays["Q_n"].shape
+        assert set(arrays["stopped"].tolist()) <= {ending.value for ending in Stopped}
     assert (
         slipscope(
             "invert", path, *MATERIAL, "--pixel", 7.04, "--method", "cgls", "-o", "field.csv"

@@ -97,7 +97,7 @@ def test_the_loading_is_in_equilibrium_for_any_elastic_length_up_to_full_slip(
         loading = AxisymmetricLoading(contact(P, modulus, nu, length))
         for share in SHARES:
             state = loading.at_force(share * MU * P)
-            assert state.Q == pytest.approx(share * MU * P, rel=1e-9)
+            assert pytest.approx(share * MU * P, rel=1e-9) == state.Q
             law, elasticity = excess(state)
             assert law < 1e-9
             assert elasticity < 1e-8
@@ -109,7 +109,7 @@ def test_a_vanishing_elastic_length_gives_cattaneo_and_mindlin() -> None:
         sharp = contact(0.5, E, NU, 1e-7)
         state = AxisymmetricLoading(sharp, 256).at_force(Q)
         shift = float(cm.shift(Q, MU, 0.5, sharp.a, E, NU))
-        assert state.D == pytest.approx(shift, rel=1e-4)
+        assert pytest.approx(shift, rel=1e-4) == state.D
         assert state.peak_radius == pytest.approx(
             float(cm.stick_radius(Q, MU * 0.5, sharp.a)), abs=0.02 * sharp.a
         )
@@ -118,7 +118,7 @@ def test_a_vanishing_elastic_length_gives_cattaneo_and_mindlin() -> None:
 def test_a_huge_elastic_length_makes_the_interface_the_only_spring() -> None:
     soft = contact(0.5, E, NU, 1e9)
     state = AxisymmetricLoading(soft).at_force(0.5 * MU * 0.5)
-    assert state.D == pytest.approx(MU * soft.L * math.log(2), rel=1e-7)
+    assert pytest.approx(MU * soft.L * math.log(2), rel=1e-7) == state.D
 
 
 @pytest.mark.parametrize("Q", [1 + 1e-9, 2.0, math.inf, math.nan])
@@ -188,7 +188,7 @@ def test_no_path_from_rest_gives_work_and_its_mirror_image_gives_the_same_force(
             last, forth = forth, loading.advance(forth, step)
             back = loading.advance(back, -step)
             work += (forth.Q + last.Q) / 2 * (forth.D - last.D)
-    assert back.Q == pytest.approx(-forth.Q, abs=1e-9 * MU * 0.5)
+    assert pytest.approx(-forth.Q, abs=1e-9 * MU * 0.5) == back.Q
     assert work >= -1e-3 * MU * 0.5 * far  # of the trapezoids
 
 

@@ -74,7 +74,7 @@ def test_a_block_of_a_kilometre_is_a_half_space() -> None:
 def test_a_rough_pressure_carries_the_force_from_smooth_to_above_hertzs_indentation(
     alpha: float, mu: float | None
 ) -> None:
-    """h is alpha times the indentation: up to 10,000 times it."""
+    """The roughness h is alpha times the indentation: up to 10,000 times it."""
     a = hertz.contact_radius(P, E, 0.5, R)
     rough = rough_contact(P, E, 0.5, R, alpha * hertz.indentation(a, R), mu)
     knots = np.unique(np.minimum([0.0, 0.5, 0.9, 1.0, 1.1, 1.5, 3.0, np.inf], rough.reach / a))
@@ -91,13 +91,13 @@ def test_a_rough_pressure_carries_the_force_from_smooth_to_above_hertzs_indentat
 
 @pytest.mark.parametrize("h", [0.0, 1e-12, 1e3, float("nan"), -1e-6])
 def test_a_roughness_beyond_the_theory_is_refused_in_a_sentence(h: float) -> None:
-    with pytest.raises(ValueError, match="rough contact: .*give"):
+    with pytest.raises(ValueError, match=r"rough contact: .*give"):
         rough_contact(P, E, 0.5, R, h)
 
 
 @pytest.mark.parametrize("shape", [(1, 2), (2, 1), (2, 2), (3, 500)])
 def test_the_smallest_grids_have_the_closed_form(shape: tuple[int, int]) -> None:
-    """A square pressed uniformly moves 8 ln(1 + sqrt 2)/2 of half its side over 2 pi G at nu = 0."""
+    """The integral of 1/r over a square seen from its middle is 4 ln(1 + sqrt 2) times its side."""
     stress = np.zeros(shape)
     stress[0, 0] = 1.0
     moved = SurfaceGreen(shape, PITCH, E, 0.0).apply(stress)

@@ -18,10 +18,13 @@ from analysis.friction.pressure import check_pressure, micro_contact_chi2
 from analysis.friction.stick import fit_stick_radius
 from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.mechanics import hertz
+from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.settings import StressSettings
 from app.engine.history import KEPT_SECONDS, MOST_MEANS, History
 from app.engine.series import MOST_RINGS, Series
+from app.engine.tractions import Tractions
 from app.records import Conditions, Phase, RingProfile, Snapshot, Traction
+from app.settings import Config
 
 P, E, NU, R = 0.5, 3.43e6, 0.5, 128.8e-3
 A = hertz.contact_radius(P, E, NU, R)
@@ -29,6 +32,7 @@ T = np.arange(480) / 8
 SPEED = 5e-6
 LOAD = 0.4 * -np.expm1(-T / 8)
 RADII = np.arange(40) * 1e-4 + 5e-5
+PITCH = Config().dic.step * Config().camera.pixel
 
 
 def noise(sd: float, n: int = len(T), seed: int = 0) -> np.ndarray:
@@ -92,7 +96,7 @@ def test_the_onset_of_a_run_of_days_is_found_among_a_million_frames() -> None:
 def test_a_balance_without_scatter_and_one_of_noise_alone() -> None:
     force = np.linspace(0, 0.4, 100)
     exact = balance_modulus(force / 2, np.full(100, 1e-3), force, E)
-    assert exact.E == pytest.approx(2 * E)
+    assert pytest.approx(2 * E) == exact.E
     for integral in (noise(1.0, 100), np.zeros(100), np.full(100, 0.3)):
         found = balance_modulus(integral, np.full(100, 1e-3), force, E)
         assert math.isnan(found.E)
@@ -285,3 +289,21 @@ def test_the_results_of_a_hundred_thousand_frames_stay_small() -> None:
     assert MOST_RINGS / 2 <= len(kept) <= MOST_RINGS + 1
     steps = Counter(np.diff(kept[:-1]).tolist())
     assert len(steps) == 1  # evenly over the run
+
+
+def test_live_fields_that_did_not_converge_are_counted_and_pure_noise_is_no_doubt() -> None:
+    settings = Config(stress=StressSettings(field=True))
+    x, y = np.meshgrid(PITCH * np.arange(-70, 71), PITCH * np.arange(-55, 56))
+    tractions, sd = Tractions(settings, x, y, A), np.full(x.shape, 2e-8)
+    moved, _ = cattaneo_mindlin.displacement(x, y, 0.3, 0.93, P, A, E, NU)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        u = rng.normal(0, 2e-8, x.shape)
+        assert tractions.field(u, sd) is not None
+        tractions.of(ring_means(np.hypot(x, y), u, PITCH, theta=np.arctan2(y, x)))
+    assert tractions.notes() == []
+    assert tractions.field(1e-5 - moved + u, sd) is not None
+    assert tractions.field(np.full(x.shape, np.nan), sd) is None
+    notes = " ".join(tractions.notes())
+    assert "in 1 of 4 frames it had not converged after 5 iterations" in notes
+    assert "1 frames have none" in notes
