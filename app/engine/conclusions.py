@@ -188,8 +188,10 @@ def slip_scale(config: Config, law: LocalLaw, shear: F64, normal: F64) -> float:
     if math.isfinite(law.L):
         return law.mu * law.L
     sample = config.sample
-    ratio = float(np.nanmax(shear / normal)) if len(shear) and (normal > 0).any() else 0.0
-    return max(ratio, 0.0) * elastic_length(sample.roughness, sample.poisson)
+    loaded = normal > 0
+    ratios = shear[loaded] / normal[loaded]
+    ratio = float(ratios[np.isfinite(ratios)].max(initial=0.0))
+    return ratio * elastic_length(sample.roughness, sample.poisson)
 
 
 def along_the_drive(drive: list[Snapshot]) -> list[Snapshot]:

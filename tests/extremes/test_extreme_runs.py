@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain_speckle import Speckle
 
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.friction.cycles import branches, interface_stiffness, precursor_slip
@@ -21,6 +23,7 @@ from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.settings import StressSettings
 from app.engine.history import KEPT_SECONDS, MOST_MEANS, History
+from app.engine.pipeline import Pipeline
 from app.engine.series import MOST_RINGS, Series
 from app.engine.tractions import Tractions
 from app.records import Conditions, Phase, RingProfile, Snapshot, Traction
@@ -307,3 +310,73 @@ def test_live_fields_that_did_not_converge_are_counted_and_pure_noise_is_no_doub
     notes = " ".join(tractions.notes())
     assert "in 1 of 4 frames it had not converged after 5 iterations" in notes
     assert "1 frames have none" in notes
+
+
+@pytest.mark.parametrize("size", [1, 7, 4000])
+def test_forces_in_blocks_of_any_size_are_the_same_forces(size: int) -> None:
+    forces = np.random.default_rng(0).normal(size=(4000, 2))
+    seen = []
+    for block in (size, 50):
+        history = History(100.0, 4)
+        history.begin(Phase.DRIVE, 0)
+        for first in range(0, len(forces), block):
+            part = forces[first : first + block]
+            history.append(first, part, 0.0, first + len(part))
+        seen.append([history.conditions(sample) for sample in range(0, 3996, 13)])
+    assert seen[0] == seen[1]
+
+
+SPECKLE = Speckle((300, 400))
+STILL = SPECKLE.image(noise=1)
+
+
+def pictures(kind: str, n: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    if kind == "black":
+        return [np.zeros_like(STILL)] * n
+    if kind == "noise":
+        return [rng.integers(0, 256, STILL.shape).astype(np.uint8) for _ in range(n)]
+    if kind == "slides from the start":
+        return [SPECKLE.image(0.3 * k, noise=1, seed=k) for k in range(n)]
+    if kind == "jumps":
+        return [SPECKLE.image(50.0 * (k % 2), noise=1, seed=k) for k in range(n)]
+    return [SPECKLE.image(noise=1, seed=k) for k in range(n)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "normal", "shear"),
+    [
+        ("still", 1e-6, 0.01),
+        ("still", 100.0, 0.01),
+        ("still", -0.5, 0.01),
+        ("still", 0.0, 0.01),
+        ("still", math.nan, 0.01),
+        ("still", P, math.nan),
+        ("still", P, -0.01),
+        ("black", P, 0.01),
+        ("noise", P, 0.01),
+        ("slides from the start", P, 0.01),
+        ("jumps", P, 0.01),
+    ],
+)
+def test_a_whole_run_that_shows_no_contact_has_no_result_and_says_why(
+    kind: str, normal: float, shear: float
+) -> None:
+    camera = replace(Config().camera, width=400, height=300, pixel=16e-6)
+    pipeline, snapshots = Pipeline(replace(Config(), camera=camera)), []
+    phases = [Phase.BACKGROUND, Phase.REFERENCE] + [Phase.DRIVE] * 28
+    images = [STILL, STILL, *pictures(kind, 28)]
+    for n, (phase, image) in enumerate(zip(phases, images, strict=True)):
+        t = (n - 2) / 8 if phase is Phase.DRIVE else math.nan
+        force = shear * t if phase is Phase.DRIVE else 0.0
+        now = Conditions(phase, t, normal, force, 1e-6 * n)
+        snapshots.append(pipeline.step(n, 125 * n, image, now))
+    pipeline.close()
+    summary = pipeline.summary(snapshots)
+    for result in ("onset_time_s", "mu_s", "law_mu", "law_length_m", "young_modulus_pa"):
+        assert math.isnan(getattr(summary, result)), result
+    assert math.isnan(summary.apparent_radius_m)
+    assert all(snapshot.stick is None for snapshot in snapshots)
+    assert any("micro-contacts" in note for note in summary.notes)
+    assert any(note.startswith("onset: ") for note in summary.notes)
+    assert not any("failed" in note for note in summary.notes)
