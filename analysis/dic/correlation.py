@@ -80,7 +80,7 @@ def _open(
             " size"
         )
     if usable is not None and not usable.any():
-        raise ValueError("mask: no pixel of it is usable; widen it")
+        raise ValueError("mask: no pixel of it is usable, and so no box; widen it")
     grid = Grid.cover(image.shape, correlation.box, correlation.step)
     prepared = Reference(image, grid, Threads(correlation.threads), usable)
     if correlation.method != "direct":

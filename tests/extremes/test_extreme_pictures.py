@@ -146,7 +146,7 @@ def test_a_box_larger_than_the_picture_and_a_mask_without_a_pixel_are_refused() 
     with pytest.raises(ValueError, match="do not fit the 180 x 140 image"):
         open_tracker(Correlation(box=139), REFERENCE)
     for method in ("shared", "icgn"):
-        with pytest.raises(ValueError, match="no pixel of it is usable"):
+        with pytest.raises(ValueError, match="no pixel of it is usable, and so no box"):
             open_tracker(Correlation(method=method), REFERENCE, usable=np.zeros(SHAPE, np.bool_))
 
 
@@ -207,6 +207,7 @@ def test_a_picture_without_speckle_shows_no_contact_and_says_why(name: str) -> N
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_two_equal_pictures_show_no_contact(dtype: type) -> None:
     picture = Speckle((240, 320)).image().astype(dtype)
+    picture[97::53, 41::97] = 0  # rounding shows in black pixels
     for other in (picture, (picture * dtype(2) if dtype is not np.uint8 else picture)):
         found = apparent_contact(picture, other)
         assert found.micro_contacts == 0
@@ -222,7 +223,7 @@ def test_stripes_and_pictures_of_a_few_pixels_are_not_registered() -> None:
             rigid_shift(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
 
 
-@pytest.mark.parametrize("noise", [0.0, 20.0, 40.0])
+@pytest.mark.parametrize("noise", [0.0, 20.0, 50.0])
 def test_the_block_is_registered_under_as_much_noise_as_speckle(noise: float) -> None:
     speckle, rng = Speckle((360, 480)), np.random.default_rng(0)
     first, second = (
@@ -230,7 +231,7 @@ def test_the_block_is_registered_under_as_much_noise_as_speckle(noise: float) ->
         for at in ((0.0, 0.0), (7.3, -3.6))
     )
     spread = float(speckle.image().std())
-    assert 0.8 * 40 < spread < 60  # the largest noise is as strong as the speckle
+    assert 35 < spread < 45  # the largest noise is stronger
     np.testing.assert_allclose(rigid_shift(first, second), (7.3, -3.6), atol=0.06)
 
 
