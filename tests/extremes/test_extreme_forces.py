@@ -7,7 +7,7 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.mechanics import cattaneo_mindlin as cm
@@ -106,8 +106,8 @@ def test_the_loading_is_in_equilibrium_for_any_elastic_length_up_to_full_slip(
 def test_a_vanishing_elastic_length_gives_cattaneo_and_mindlin() -> None:
     for share in (0.1, 0.5, 0.9):
         Q = share * MU * 0.5
-        sharp = contact(0.5, E, NU, 1e-7)
-        state = AxisymmetricLoading(sharp, 256).at_force(Q)
+        sharp = contact(0.5, E, NU, 1e-6)
+        state = AxisymmetricLoading(sharp, 128).at_force(Q)
         shift = float(cm.shift(Q, MU, 0.5, sharp.a, E, NU))
         assert pytest.approx(shift, rel=1e-4) == state.D
         assert state.peak_radius == pytest.approx(
@@ -176,6 +176,7 @@ def test_the_stick_radius_never_grows_with_the_force_and_the_work_is_never_negat
     assert (Q * delta >= 0).all()
 
 
+@settings(max_examples=30)
 @given(st.lists(st.floats(-1, 1), min_size=1, max_size=5))
 def test_no_path_from_rest_gives_work_and_its_mirror_image_gives_the_same_force(
     turns: list[float],
