@@ -37,7 +37,8 @@ from analysis.dic import Correlation, Grid, Tracker, compile_kernels, open_track
 from benchmarks import scores
 from benchmarks.report import ROOT, Report
 from benchmarks.scores import Picture, follow, frames_of, score_translation
-from benchmarks.speckle import SIZE, Frame, Motion, camera, noise_floor, pattern
+from app.tradeoff.speckle import Motion, Wave
+from benchmarks.speckle import SIZE, Frame, camera, noise_floor, pattern
 
 SUBJECT = "Image correlation"
 METHODS = {
@@ -202,24 +203,6 @@ def draw(curves: list[list[float]], file: Path) -> None:
     axes.minorticks_off()
     axes.legend(frameon=False)
     figure.savefig(file, dpi=150)
-
-
-class Wave:
-    """A displacement u_x = A sin(2 pi s / wavelength), s along x (axis 0) or y (axis 1)."""
-
-    def __init__(self, wavelength: float, axis: int) -> None:
-        self._k, self._axis = 2 * np.pi / wavelength, axis
-        self._amplitude = 0.015 * wavelength / 2 / np.pi
-
-    def __call__(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The exact (u_x, u_y)."""
-        u = self._amplitude * np.sin(self._k * np.asarray((x, y)[self._axis]))
-        return u, np.zeros_like(u)
-
-    def gradient(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The exact (du_x/dx, du_x/dy)."""
-        slope = self._amplitude * self._k * np.cos(self._k * np.asarray((x, y)[self._axis]))
-        return (slope, 0 * slope) if self._axis == 0 else (0 * slope, slope)
 
 
 def waves(report: Report, _: int | None) -> None:

@@ -1,0 +1,216 @@
+"""A measurement of many variants, one after the other, that can be left and taken up again; and the
+best of them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from app.errors import UserError
+from app.outputs import check_output, new_file
+
+Figures = dict[str, float]
+Found = dict[str, Figures]
+LONGEST = 1 << 24  # bytes of a results file
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """What is measured: a method with its settings.
+
+    Attributes
+    ----------
+    group : str
+        Variants that are drawn as one, such as the method.
+    settings : dict
+        As people write them; enough to use the variant.
+    effort : float
+        Expected time, of any unit.
+    """
+
+    name: str
+    group: str
+    settings: dict[str, Any]
+    effort: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """What is measured of which variants.
+
+    Attributes
+    ----------
+    subject : str
+    about : dict
+        What the figures hold for, besides this computer and version: results of another one are
+        not continued.
+    columns : dict
+        Name of a figure, with its unit -> its heading.
+    cost, errors : str, tuple of str
+        The names of the figures of which a variant is best that has no other below it in all; those
+        of `errors` are drawn against the first.
+    """
+
+    subject: str
+    about: dict[str, Any]
+    columns: dict[str, str]
+    cost: str
+    errors: tuple[str, ...]
+    variants: tuple[Variant, ...]
+    measure: Callable[[Variant], Figures]
+
+    def identity(self) -> dict[str, Any]:
+        """All that figures depend on, as JSON gives it back."""
+        about = {"subject": self.subject, **computer(), **self.about}
+        return dict(json.loads(json.dumps(about)))
+
+
+def computer() -> dict[str, str]:
+    """This computer, and the version of the program and of what does its arithmetic."""
+    from app.session.versions import processor
+
+    packages = ("slipscope", "numpy", "numba", "opencv-python-headless")
+    versions = " ".join(f"{name} {metadata.version(name)}" for name in packages)
+    return {"machine": platform.node(), **processor(), "version": versions}
+
+
+def run(
+    study: Study,
+    results: Path | None,
+    overwrite: bool,
+    on_progress: Callable[[str, float], None] = lambda text, share: None,
+) -> Found:
+    """The figures of every variant of a study, by name.
+
+    Each is written to the file `results` as soon as it is measured; what is there already is not
+    measured again.
+
+    Raises
+    ------
+    UserError
+        The file can not be written, or holds something else.
+    """
+    found: Found = {}
+    if results is not None:
+        check_output(results, overwrite=True, endings=(".json",))
+        if results.exists() and not overwrite:
+            found = kept(study, results)
+    left = sum(v.effort for v in study.variants if v.name not in found)
+    began, done = time.perf_counter(), 0.0
+    for n, variant in enumerate(study.variants, 1):
+        if variant.name in found:
+            continue
+        spent = time.perf_counter() - began
+        rest = f"; {_duration(spent * (left / done - 1))} left" if done else ""
+        text = f"{n} of {len(study.variants)}: {variant.name}{rest}"
+        on_progress(text, done / left)
+        found[variant.name] = study.measure(variant)
+        done += variant.effort
+        if results is not None:
+            write(study, found, results)
+    if results is not None and not done:
+        write(study, found, results)
+    on_progress("done", 1.0)
+    return {v.name: found[v.name] for v in study.variants}
+
+
+def document(study: Study, found: Mapping[str, Figures]) -> dict[str, Any]:
+    """A study with what was measured of it, as it is kept; figures that could not be determined are
+    null.
+    """
+    best = front(found, (study.cost, *study.errors))
+    variants = [
+        {
+            "name": v.name,
+            "group": v.group,
+            "settings": v.settings,
+            "is_on_the_front": v.name in best,
+            **{k: x if math.isfinite(x) else None for k, x in found[v.name].items()},
+        }
+        for v in study.variants
+        if v.name in found
+    ]
+    return {"about": study.identity(), "columns": study.columns, "variants": variants}
+
+
+def write(study: Study, found: Mapping[str, Figures], path: Path) -> None:
+    """Keep what was measured so far."""
+    text = json.dumps(document(study, found), indent=1, ensure_ascii=False, allow_nan=False)
+    with new_file(path, overwrite=True) as unfinished:
+        unfinished.write_text(text + "\n", encoding="utf-8")
+
+
+def kept(study: Study, path: Path) -> Found:
+    """The figures in a file of results of the same study.
+
+    Raises
+    ------
+    UserError
+        It holds something else.
+    """
+    try:
+        if path.stat().st_size > LONGEST:
+            raise ValueError("too long")
+        held = json.loads(path.read_text(encoding="utf-8"))
+        about = dict(held["about"])
+        found = {
+            str(row["name"]): {
+                key: math.nan if row[key] is None else float(row[key]) for key in study.columns
+            }
+            for row in held["variants"]
+        }
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise UserError(
+            f"{path}: not the results of `slipscope tradeoff`; choose another name or give"
+            " --overwrite"
+        ) from None
+    mine = study.identity()
+    for key in mine | about:
+        if mine.get(key) != about.get(key):
+            raise UserError(
+                f"{path}: measured with another {key.replace('_', ' ')} ({_brief(about.get(key))},"
+                f" now {_brief(mine.get(key))}), so that its figures can not be continued; choose"
+                " another name or give --overwrite"
+            )
+    return found
+
+
+def front(found: Mapping[str, Figures], axes: tuple[str, ...]) -> list[str]:
+    """Names of the variants that no other one beats: at least as low in all of these figures, and
+    lower in one. A figure that could not be determined counts as infinite.
+    """
+    points = {
+        name: tuple(x if math.isfinite(x := figures[a]) else math.inf for a in axes)
+        for name, figures in found.items()
+    }
+    return [
+        name
+        for name, p in points.items()
+        if any(map(math.isfinite, p))
+        and not any(
+            q != p and all(b <= a for a, b in zip(p, q, strict=True)) for q in points.values()
+        )
+    ]
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _brief(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
