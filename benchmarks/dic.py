@@ -34,10 +34,10 @@ import cv2
 import numpy as np
 
 from analysis.dic import Correlation, Grid, Tracker, compile_kernels, open_tracker
+from app.tradeoff.speckle import Motion, Wave
 from benchmarks import scores
 from benchmarks.report import ROOT, Report
 from benchmarks.scores import Picture, follow, frames_of, score_translation
-from app.tradeoff.speckle import Motion, Wave
 from benchmarks.speckle import SIZE, Frame, camera, noise_floor, pattern
 
 SUBJECT = "Image correlation"

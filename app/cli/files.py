@@ -123,6 +123,97 @@ def invert(
 
 
 @command(app)
+def tradeoff(
+    pictures: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[REFERENCE] [REST...]",
+            help="Your picture, and others of the same at rest; else standard speckle.",
+            show_default=False,
+        ),
+    ] = None,
+    rest: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="IMAGE...", help="Pictures at rest, the same as behind REFERENCE."),
+    ] = None,
+    of: Annotated[
+        str,
+        typer.Option(
+            metavar="correlation|inversion|simulation",
+            help="What is measured; no pictures but the first.",
+        ),
+    ] = "correlation",
+    methods: Annotated[
+        list[str] | None,
+        typer.Option("--method", metavar="shared|icgn|direct", help="Only this; may be repeated."),
+    ] = None,
+    boxes: Annotated[
+        list[int] | None,
+        typer.Option("--box", metavar="PX", help="Only this box; may be repeated."),
+    ] = None,
+    rate_hz: Annotated[
+        float, typer.Option("--rate", metavar="HZ", help="Pictures per second to keep up with.")
+    ] = 23.8,
+    free: Annotated[
+        float, typer.Option(metavar="SHARE", help="Of this computer, to be left free meanwhile.")
+    ] = 0.5,
+    period_px: Annotated[
+        float | None,
+        typer.Option(
+            "--period",
+            metavar="PX",
+            help="Waves of u_x this long must be passed; else those of the standard settings.",
+        ),
+    ] = None,
+    threads: Annotated[int, typer.Option(min=1, max=64, help="Of the correlation.")] = 2,
+    full_scale: Annotated[
+        int, typer.Option(min=0, max=65535, help="End of the grey scale, 4095 for 12 bit.")
+    ] = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer variants and smaller pictures, in a minute.")
+    ] = False,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "--json",
+            metavar="FILE.json",
+            help="File for all figures. What an earlier, unfinished run left there is continued.",
+        ),
+    ] = None,
+    picture: Annotated[Path | None, output("FILE.png|.pdf|.svg", "File for the picture.")] = None,
+    overwrite: Overwrite = False,
+) -> int:
+    """Speed against accuracy on this computer, for your texture and its noise: bias, sigma, spatial
+    resolution and cost of every method, box, step, interpolant and tolerance.
+
+    The grains, the contrast and the noise of the picture are measured and speckle of the same kind
+    is made of blobs, which can be moved exactly. The period is that of the wave of u_x of which 90 %
+    of the amplitude is measured. A star marks what no other one beats. Ends with what to use for
+    --rate frames/s. Takes minutes; Ctrl-C leaves, and the same command goes on from --json.
+
+    Example: `slipscope tradeoff rest_000.tif rest_*.tif --json trade.json -o trade.png`
+    """
+    from app.commands import tradeoff as trade
+
+    return trade.tradeoff(
+        pictures or [],
+        rest or [],
+        of=of,
+        methods=methods or [],
+        boxes=boxes or [],
+        rate_hz=rate_hz,
+        free=free,
+        period_px=period_px,
+        threads=threads,
+        full_scale=full_scale,
+        quick=quick,
+        results=results,
+        picture=picture,
+        overwrite=overwrite,
+    )
+
+
+@command(app)
 def export(
     session: SessionFile,
     destination: Annotated[Path, output("FOLDER|FILE.csv|.npz|.mat|.pvd", "Where to write it.")],

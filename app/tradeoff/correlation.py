@@ -23,11 +23,13 @@ COLUMNS = {
     "bias_px": "bias (px)",
     "sigma_px": "sigma (px)",
     "over_floor": "sigma / floor",
+    "error_px": "error (px)",
     "period_px": "period (px)",
     "efficiency_px2": "period x sigma (px²)",
+    "contact_px": "contact (px)",
     "cpu_ms": "CPU (ms)",
     "wall_ms": "wall (ms)",
-    "points_per_s": "points/s",
+    "points_per_s": "points /s",
     "memory_mib": "memory (MiB)",
     "lost_percent": "lost (%)",
 }
@@ -171,7 +173,7 @@ class Tracking:
         return self._by * found.ux_px.astype(np.float64), found.status
 
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        """x and y of every point."""
+        """X and y of every point."""
         grid, by = self._tracker.grid, self._by
         x, y = np.meshgrid(grid.x_px, grid.y_px)
         return by * x + (by - 1) / 2, by * y + (by - 1) / 2
@@ -206,6 +208,7 @@ class Bench:
             "bias_px": bias,
             "sigma_px": sigma,
             "over_floor": sigma / floor if floor else math.nan,
+            "error_px": math.hypot(bias, sigma),
             "period_px": period,
             "efficiency_px2": period * sigma,
             **cost,
@@ -220,8 +223,8 @@ class Bench:
         x, y = tracking.points()
         (rows, columns), least = self._scale.crop, box / 2 + EDGE_PX
         biases, scatters, lost = [], [], []
-        for n in range(1, self._scale.fractions + 1):
-            ux = n / self._scale.fractions
+        for n in range(1, self._scale.fractions + 1):  # with jumps: each starts from the last one
+            ux = (3 * n % self._scale.fractions or self._scale.fractions) / self._scale.fractions
             found, _ = tracking.track(self._small.moved(Motion.uniform(ux)))
             scored = (x >= least) & (x + ux <= columns - 1 - least)
             scored &= (y >= least) & (y <= rows - 1 - least)
@@ -272,8 +275,8 @@ class Bench:
         return float(PERIODS_PX[n - 1] * (PERIODS_PX[n] / PERIODS_PX[n - 1]) ** t)
 
     def _cost(self, tracking: Tracking) -> Figures:
-        """Medians over pictures of full size: a contact that slips from its edge, half a pixel
-        further each time.
+        """Medians over pictures of full size of a contact that slips from its edge, half a pixel
+        further each time; and the rms error of u_x where it slips.
         """
         size, frames = self._large.size, self._scale.frames
         radius = 0.25 * min(size)
@@ -285,15 +288,19 @@ class Bench:
         tracking.track(pictures[1])
         memory = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        wall, cpu = [], []
-        for picture in pictures[2:]:
+        wall, cpu, squares = [], [], []
+        x, y = tracking.points()
+        for picture, motion in zip(pictures[2:], motions[1:], strict=True):
             began, used = time.perf_counter(), time.process_time()
-            tracking.track(picture)
+            found, _ = tracking.track(picture)
             wall.append(time.perf_counter() - began)
             cpu.append(time.process_time() - used)
-        points = tracking.points()[0].size
+            error = (found - motion(x, y)[0])[motion.ring(x, y)]
+            squares.append(float(np.mean(error[np.abs(error) <= WRONG_PX] ** 2)))
+        points = x.size
         tracking.close()
         return {
+            "contact_px": math.sqrt(np.mean(squares)),
             "cpu_ms": 1e3 * float(np.median(cpu)),
             "wall_ms": 1e3 * float(np.median(wall)),
             "points_per_s": points / float(np.median(wall)),
@@ -335,7 +342,7 @@ def study(
         "scale": f"{scale.crop[1]} x {scale.crop[0]} px, {scale.fractions} displacements",
     }
     bench = Bench(texture, size, scale, threads)
-    errors = "sigma_px", "period_px"
+    errors = "error_px", "period_px"
     subject = "image correlation"
     return Study(subject, about, COLUMNS, "cpu_ms", errors, tuple(wanted), bench.measure)
 
@@ -371,7 +378,7 @@ def advice(
     fine = {name: f for name, f in fits.items() if f["period_px"] <= longest * 1.005}
     lines = []
     for what, chosen, key in (
-        (f"waves of {longest:.0f} px and more passed to {PASSED:.0%}", fine, "sigma_px"),
+        (f"waves of {longest:.0f} px and more passed to {PASSED:.0%}", fine, "error_px"),
         ("finest for its noise (least period x sigma)", fits, "efficiency_px2"),
     ):
         usable = [name for name in chosen if math.isfinite(chosen[name][key])]

@@ -95,7 +95,9 @@ class Texture:
         kind, size = "standard speckle", 4.0
         if self.grains is not None:
             by_power = self.grains.share * np.prod(self.grains.sigma_px, axis=1)
-            size = 4 * float(np.average(np.sqrt(np.prod(self.grains.sigma_px, 1)), weights=by_power))
+            size = 4 * float(
+                np.average(np.sqrt(np.prod(self.grains.sigma_px, 1)), weights=by_power)
+            )
             kind = "speckle fitted to the picture"
         return (
             f"{kind}: grains of {size:.1f} px, contrast {self.contrast:.3g}, noise"
@@ -103,9 +105,7 @@ class Texture:
         )
 
 
-def texture_of(
-    reference: Picture, at_rest: Sequence[Picture] = (), full_scale: int = 0
-) -> Texture:
+def texture_of(reference: Picture, at_rest: Sequence[Picture] = (), full_scale: int = 0) -> Texture:
     """The texture of a picture, and its noise by pictures taken at rest.
 
     Parameters

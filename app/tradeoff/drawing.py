@@ -1,0 +1,127 @@
+"""The picture of a study: cost against each error with its front, and for the correlation sigma
+against the box, as in Fig. 4d of the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from app.report.figures import GREY, RED, STYLE
+from app.tradeoff.study import Found, Study, Variant, front
+
+COLOURS = ("#1f5fa8", "#2e8b57", "#d98200", "#c0392b", "#7d3c98", "#444444")
+PAPER_BOX_PX, PAPER_SIGMA_PX = 20, 0.033  # Prevost et al. 2013, Fig. 4d
+MARKERS = {"step": "s", "tolerance": "v", "interpolant": "^", "precision": "D", "binning": "x"}
+LEAST = 1e-9  # of a figure on a logarithmic axis
+
+
+def draw(study: Study, found: Found, path: Path) -> None:
+    """Draw a study into a file, whose ending says how: .png, .pdf or .svg."""
+    is_correlation = "sigma_px" in study.columns
+    panels = [*study.errors, *(["box", "efficiency"] if is_correlation else [])]
+    with mpl.rc_context(STYLE):
+        rows = math.ceil(len(panels) / 2)
+        figure = Figure(figsize=(7.2, 0.5 + 2.9 * rows), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes: Any = figure.subplots(rows, 2, squeeze=False)
+        for panel, what in zip(axes.ravel(), panels, strict=False):
+            if what == "box":
+                _over_box(panel, study, found)
+            elif what == "efficiency":
+                _scatter(panel, study, found, "period_px", "sigma_px")
+            else:
+                _scatter(panel, study, found, study.cost, what)
+        for panel in axes.ravel()[len(panels) :]:
+            panel.axis("off")
+        for letter, panel in zip("abcd", axes.ravel()[: len(panels)], strict=False):
+            panel.set_title(f"({letter})", loc="left")
+        _legend(figure, study)
+        about = study.identity()
+        size = f"; pictures of {about['picture']}" if "picture" in about else ""
+        figure.suptitle(f"{study.subject} on {about['processor']}{size}", fontsize=8, color=GREY)
+        figure.savefig(path, dpi=170)
+
+
+def colours(study: Study) -> dict[str, str]:
+    """Colour of each group."""
+    groups = dict.fromkeys(v.group for v in study.variants)
+    return {group: COLOURS[n % len(COLOURS)] for n, group in enumerate(groups)}
+
+
+def _marker(variant: Variant) -> str:
+    return next((m for name, m in MARKERS.items() if name in variant.settings), "o")
+
+
+def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> None:
+    """All variants by two of their figures; those that no other beats in both, on a line."""
+    colour = colours(study)
+    shown = [v for v in study.variants if all(found[v.name][k] > LEAST for k in (across, up))]
+    for variant in shown:
+        x, y = (found[variant.name][k] for k in (across, up))
+        axes.plot(x, y, _marker(variant), ms=4, mfc="none", color=colour[variant.group], mew=0.9)
+    named = {v.name: found[v.name] for v in shown}
+    best = sorted(front(named, (across, up)), key=lambda name: named[name][across])
+    line = [[named[name][k] for name in best] for k in (across, up)]
+    axes.plot(*line, color=GREY, lw=0.7, zorder=0)
+    axes.set(xscale="log", yscale="log", xlabel=_label(study, across), ylabel=_label(study, up))
+
+
+def _over_box(axes: Any, study: Study, found: Found) -> None:
+    """Sigma against the box, of the variants in which nothing else is changed."""
+    bounds: dict[float, float] = {}
+    for group, colour in colours(study).items():
+        plain = [v for v in study.variants if v.group == group and _marker(v) == "o"]
+        plain = [v for v in plain if "preset" not in v.name and found[v.name]["sigma_px"] > 0]
+        curve = sorted((v.settings["box"], found[v.name]["sigma_px"]) for v in plain)
+        if curve:
+            axes.plot(*zip(*curve, strict=True), "o-", ms=3, color=colour, lw=0.8)
+        for v in plain:
+            figures = found[v.name]
+            bounds[v.settings["box"]] = figures["sigma_px"] / figures["over_floor"]
+    axes.plot(*zip(*sorted(bounds.items()), strict=True), "--", color=GREY, lw=0.8)
+    axes.plot(PAPER_BOX_PX, PAPER_SIGMA_PX, "*", color=RED, ms=8)
+    axes.annotate(
+        "Prevost et al. 2013", (PAPER_BOX_PX, PAPER_SIGMA_PX), (6, 3), "data",
+        "offset points", fontsize=6.5, color=RED,
+    )  # fmt: skip
+    ends = min(bounds), bounds[min(bounds)]
+    axes.annotate(
+        "least possible", ends, (2, -9), "data", "offset points", fontsize=6.5, color=GREY
+    )
+    axes.set(xscale="log", yscale="log", xlabel="box (px)", ylabel=_label(study, "sigma_px"))
+    boxes = sorted(bounds)
+    axes.set_xticks(boxes, [f"{box:g}" for box in boxes])
+    axes.minorticks_off()
+
+
+def _label(study: Study, key: str) -> str:
+    labels = {
+        "cpu_ms": "processor time of a frame (ms)",
+        "sigma_px": r"standard deviation of $u_x$ (px)",
+        "error_px": r"error of $u_x$: sigma and worst bias (px)",
+        "period_px": "period passed to 90 % (px)",
+    }
+    return (
+        labels.get(key, study.columns[key])
+        if study.subject != "simulation"
+        else ("processor time (ms)" if key == "cpu_ms" else f"error of {study.columns[key]}")
+    )
+
+
+def _legend(figure: Any, study: Study) -> None:
+    from matplotlib.lines import Line2D
+
+    kinds = [Line2D([], [], color=c, marker="o", ls="", ms=4, label=g) for g, c in
+             colours(study).items()]  # fmt: skip
+    for name, marker in MARKERS.items():
+        if study.subject == "image correlation" and any(name in v.settings for v in study.variants):
+            other = {"mfc": "none", "color": GREY, "ls": "", "ms": 4}
+            kinds.append(Line2D([], [], marker=marker, label=f"another {name}", **other))
+    kinds.append(Line2D([], [], color=GREY, lw=0.7, label="front"))
+    figure.legend(handles=kinds, loc="outside lower center", ncols=min(6, len(kinds)))

@@ -1,0 +1,196 @@
+"""What each inversion of a displacement field into a shear traction costs and reaches."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+
+from analysis.contact.rings import ring_means
+from analysis.friction.stress_peak import stress_peak
+from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.problem import InversionProblem
+from analysis.inversion.regularised import RegularisedInversion
+from analysis.inversion.van_cittert import van_cittert
+from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
+from app.tradeoff.study import Figures, Study, Variant
+
+COLUMNS = {
+    "sigma_percent": "sigma (% of mu p0)",
+    "field_percent": "whole field (%)",
+    "force_percent": "Q (%)",
+    "stick_percent": "c (% of a)",
+    "chi2": "chi2",
+    "cpu_ms": "CPU (ms)",
+}
+CONTACT = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
+SHARES = 0.3, 0.6, 0.9  # of mu P
+PIXEL_M, SIZE, BOX_PX = 7.04e-6, (1200, 1600), 20
+RIM, EDGE = 1.15, 0.12  # of a: the mask, and half the cubic through the largest traction
+STEPS_PX = 5, 10, 20, 40
+SUBPOINTS = 6  # of a box, across and down, over which the exact u_x is averaged
+BEFORE, APART = 4, 0.02  # earlier frames of a run, and how much of mu P they are apart
+METHODS = ("axisymmetric", "live field", "cgls", "van-cittert", "regularised")
+SLOW = "van-cittert", "regularised"
+
+
+@cache
+def loaded(share: float) -> LoadingState:
+    """The contact under this share of mu P, with twice the modes of the simulation."""
+    return AxisymmetricLoading(CONTACT, 128).at_force(share * CONTACT.limit)
+
+
+class Field:
+    """Exact displacements on a grid of one step, with noise as boxes that overlap share it."""
+
+    def __init__(self, step_px: int, noise_px: float) -> None:
+        self.pitch, self._noise = step_px * PIXEL_M, noise_px * PIXEL_M
+        ny, nx = (round((size - BOX_PX) / step_px) for size in SIZE)
+        self.x, self.y = np.meshgrid(*(self.pitch * (np.arange(n) - (n - 1) / 2) for n in (nx, ny)))
+        self.radius = np.hypot(self.x, self.y)
+        self._side = max(1, round(BOX_PX / step_px))
+
+    @cache  # noqa: B019 - fields live as long as the program
+    def displacement(self, share: float) -> np.ndarray:
+        """Exact u_x seen from the sphere at this share of mu P, averaged over each box, metres."""
+        state = loaded(share)
+        r = np.linspace(0, self.radius.max() + BOX_PX * PIXEL_M, 6000)
+        g0, g2 = state.displacement(r)
+        box, total = BOX_PX * PIXEL_M, np.zeros_like(self.x)
+        for dy in (np.arange(SUBPOINTS) + 0.5) / SUBPOINTS - 0.5:
+            for dx in (np.arange(SUBPOINTS) + 0.5) / SUBPOINTS - 0.5:
+                x, y = self.x + dx * box, self.y + dy * box
+                s = np.hypot(x, y)
+                cos = np.divide(x * x - y * y, s * s, out=np.zeros_like(s), where=s > 0)
+                total += np.interp(s, r, g0) + np.interp(s, r, g2) * cos
+        return np.asarray(state.D - total / SUBPOINTS**2)
+
+    def noisy(self, u: np.ndarray, seed: int) -> np.ndarray:
+        """With the noise of one frame."""
+        k, (ny, nx) = self._side, u.shape
+        white = np.random.default_rng(seed).normal(size=(ny + k - 1, nx + k - 1))
+        windows = np.lib.stride_tricks.sliding_window_view(white, (k, k))
+        return np.asarray(u + self._noise * windows.sum(axis=(2, 3)) / k)
+
+    @cached_property
+    def problem(self) -> InversionProblem:
+        """That of the methods which give the whole field."""
+        inside = self.radius < RIM * CONTACT.a
+        box = BOX_PX * PIXEL_M
+        return InversionProblem(inside, self.pitch, CONTACT.E, CONTACT.nu, box=box)
+
+
+class Inverting:
+    """Measures inversions."""
+
+    def __init__(self, noise_px: float, seeds: int) -> None:
+        self._noise, self._seeds, self._fields = noise_px, seeds, dict[int, Field]()
+
+    def measure(self, variant: Variant) -> Figures:
+        """The figures of a variant: medians over the noise, of the worst load."""
+        field = self._fields.setdefault(
+            (step := variant.settings["step"]), Field(step, self._noise)
+        )
+        solve = self._solver(variant.settings["method"], field)
+        worst = np.zeros(len(COLUMNS))
+        for share in SHARES:
+            before = BEFORE if variant.settings["method"] == "live field" else 0
+            fields = [field.displacement(share - APART * n) for n in range(before, -1, -1)]
+            rows = []
+            for seed in range(self._seeds):
+                frames = [field.noisy(u, 100 * seed + n) for n, u in enumerate(fields)]
+                rows.append(solve(frames, loaded(share)))
+            worst = np.fmax(worst, np.median(np.abs(rows), axis=0))
+        return dict(zip(COLUMNS, worst.tolist(), strict=True))
+
+    def _solver(
+        self, method: str, field: Field
+    ) -> Callable[[list[np.ndarray], LoadingState], list[float]]:
+        box, noise = BOX_PX * PIXEL_M, self._noise * PIXEL_M
+        place = (field.x, field.y)
+        known = {"edge": CONTACT.a, "box": box}
+        mask = RIM * CONTACT.a + 2 * field.pitch
+        azimuth = np.arctan2(field.y, field.x)
+        started: Any = None
+        if method == "axisymmetric":
+            live = AxisymmetricInversion(*place, field.pitch, mask, CONTACT.E, CONTACT.nu, **known)
+        elif method == "regularised":
+            best = RegularisedInversion(*place, mask, CONTACT.E, CONTACT.nu, **known)
+
+        def invert(u: np.ndarray) -> Any:
+            if method == "axisymmetric":
+                return live.solve(ring_means(field.radius, u, field.pitch, theta=azimuth))
+            if method == "regularised":
+                return best.solve(u, noise)
+            if method == "van-cittert":
+                return van_cittert(field.problem, u, noise)
+            if method == "cgls":
+                return conjugate_gradient(field.problem, u, noise)
+            return conjugate_gradient(field.problem, u, noise, start=started, iterations=5)
+
+        def solve(frames: list[np.ndarray], state: LoadingState) -> list[float]:
+            nonlocal started
+            started = None
+            if method == "live field":
+                started = conjugate_gradient(field.problem, frames[0], noise).sigma
+                for u in frames[1:-1]:
+                    started = invert(u).sigma
+            else:
+                invert(frames[-1])  # fills the caches
+            began = time.process_time()
+            found = invert(frames[-1])
+            spent = time.process_time() - began
+            radial = method == "axisymmetric"
+            sigma = live.stress(field.radius, found.coefficients) if radial else found.sigma
+            return [*_errors(field, sigma, found, state), 1e3 * spent]
+
+        return solve
+
+
+def _errors(field: Field, sigma: np.ndarray, found: Any, state: LoadingState) -> list[float]:
+    """Errors in the order of `COLUMNS`, but for the time."""
+    a, peak = CONTACT.a, CONTACT.mu * CONTACT.peak_pressure
+    error = (sigma - state.traction(field.radius)) / peak
+    rings = ring_means(field.radius, sigma, field.pitch, a)
+    exact = ring_means(field.radius, state.traction(field.radius), field.pitch, a)
+    scatter = np.full(rings.mean.shape, 0.01 * peak)
+    top = stress_peak(rings.radius, rings.mean, scatter, reach=EDGE * a)
+    profile = (rings.mean - exact.mean) / peak
+    return [
+        100 * math.sqrt(np.nanmean(profile**2)),
+        100 * math.sqrt(np.mean(error[field.radius < a] ** 2)),
+        100 * (found.Q / state.Q - 1),
+        100 * (top.radius - state.peak_radius) / a,
+        found.chi2,
+    ]
+
+
+def study(quick: bool = False, noise_px: float = 0.0057) -> Study:
+    """The study of all inversions, on grids of several steps."""
+    steps = STEPS_PX[1:3] if quick else STEPS_PX
+    effort = {"van-cittert": 8.0, "regularised": 3.0}
+    variants = tuple(
+        Variant(
+            f"{method}, step {step}",
+            method,
+            {"method": method, "step": step},
+            effort.get(method, 1.0) * (20 / step) ** 2,
+        )
+        for method in METHODS
+        for step in steps
+        if not (quick and method in SLOW and step < 20)
+    )
+    about = {
+        "contact": "P = 0.5 N, mu = 0.93, L = 0.8 um, at 0.3, 0.6 and 0.9 mu P",
+        "noise_px": noise_px,
+        "box_px": BOX_PX,
+        "seeds": 1 if quick else 3,
+    }
+    errors = "sigma_percent", "force_percent", "stick_percent"
+    measure = Inverting(noise_px, about["seeds"]).measure
+    return Study("inversion", about, COLUMNS, "cpu_ms", errors, variants, measure)
