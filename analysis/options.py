@@ -177,6 +177,11 @@ class Section:
         A value is.
     """
 
+    @classmethod
+    def resolved(cls, written: dict[str, Any]) -> dict[str, Any]:
+        """The settings that somebody wrote, by name, with those that one of them stands for."""
+        return written
+
     def __post_init__(self) -> None:
         for name, declared in options(type(self)).items():
             if not declared.allows(value := getattr(self, name)):

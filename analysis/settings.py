@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from analysis.options import UNITS, Section, option, options
 
 METHODS = ("shared", "icgn", "direct")
+PRESETS = {  # each from the front of `slipscope tradeoff`; docs/analysis.md has their figures
+    name: {"interpolant": "matched", "precision": "single", "order": 1} | given
+    for name, given in {
+        "fast": {"method": "shared", "box": 20, "step": 20, "tolerance": 0.3},
+        "accurate": {"method": "icgn", "order": 2, "box": 50, "step": 10, "tolerance": 0.1},
+        "finest": {"method": "icgn", "order": 2, "box": 38, "step": 10, "tolerance": 0.1},
+    }.items()
+}
 INTERPOLANTS = ("matched", "bilinear", "bicubic", "bspline3", "bspline5", "sinc6", "sinc8")
 
 
@@ -86,12 +95,21 @@ class Correlation(Section):
     (`analysis.dic.icgn`). ``direct`` is the paper's search for the highest correlation, with a 2D
     Gaussian through its peak (`analysis.dic.direct`).
 
+    A preset stands for the method and its settings, and is replaced by them where settings are read
+    (`resolved`): an instance has none.
+
     Raises
     ------
     ValueError
         A value can not be used, or two can not be used together.
     """
 
+    preset: str = option(
+        "custom",
+        "Method, order, interpolant, precision, tolerance, box and step at once; of these, what is"
+        " given beside it is kept",
+        choices=("custom", *PRESETS),
+    )
     method: str = option(
         "shared",
         "Passes over the whole image, IC-GN of each box by itself, or the paper's search",
@@ -167,6 +185,36 @@ class Correlation(Section):
                 f"correlation: double precision asked of method '{self.method}'; use method"
                 " 'icgn', or single precision"
             )
+        if self.preset != "custom":
+            raise ValueError(
+                f"correlation: the preset '{self.preset}' is replaced by its settings when settings"
+                f" are read; use Correlation.of_preset('{self.preset}')"
+            )
+
+    @classmethod
+    def of_preset(cls, name: str, **others: Any) -> Correlation:
+        """The settings of a preset, with `others` in place of its own."""
+        return cls(**cls.resolved({"preset": name, **others}))
+
+    @classmethod
+    def resolved(cls, written: dict[str, Any]) -> dict[str, Any]:
+        """What is written, over the settings of the preset if one is.
+
+        Raises
+        ------
+        ValueError
+            The preset would change nothing.
+        """
+        name = written.get("preset")
+        if not isinstance(name, str) or name not in PRESETS:
+            return written
+        preset = PRESETS[name]
+        if all(key in written for key in preset) and not preset.items() <= written.items():
+            raise ValueError(
+                f"dic.preset = '{name}' changes nothing, since {', '.join(preset)} are all given,"
+                " and what is given is kept; leave out what the preset is to decide"
+            )
+        return {**preset, **written, "preset": "custom"}
 
         if self.quality == "auto" and (self.method == "direct" or self.update != "never"):
             raise ValueError(

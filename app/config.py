@@ -20,6 +20,7 @@ from typing import Any, TypeVar, get_type_hints
 import msgspec
 
 from analysis.options import Section, SettingError, as_written, option, options
+from analysis.settings import PRESETS
 from app.errors import UserError
 from app.settings import Config
 from app.toml import LONGEST_TOML, parse_toml
@@ -103,6 +104,10 @@ def section_from(kind: type[S], written: dict[str, Any], name: Callable[[str], s
     ConfigError
         A value can not be used, or two can not be used together.
     """
+    try:
+        written = kind.resolved(written)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
     values = {}
     for key, value in written.items():
         declared = options(kind)[key]
@@ -282,13 +287,17 @@ def parse_override(text: str) -> tuple[str, str, Any]:
 
 
 def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
-    for text in overrides:
-        table, name, value = parse_override(text)
+    parsed = [parse_override(text) for text in overrides]
+    for table, name, value in parsed:
+        if (table, name) == ("dic", "preset") and isinstance(data.get(table), dict):
+            for key in PRESETS.get(str(value), ()):  # what the file says gives way to it
+                data[table].pop(key, None)
+    for table, name, value in parsed:
         content = data.setdefault(table, {})
         if name.startswith(f"{OWN}.") and isinstance(content, dict):
-            content, name = content.setdefault(OWN, {}), name.removeprefix(f"{OWN}.")
+            content = content.setdefault(OWN, {})
         if isinstance(content, dict):
-            content[name] = value
+            content[name.removeprefix(f"{OWN}.")] = value
 
 
 def revised(config: Config, overrides: Sequence[str]) -> Config:

@@ -187,9 +187,9 @@ def tradeoff(
     resolution and cost of every method, box, step, interpolant and tolerance.
 
     The grains, the contrast and the noise of the picture are measured and speckle of the same kind
-    is made of blobs, which can be moved exactly. The period is that of the wave of u_x of which 90 %
-    of the amplitude is measured. A star marks what no other one beats. Ends with what to use for
-    --rate frames/s. Takes minutes; Ctrl-C leaves, and the same command goes on from --json.
+    is made of blobs, which can be moved exactly. The period is that of the wave of u_x of which
+    90 % of the amplitude is measured. A star marks what no other one beats. Ends with what to use
+    for --rate frames/s. Takes minutes; Ctrl-C leaves, and the same command goes on from --json.
 
     Example: `slipscope tradeoff rest_000.tif rest_*.tif --json trade.json -o trade.png`
     """

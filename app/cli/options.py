@@ -94,14 +94,15 @@ def command(app: typer.Typer, name: str | None = None) -> Callable[[Callable[...
             else:
                 parameters.append(_parameter(parameter, hint, defaults[parameter].default))
 
-        def call(**values: Any) -> None:
+        def call(context: typer.Context, **values: Any) -> None:
             with plain_errors(values.get("as_json", False)):
                 own = {name: values.pop(name) for name in hints if name in values}
                 for parameter, kind in sections.items():
-                    own[parameter] = _read(kind, values)
+                    own[parameter] = _read(kind, _given(context, values))
                 raise typer.Exit(function(**own))
 
         call.__doc__ = function.__doc__
+        parameters.insert(0, _parameter("context", typer.Context, inspect.Parameter.empty))
         call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         call.__annotations__ = {p.name: p.annotation for p in parameters}
         app.command(name or function.__name__)(call)
@@ -133,12 +134,18 @@ def _option(declared: Option, kind: Any) -> Any:
     return Annotated[kind, option]
 
 
+def _given(context: typer.Context, values: dict[str, Any]) -> dict[str, Any]:
+    """The options that the command line gave: a preset must tell them from defaults."""
+    source = context.get_parameter_source
+    return {name: x for name, x in values.items() if getattr(source(name), "name", "") != "DEFAULT"}
+
+
 def _read(kind: type[Section] | Given, values: dict[str, Any]) -> Any:
     """The section from what the command line gave, or what was given of it."""
     from app.config import section_from
 
     section = kind.section if isinstance(kind, Given) else kind
-    given = {name: values[name] for name in options(section) if values[name] is not None}
+    given = {name: values[name] for name in options(section) if name in values}
     read = section_from(section, given, flag)
     return {name: getattr(read, name) for name in given} if isinstance(kind, Given) else read
 

@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from app.report.figures import GREY, RED, STYLE
 from app.tradeoff.study import Found, Study, Variant, front
@@ -69,7 +70,13 @@ def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> Non
     best = sorted(front(named, (across, up)), key=lambda name: named[name][across])
     line = [[named[name][k] for name in best] for k in (across, up)]
     axes.plot(*line, color=GREY, lw=0.7, zorder=0)
+    for variant in (v for v in shown if v.name in best and "box" in v.settings):
+        place = named[variant.name][across], named[variant.name][up]
+        text = f"{variant.settings['box']}"
+        axes.annotate(text, place, (-4, -4), textcoords="offset points", fontsize=5.5, ha="right",
+                      va="top", color=GREY)  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel=_label(study, across), ylabel=_label(study, up))
+    _plain_ticks(axes.xaxis, axes.yaxis)
 
 
 def _over_box(axes: Any, study: Study, found: Found) -> None:
@@ -90,14 +97,21 @@ def _over_box(axes: Any, study: Study, found: Found) -> None:
         "Prevost et al. 2013", (PAPER_BOX_PX, PAPER_SIGMA_PX), (6, 3), "data",
         "offset points", fontsize=6.5, color=RED,
     )  # fmt: skip
-    ends = min(bounds), bounds[min(bounds)]
-    axes.annotate(
-        "least possible", ends, (2, -9), "data", "offset points", fontsize=6.5, color=GREY
-    )
+    about = "dashed: least possible (Cramér-Rao)"
+    axes.text(0.03, 0.04, about, transform=axes.transAxes, fontsize=6.5, color=GREY)
     axes.set(xscale="log", yscale="log", xlabel="box (px)", ylabel=_label(study, "sigma_px"))
     boxes = sorted(bounds)
+    _plain_ticks(axes.yaxis)
     axes.set_xticks(boxes, [f"{box:g}" for box in boxes])
-    axes.minorticks_off()
+    axes.set_xticks([], minor=True)
+
+
+def _plain_ticks(*sides: Any) -> None:
+    """1, 2, 5 and their multiples by ten, written as plain numbers."""
+    for side in sides:
+        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        side.set_minor_formatter(NullFormatter())
 
 
 def _label(study: Study, key: str) -> str:
@@ -121,7 +135,7 @@ def _legend(figure: Any, study: Study) -> None:
              colours(study).items()]  # fmt: skip
     for name, marker in MARKERS.items():
         if study.subject == "image correlation" and any(name in v.settings for v in study.variants):
-            other = {"mfc": "none", "color": GREY, "ls": "", "ms": 4}
-            kinds.append(Line2D([], [], marker=marker, label=f"another {name}", **other))
+            kinds.append(Line2D([], [], marker=marker, mfc="none", color=GREY, ls="", ms=4,
+                                label=f"another {name}"))  # fmt: skip
     kinds.append(Line2D([], [], color=GREY, lw=0.7, label="front"))
     figure.legend(handles=kinds, loc="outside lower center", ncols=min(6, len(kinds)))

@@ -185,12 +185,9 @@ def study(quick: bool = False, noise_px: float = 0.0057) -> Study:
         for step in steps
         if not (quick and method in SLOW and step < 20)
     )
-    about = {
-        "contact": "P = 0.5 N, mu = 0.93, L = 0.8 um, at 0.3, 0.6 and 0.9 mu P",
-        "noise_px": noise_px,
-        "box_px": BOX_PX,
-        "seeds": 1 if quick else 3,
-    }
+    seeds = 1 if quick else 3
+    contact = "P = 0.5 N, mu = 0.93, L = 0.8 um, at 0.3, 0.6 and 0.9 mu P"
+    about = {"contact": contact, "noise_px": noise_px, "box_px": BOX_PX, "seeds": seeds}
     errors = "sigma_percent", "force_percent", "stick_percent"
-    measure = Inverting(noise_px, about["seeds"]).measure
+    measure = Inverting(noise_px, seeds).measure
     return Study("inversion", about, COLUMNS, "cpu_ms", errors, variants, measure)
