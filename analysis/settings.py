@@ -228,6 +228,8 @@ class Correlation(Section):
         """Side of the box whose plain average passes as much of long waves as the correlation does
         (`benchmarks/dic.py waves`).
         """
+        if self.method == "icgn" and self.order == 2:
+            return 0.25 * self.box  # a quadratic within the box follows what a mean would flatten
         return 0.6 * self.box if self.method == "shared" else float(self.box)
 
 

@@ -219,7 +219,7 @@ def waves(report: Report, _: int | None) -> None:
         for axis in (0, 1):
             motion, name = Wave(wavelength, axis), f"{wavelength} px along {'xy'[axis]}"
             report.add(name, np.sinc(20 / wavelength), column="average over box 20")
-            for method in ("shared", "icgn, order 0", "icgn, order 1", "direct"):
+            for method in METHODS:
                 tracker = at_rest(METHODS[method], picture(Motion.uniform(0)))
                 found = tracker.track(picture(motion)).ux_px[4:-4, 4:-4]
                 true = motion(*np.meshgrid(tracker.grid.x_px, tracker.grid.y_px))[0][4:-4, 4:-4]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import tracemalloc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from analysis.dic import Correlation, Grid, Status, compile_kernels, open_tracker
-from analysis.options import as_written
+from analysis.settings import PRESETS
 from app.errors import UserError
 from app.tradeoff.speckle import AT_REST, Displacement, Motion, Picture, Wave
 from app.tradeoff.study import Figures, Found, Study, Variant, cores
@@ -98,6 +98,10 @@ def variants(
     sides = boxes or (QUICK_BOXES if quick else BOXES)
     middle = min(sides, key=lambda side: abs(side - Correlation().box))
     made = []
+    if not boxes and set(methods) == set(METHODS):
+        for name, given in PRESETS.items():
+            group = next(m for m, own in METHODS.items() if own.items() <= given.items())
+            made.append(Variant(f"preset {name}", group, dict(given), _effort(group, given)))
     for method in methods:
         few = quick and method != "shared"
         changes: list[dict[str, Any]] = [{"box": box} for box in sides if not few or box <= 32]
@@ -108,9 +112,13 @@ def variants(
             given = METHODS[method] | change
             others = [f"{k} {v}" for k, v in change.items() if k != "box"]
             name = ", ".join([method, f"box {given['box']}", *others])
-            effort = EFFORT.get(method, 3.0) * (given["box"] / 20) ** 1.5 + 1.0
-            made.append(Variant(name, method, given, effort / (given.get("binning", 1) ** 2)))
+            made.append(Variant(name, method, given, _effort(method, given)))
     return tuple(made)
+
+
+def _effort(method: str, given: Mapping[str, Any]) -> float:
+    effort = EFFORT.get(method, 3.0) * (given["box"] / 20) + 1.0
+    return float(effort * (10 / given.get("step", 10)) / given.get("binning", 1) ** 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,7 +367,7 @@ def advice(
     period_px : float or None
         Longest period of a wave that must be passed; None: that of the standard settings.
     """
-    standard = "shared, box 20"
+    standard = f"shared, box {Correlation().box}"
     longest = period_px or found.get(standard, {}).get("period_px", math.nan)
     longest = longest if math.isfinite(longest) else math.inf
     budget, share = (1 - free) * cores() * 1e3 / rate_hz, (1 - free) * 1e3 / rate_hz
@@ -390,8 +398,3 @@ def advice(
                 f" {f['wall_ms']:.3g} ms a frame"
             )
     return lines
-
-
-def written(variant: Variant) -> dict[str, Any]:
-    """All settings of a variant, as people write them."""
-    return as_written(Tracking(variant.settings, Correlation().threads, 0).correlation)

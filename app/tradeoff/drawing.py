@@ -56,6 +56,8 @@ def colours(study: Study) -> dict[str, str]:
 
 
 def _marker(variant: Variant) -> str:
+    if "preset" in variant.name:
+        return "*"
     return next((m for name, m in MARKERS.items() if name in variant.settings), "o")
 
 
@@ -65,14 +67,19 @@ def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> Non
     shown = [v for v in study.variants if all(found[v.name][k] > LEAST for k in (across, up))]
     for variant in shown:
         x, y = (found[variant.name][k] for k in (across, up))
-        axes.plot(x, y, _marker(variant), ms=4, mfc="none", color=colour[variant.group], mew=0.9)
+        size = 8 if (marker := _marker(variant)) == "*" else 4
+        axes.plot(x, y, marker, ms=size, mfc="none", color=colour[variant.group], mew=0.9)
     named = {v.name: found[v.name] for v in shown}
     best = sorted(front(named, (across, up)), key=lambda name: named[name][across])
     line = [[named[name][k] for name in best] for k in (across, up)]
     axes.plot(*line, color=GREY, lw=0.7, zorder=0)
-    for variant in (v for v in shown if v.name in best and "box" in v.settings):
+    for variant in shown:
         place = named[variant.name][across], named[variant.name][up]
-        text = f"{variant.settings['box']}"
+        text = f"{variant.settings['box']}" if "box" in variant.settings else ""
+        if "preset" in variant.name:
+            text = variant.name.removeprefix("preset ")
+        elif variant.name not in best:
+            continue
         axes.annotate(text, place, (-4, -4), textcoords="offset points", fontsize=5.5, ha="right",
                       va="top", color=GREY)  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel=_label(study, across), ylabel=_label(study, up))
@@ -84,7 +91,7 @@ def _over_box(axes: Any, study: Study, found: Found) -> None:
     bounds: dict[float, float] = {}
     for group, colour in colours(study).items():
         plain = [v for v in study.variants if v.group == group and _marker(v) == "o"]
-        plain = [v for v in plain if "preset" not in v.name and found[v.name]["sigma_px"] > 0]
+        plain = [v for v in plain if found[v.name]["sigma_px"] > 0]
         curve = sorted((v.settings["box"], found[v.name]["sigma_px"]) for v in plain)
         if curve:
             axes.plot(*zip(*curve, strict=True), "o-", ms=3, color=colour, lw=0.8)
@@ -137,5 +144,9 @@ def _legend(figure: Any, study: Study) -> None:
         if study.subject == "image correlation" and any(name in v.settings for v in study.variants):
             kinds.append(Line2D([], [], marker=marker, mfc="none", color=GREY, ls="", ms=4,
                                 label=f"another {name}"))  # fmt: skip
-    kinds.append(Line2D([], [], color=GREY, lw=0.7, label="front"))
+    if any("preset" in v.name for v in study.variants):
+        kinds.append(
+            Line2D([], [], marker="*", mfc="none", color=GREY, ls="", ms=8, label="preset")
+        )
+    kinds.append(Line2D([], [], color=GREY, lw=0.7, label="front, with the box in px"))
     figure.legend(handles=kinds, loc="outside lower center", ncols=min(6, len(kinds)))
