@@ -219,8 +219,8 @@ def waves(report: Report, _: int | None) -> None:
         for axis in (0, 1):
             motion, name = Wave(wavelength, axis), f"{wavelength} px along {'xy'[axis]}"
             report.add(name, np.sinc(20 / wavelength), column="average over box 20")
-            for method in METHODS:
-                tracker = at_rest(METHODS[method], picture(Motion.uniform(0)))
+            for method, correlation in METHODS.items():
+                tracker = at_rest(correlation, picture(Motion.uniform(0)))
                 found = tracker.track(picture(motion)).ux_px[4:-4, 4:-4]
                 true = motion(*np.meshgrid(tracker.grid.x_px, tracker.grid.y_px))[0][4:-4, 4:-4]
                 tracker.close()

@@ -2,15 +2,19 @@
 translation, and the graded ring of the contact. All measure boxes of 20 or 21 px every 10 px of
 pictures of 1600 x 1200.
 
-    python -m benchmarks dic_peers [--frames 5] [--peers "OpenCV LK" ...]
+    python -m benchmarks dic_peers [--frames 5] [--peers "OpenCV LK" ...] [--python PYTHON]
 
-OpenPIV takes part if it is installed.
+OpenPIV takes part if it is installed, and so do pyvale, sun-dic and al-dic
+(benchmarks/peer_programs.py), which may be in an environment of their own, whose PYTHON is given:
+
+    python -m venv peers && peers/bin/pip install pyvale sun-dic al-dic psutil
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib.util
+import sys
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -18,7 +22,17 @@ import cv2
 import numpy as np
 
 from benchmarks.report import Report
-from benchmarks.scores import BOX, Array, Measured, Picture, Start, Step, table
+from benchmarks.scores import (
+    BOX,
+    Array,
+    Measured,
+    Picture,
+    Program,
+    Start,
+    Step,
+    installed,
+    table,
+)
 
 SUBJECT = "Image correlation: other libraries"
 SMOOTHING = {"Iterations": 1, "Alpha": 3, "Delta": 1, "Gamma": 0}
@@ -143,12 +157,27 @@ PEERS: dict[str, Start] = {
 } | ({"OpenPIV deformation": openpiv} if importlib.util.find_spec("openpiv") else {})
 
 
+PROGRAMS = ("pyvale", "sun-dic", "al-dic")
+
+
+def chosen(peers: Sequence[str], python: str) -> dict[str, Start | Program]:
+    """The peers of these names; a sentence for each program that is not installed."""
+    programs = [name for name in PROGRAMS if name in peers]
+    there = installed(python, programs)
+    for name in programs:
+        if name not in there:
+            print(f"{name} is left out: {python} does not have it; see --help")
+    found: dict[str, Start | Program] = {name: PEERS[name] for name in peers if name in PEERS}
+    return found | {name: Program(name, python) for name in there}
+
+
 def measure(
     report: Report,
     *,
     frames: int | None = None,
-    peers: Annotated[Sequence[str], PEERS] = tuple(PEERS),
+    peers: Annotated[Sequence[str], (*PEERS, *PROGRAMS)] = (*PEERS, *PROGRAMS),
+    python: str = sys.executable,
 ) -> None:
     """Fill the table."""
     cv2.setNumThreads(1)
-    table(report, {name: PEERS[name] for name in peers}, frames)
+    table(report, chosen(peers, python), frames)

@@ -8,14 +8,20 @@ uncertainty of ux, where there is one.
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.report import Report
+from benchmarks.report import ROOT, Report
 from benchmarks.speckle import Frame, images
 
 Array = NDArray[Any]
@@ -82,10 +88,51 @@ def frames_of(name: str, noise: float, limit: int | None) -> list[Frame]:
     return list(images(name, noise))[: limit and limit + 1]
 
 
-def follow(start: Start, frames: Sequence[Frame]) -> tuple[list[Measured], list[float]]:
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A program of `benchmarks/peer_programs.py`, which correlates a whole series, and the Python
+    that has it.
+    """
+
+    name: str
+    python: str
+
+    def follow(self, frames: Sequence[Frame]) -> tuple[list[Measured], list[float]]:
+        """See `follow`."""
+        with tempfile.TemporaryDirectory() as folder:
+            np.save(Path(folder, "frames.npy"), np.stack([frame.image for frame in frames]))
+            command = [
+                self.python,
+                str(ROOT / "benchmarks" / "peer_programs.py"),
+                self.name,
+                folder,
+            ]
+            threads = {f"{x}_NUM_THREADS": "1" for x in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+            done = subprocess.run(
+                command, capture_output=True, text=True, env=os.environ | threads, check=False
+            )
+            if done.returncode:
+                raise RuntimeError(f"{self.name}: {done.stderr.strip().splitlines()[-1]}")
+            with np.load(Path(folder, "fields.npz")) as found:
+                fields = list(zip(*(found[k] for k in ("x", "y", "ux", "uy")), strict=True))
+                return fields, [float(found["seconds"])] * len(fields)
+
+
+def installed(python: str, names: Iterable[str]) -> list[str]:
+    """Which of these programs that Python has; a program's package has no hyphen."""
+    find = "import sys, importlib.util as u; print([bool(u.find_spec(n)) for n in sys.argv[1:]])"
+    packages = {"sun-dic": "sundic", "al-dic": "al_dic"}
+    words = [packages.get(name, name) for name in names]
+    done = subprocess.run([python, "-c", find, *words], capture_output=True, text=True, check=True)
+    return [name for name, has in zip(names, json.loads(done.stdout.lower()), strict=True) if has]
+
+
+def follow(start: Start | Program, frames: Sequence[Frame]) -> tuple[list[Measured], list[float]]:
     """The fields of a sequence whose first frame is the reference, and the processor seconds of
     each, after one call that warms everything up.
     """
+    if isinstance(start, Program):
+        return start.follow(frames)
     start(frames[0].image)(frames[1].image)
     step, fields, spent = start(frames[0].image), [], []
     for frame in frames[1:]:
@@ -103,7 +150,7 @@ def over_uncertainty(frames: Iterable[Frame], measured: Iterable[Measured]) -> A
     return np.asarray(every[np.abs(every) < 8])
 
 
-def table(report: Report, starts: Mapping[str, Start], limit: int | None) -> None:
+def table(report: Report, starts: Mapping[str, Start | Program], limit: int | None) -> None:
     """Report the errors of both sets without and with noise of 2 grey levels, the points per second
     with noise, and the lost points, for each correlation.
     """

@@ -83,7 +83,7 @@ def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> Non
         axes.annotate(text, place, (-4, -4), textcoords="offset points", fontsize=5.5, ha="right",
                       va="top", color=GREY)  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel=_label(study, across), ylabel=_label(study, up))
-    _plain_ticks(axes.xaxis, axes.yaxis)
+    plain_ticks(axes.xaxis, axes.yaxis)
 
 
 def _over_box(axes: Any, study: Study, found: Found) -> None:
@@ -108,12 +108,12 @@ def _over_box(axes: Any, study: Study, found: Found) -> None:
     axes.text(0.03, 0.04, about, transform=axes.transAxes, fontsize=6.5, color=GREY)
     axes.set(xscale="log", yscale="log", xlabel="box (px)", ylabel=_label(study, "sigma_px"))
     boxes = sorted(bounds)
-    _plain_ticks(axes.yaxis)
+    plain_ticks(axes.yaxis)
     axes.set_xticks(boxes, [f"{box:g}" for box in boxes])
     axes.set_xticks([], minor=True)
 
 
-def _plain_ticks(*sides: Any) -> None:
+def plain_ticks(*sides: Any) -> None:
     """1, 2, 5 and their multiples by ten, written as plain numbers."""
     for side in sides:
         side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
