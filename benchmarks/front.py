@@ -10,7 +10,6 @@ PYTHON has pyvale, sun-dic and al-dic; see `python -m benchmarks dic_peers --hel
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ import numpy as np
 
 from analysis.dic import Correlation, compile_kernels
 from analysis.settings import PRESETS
-from app.tradeoff.drawing import plain_ticks
+from app.tradeoff.drawing import label, plain_ticks
 from app.tradeoff.study import front
 from benchmarks.dic import METHODS, following
 from benchmarks.dic_peers import PEERS, PROGRAMS, chosen
@@ -74,6 +73,7 @@ def draw(points: dict[str, dict[str, float]], path: Path) -> None:
     from matplotlib import pyplot
 
     figure, panels = pyplot.subplots(1, 2, figsize=(9, 4.4), layout="constrained")
+    texts = {}
     for panel, what in zip(panels, (SIGMA, SLIPPING), strict=True):
         for name, figures in points.items():
             ours = name.startswith("SlipScope")
@@ -85,35 +85,12 @@ def draw(points: dict[str, dict[str, float]], path: Path) -> None:
         panel.set(xscale="log", yscale="log", xlabel="processor time of a point (µs), one core")
         plain_ticks(panel.xaxis, panel.yaxis)
         panel.margins(x=0.16, y=0.08)
-        _label(figure, panel, points, what)
+        texts[panel] = [
+            (n.removeprefix("SlipScope: "), f[TIME], f[what], OURS if "Slip" in n else THEIRS)
+            for n, f in points.items()
+        ]
     panels[0].set_ylabel("standard deviation of $u_x$ (px)")
     panels[1].set_ylabel("rms error of $u_x$ in a slipping contact (px)")
     figure.suptitle(f"1600 x 1200 px, noise of 2 grey levels; {machine()}", fontsize=8, color=LINE)
+    label(figure, texts, 6.5)
     figure.savefig(path, dpi=110)
-
-
-def _label(figure: Any, panel: Any, points: dict[str, dict[str, float]], what: str) -> None:
-    """Write each name beside its point, at the first of several places that is still free."""
-    figure.canvas.draw()
-    places = {n: panel.transData.transform((f[TIME], f[what])) for n, f in points.items()}
-    taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in places.values()]
-    for name, (x, y) in sorted(places.items(), key=lambda item: -item[1][1]):
-        text = name.removeprefix("SlipScope: ")
-        wide, high = 4.9 * len(text), 11.0
-        steps = (0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5)
-        for k, side in ((k, side) for k in steps for side in (1, -1)):
-            left = x + 8 if side > 0 else x - 8 - wide
-            box = left, y + k * high - high / 2, left + wide, y + k * high + high / 2
-            if not any(_overlap(box, other) for other in taken if math.isfinite(other[0])):
-                break
-        taken.append(box)
-        colour = OURS if name.startswith("SlipScope") else THEIRS
-        panel.annotate(
-            text, (points[name][TIME], points[name][what]), ((8 * side) * 0.655, k * high * 0.655),
-            textcoords="offset points", ha="left" if side > 0 else "right", va="center",
-            fontsize=6.5, color=colour,
-        )  # fmt: skip
-
-
-def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]

@@ -386,15 +386,16 @@ def advice(
     fine = {name: f for name, f in fits.items() if f["period_px"] <= longest * 1.005}
     lines = []
     for what, chosen, key in (
-        (f"waves of {longest:.0f} px and more passed to {PASSED:.0%}", fine, "error_px"),
-        ("finest for its noise (least period x sigma)", fits, "efficiency_px2"),
+        (f"waves of {longest:.0f} px and more passed to {PASSED:.0%}", fine, ("error_px",)),
+        ("the least period x error", fits, ("period_px", "error_px")),
     ):
-        usable = [name for name in chosen if math.isfinite(chosen[name][key])]
+        values = {name: math.prod(f[k] for k in key) for name, f in chosen.items()}
+        usable = [name for name, value in values.items() if math.isfinite(value)]
         if usable:
-            best = min(usable, key=lambda name: chosen[name][key])
+            best = min(usable, key=values.__getitem__)
             f = chosen[best]
             lines.append(
-                f"{where}, {what}: {best}, {f['sigma_px']:.2g} px, {f['period_px']:.0f} px,"
-                f" {f['wall_ms']:.3g} ms a frame"
+                f"{where}, {what}: {best}, {f['sigma_px']:.2g} px, a period of {f['period_px']:.0f}"
+                f" px, {f['wall_ms']:.3g} ms a frame"
             )
     return lines

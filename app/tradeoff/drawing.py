@@ -19,6 +19,9 @@ from app.tradeoff.study import Found, Study, Variant, front
 COLOURS = ("#1f5fa8", "#2e8b57", "#d98200", "#c0392b", "#7d3c98", "#444444")
 PAPER_BOX_PX, PAPER_SIGMA_PX = 20, 0.033  # Prevost et al. 2013, Fig. 4d
 MARKERS = {"step": "s", "tolerance": "v", "interpolant": "^", "precision": "D", "binning": "x"}
+PLACES = (0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0)  # lines below or above a point
+Label = tuple[str, float, float, str]
+"""A text, perhaps empty, the point that it belongs to, and a colour."""
 LEAST = 1e-9  # of a figure on a logarithmic axis
 
 
@@ -31,13 +34,13 @@ def draw(study: Study, found: Found, path: Path) -> None:
         figure = Figure(figsize=(7.2, 0.5 + 2.9 * rows), layout="constrained")
         FigureCanvasAgg(figure)
         axes: Any = figure.subplots(rows, 2, squeeze=False)
+        texts = {}
         for panel, what in zip(axes.ravel(), panels, strict=False):
             if what == "box":
                 _over_box(panel, study, found)
-            elif what == "efficiency":
-                _scatter(panel, study, found, "period_px", "sigma_px")
             else:
-                _scatter(panel, study, found, study.cost, what)
+                pair = ("period_px", "sigma_px") if what == "efficiency" else (study.cost, what)
+                texts[panel] = _scatter(panel, study, found, *pair)
         for panel in axes.ravel()[len(panels) :]:
             panel.axis("off")
         for letter, panel in zip("abcd", axes.ravel()[: len(panels)], strict=False):
@@ -46,12 +49,49 @@ def draw(study: Study, found: Found, path: Path) -> None:
         about = study.identity()
         size = f"; pictures of {about['picture']}" if "picture" in about else ""
         figure.suptitle(f"{study.subject} on {about['processor']}{size}", fontsize=8, color=GREY)
+        label(figure, texts)
         figure.savefig(path, dpi=170)
+
+
+def label(figure: Any, texts: dict[Any, list[Label]], size: float = 6.0) -> None:
+    """Write texts beside points of axes, each at the first of several places where it covers no
+    point and no other text.
+    """
+    figure.canvas.draw()  # lays out
+    point = figure.dpi / 72
+    for axes, labels in texts.items():
+        at = axes.transData.transform([(x, y) for _, x, y, _ in labels]) / point
+        taken = [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y in at]
+        inside = axes.get_window_extent().bounds
+        left, bottom, right, top = (v / point for v in (*inside[:2], inside[0] + inside[2],
+                                                        inside[1] + inside[3]))  # fmt: skip
+        for n in sorted((n for n, one in enumerate(labels) if one[0]), key=lambda n: at[n][1]):
+            text, x, y, colour = labels[n]
+            wide, high = 0.58 * size * len(text), 1.2 * size
+            places = [(side, k) for k in PLACES for side in (-1, 1)]
+            boxes = {}
+            for side, k in places:
+                start = at[n][0] + (5 if side > 0 else -5 - wide)
+                middle = at[n][1] + k * high
+                boxes[side, k] = start, middle - high / 2, start + wide, middle + high / 2
+            free = [
+                key
+                for key, (x0, y0, x1, y1) in boxes.items()
+                if left < x0 and x1 < right and bottom < y0 and y1 < top
+                and not any(x0 < c and a < x1 and y0 < d and b < y1 for a, b, c, d in taken)
+            ]  # fmt: skip
+            side, k = free[0] if free else places[0]
+            taken.append(boxes[side, k])
+            note = axes.annotate(
+                text, (x, y), (5 * side, k * high), textcoords="offset points", va="center",
+                ha="left" if side > 0 else "right", fontsize=size, color=colour,
+            )  # fmt: skip
+            note.set_in_layout(False)
 
 
 def colours(study: Study) -> dict[str, str]:
     """Colour of each group."""
-    groups = dict.fromkeys(v.group for v in study.variants)
+    groups = dict.fromkeys(v.group for v in study.variants if "preset" not in v.name)
     return {group: COLOURS[n % len(COLOURS)] for n, group in enumerate(groups)}
 
 
@@ -61,8 +101,10 @@ def _marker(variant: Variant) -> str:
     return next((m for name, m in MARKERS.items() if name in variant.settings), "o")
 
 
-def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> None:
-    """All variants by two of their figures; those that no other beats in both, on a line."""
+def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> list[Label]:
+    """All variants by two of their figures; those that no other beats in both, on a line. Returns
+    what is to be written beside the points.
+    """
     colour = colours(study)
     shown = [v for v in study.variants if all(found[v.name][k] > LEAST for k in (across, up))]
     for variant in shown:
@@ -73,17 +115,16 @@ def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> Non
     best = sorted(front(named, (across, up)), key=lambda name: named[name][across])
     line = [[named[name][k] for name in best] for k in (across, up)]
     axes.plot(*line, color=GREY, lw=0.7, zorder=0)
-    for variant in shown:
-        place = named[variant.name][across], named[variant.name][up]
-        text = f"{variant.settings['box']}" if "box" in variant.settings else ""
-        if "preset" in variant.name:
-            text = variant.name.removeprefix("preset ")
-        elif variant.name not in best:
-            continue
-        axes.annotate(text, place, (-4, -4), textcoords="offset points", fontsize=5.5, ha="right",
-                      va="top", color=GREY)  # fmt: skip
+    axes.margins(0.08)
     axes.set(xscale="log", yscale="log", xlabel=_label(study, across), ylabel=_label(study, up))
     plain_ticks(axes.xaxis, axes.yaxis)
+    texts = {
+        v.name: v.name.removeprefix("preset ") if "preset" in v.name else f"{v.settings['box']}"
+        for v in shown
+        if "preset" in v.name or ("box" in v.settings and v.name in best)
+    }
+    points = {name: (f[across], f[up]) for name, f in named.items()}
+    return [(texts.get(name, ""), *point, GREY) for name, point in points.items()]
 
 
 def _over_box(axes: Any, study: Study, found: Found) -> None:

@@ -92,7 +92,7 @@ def run(
     """The figures of every variant of a study, by name.
 
     Each is written to the file `results` as soon as it is measured; what is there already is not
-    measured again.
+    measured again. `overwrite` allows it to replace a file that holds something else.
 
     Raises
     ------
@@ -102,8 +102,12 @@ def run(
     found: Found = {}
     if results is not None:
         check_output(results, overwrite=True, endings=(".json",))
-        if results.exists() and not overwrite:
-            found = kept(study, results)
+        if results.exists():
+            try:
+                found = kept(study, results)
+            except UserError:
+                if not overwrite:
+                    raise
     left = sum(v.effort for v in study.variants if v.name not in found)
     began, done = time.perf_counter(), 0.0
     for n, variant in enumerate(study.variants, 1):

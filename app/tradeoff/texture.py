@@ -31,6 +31,7 @@ BINS = 24  # of the spectrum, from 0 to half a cycle per px, along x and along y
 SLOWEST = 1 / 64  # cycles per px; what varies more slowly is light, not texture
 SIZES_PX = np.geomspace(0.45, 8.0, 12)  # standard deviations of the blobs that are tried
 ROUND = 3.0  # the longest blob over its width
+LEAST_POWER = 0.05  # of the greatest: below, a bin of the spectrum weighs no more
 LEAST_SHARE = 1e-3  # of the variance; kinds of blobs with less are left out
 DENSITY = 0.01, 0.3  # blobs per px^2, least and greatest
 CLASSES = 16  # of grey levels, over which the noise is a straight line
@@ -197,7 +198,7 @@ def _noise(first: Array | Any, second: Array | Any, end: int) -> tuple[float, fl
 
 def _spectrum(plane: NDArray[np.float32], white: float) -> tuple[Array, Array]:
     """Mean power of the texture in (BINS, BINS) classes of |frequency| along y and x, and the
-    weight of each: the reciprocal of its standard uncertainty.
+    weight of each.
     """
     rows, columns = plane.shape
     window = np.multiply.outer(np.hanning(rows + 2)[1:-1], np.hanning(columns + 2)[1:-1])
@@ -210,8 +211,10 @@ def _spectrum(plane: NDArray[np.float32], white: float) -> tuple[Array, Array]:
     )
     count = np.bincount(place[~slow], minlength=BINS**2)
     found = np.bincount(place[~slow], power[~slow], BINS**2) / count.clip(1)
-    weight = np.where(count > 0, np.sqrt(count) / np.maximum(found, 1e-12), 0.0)
-    return found - white, weight
+    spread = (
+        found + LEAST_POWER * found.max()
+    )  # a spectrum that ends sharply is no sum of Gaussians
+    return found - white, np.sqrt(count) / spread
 
 
 def _blobs(wanted: Array, weight: Array) -> tuple[Array, Array, float]:
