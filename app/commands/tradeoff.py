@@ -22,6 +22,7 @@ from app.tradeoff import correlation, inversion, simulation, study
 from app.tradeoff.study import Found, Study
 from app.tradeoff.texture import Texture, texture_of
 
+SUBJECTS = ("correlation", "inversion", "simulation")
 SIZE = (1200, 1600)  # of the standard pictures
 CORRELATED = 0.1  # correlation of neighbours from which the noise is not independent
 LEAST_SIZE = 128
@@ -48,14 +49,18 @@ def tradeoff(
     if picture is not None:
         inputs = {"picture": [*pictures, *rest]}
         check_output(picture, overwrite, endings=(".png", ".pdf", ".svg"), inputs=inputs)
+    if of not in SUBJECTS:
+        raise UserError(f"--of {of}: not known; use {', '.join(SUBJECTS)}")
+    if not (0 < rate_hz < math.inf and 0 <= free < 1):
+        raise UserError(
+            f"--rate {rate_hz:g} and --free {free:g}: a rate above 0 and a share from 0 to less"
+            " than 1 are needed"
+        )
+    if period_px is not None and not 0 < period_px < math.inf:
+        raise UserError(f"--period {period_px:g}: a number of pixels above 0 is needed")
     if of == "correlation":
-        if not (0 < rate_hz < math.inf and 0 <= free < 1):
-            raise UserError(
-                f"--rate {rate_hz:g} and --free {free:g}: a rate above 0 and a share from 0 to less"
-                " than 1 are needed"
-            )
-        texture, size = _texture(pictures, rest, full_scale)
         wanted = correlation.variants(_methods(methods), _boxes(boxes), quick)
+        texture, size = _texture(pictures, rest, full_scale)
         measured = correlation.study(texture, size, threads, wanted, quick)
     elif pictures or rest or methods or boxes:
         raise UserError(f"--of {of}: pictures, --method and --box go with the correlation only")

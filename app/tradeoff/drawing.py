@@ -11,9 +11,10 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from app.report.figures import GREY, RED, STYLE
+from app.report.figures import GREY, STYLE
 from app.tradeoff.study import Found, Study, Variant, front
 
 COLOURS = ("#1f5fa8", "#2e8b57", "#d98200", "#c0392b", "#7d3c98", "#444444")
@@ -22,6 +23,7 @@ MARKERS = {"step": "s", "tolerance": "v", "interpolant": "^", "precision": "D", 
 PLACES = (0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0)  # lines below or above a point
 Label = tuple[str, float, float, str]
 """A text, perhaps empty, the point that it belongs to, and a colour."""
+DECADES = 10**2.6  # of an axis, up to which 2 and 5 are written
 LEAST = 1e-9  # of a figure on a logarithmic axis
 
 
@@ -85,6 +87,7 @@ def label(figure: Any, texts: dict[Any, list[Label]], size: float = 6.0) -> None
             note = axes.annotate(
                 text, (x, y), (5 * side, k * high), textcoords="offset points", va="center",
                 ha="left" if side > 0 else "right", fontsize=size, color=colour,
+                path_effects=[withStroke(linewidth=1.5, foreground="white")],
             )  # fmt: skip
             note.set_in_layout(False)
 
@@ -140,10 +143,10 @@ def _over_box(axes: Any, study: Study, found: Found) -> None:
             figures = found[v.name]
             bounds[v.settings["box"]] = figures["sigma_px"] / figures["over_floor"]
     axes.plot(*zip(*sorted(bounds.items()), strict=True), "--", color=GREY, lw=0.8)
-    axes.plot(PAPER_BOX_PX, PAPER_SIGMA_PX, "*", color=RED, ms=8)
+    axes.plot(PAPER_BOX_PX, PAPER_SIGMA_PX, "*", color="black", ms=8)
     axes.annotate(
         "Prevost et al. 2013", (PAPER_BOX_PX, PAPER_SIGMA_PX), (6, 3), "data",
-        "offset points", fontsize=6.5, color=RED,
+        "offset points", fontsize=6.5,
     )  # fmt: skip
     about = "dashed: least possible (Cramér-Rao)"
     axes.text(0.03, 0.04, about, transform=axes.transAxes, fontsize=6.5, color=GREY)
@@ -155,9 +158,12 @@ def _over_box(axes: Any, study: Study, found: Found) -> None:
 
 
 def plain_ticks(*sides: Any) -> None:
-    """1, 2, 5 and their multiples by ten, written as plain numbers."""
+    """1, 2, 5 and their multiples by ten, or over many decades 1 alone, as plain numbers."""
     for side in sides:
-        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        side.axes.autoscale_view()
+        least, most = side.get_view_interval()
+        few = most < DECADES * least
+        side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
         side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         side.set_minor_formatter(NullFormatter())
 
