@@ -109,7 +109,12 @@ class Program:
             ]
             threads = {f"{x}_NUM_THREADS": "1" for x in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
             done = subprocess.run(
-                command, capture_output=True, text=True, env=os.environ | threads, check=False
+                command,
+                capture_output=True,
+                text=True,
+                env=os.environ | threads,
+                cwd=folder,  # some leave logs where they are started
+                check=False,
             )
             if done.returncode:
                 raise RuntimeError(f"{self.name}: {done.stderr.strip().splitlines()[-1]}")
