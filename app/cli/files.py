@@ -136,13 +136,6 @@ def tradeoff(
         list[Path] | None,
         typer.Option(metavar="IMAGE...", help="Pictures at rest, the same as behind REFERENCE."),
     ] = None,
-    of: Annotated[
-        str,
-        typer.Option(
-            metavar="correlation|inversion|simulation",
-            help="What is measured; no pictures but the first.",
-        ),
-    ] = "correlation",
     methods: Annotated[
         list[str] | None,
         typer.Option("--method", metavar="shared|icgn|direct", help="Only this; may be repeated."),
@@ -198,7 +191,6 @@ def tradeoff(
     return trade.tradeoff(
         pictures or [],
         rest or [],
-        of=of,
         methods=methods or [],
         boxes=boxes or [],
         rate_hz=rate_hz,

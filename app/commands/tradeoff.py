@@ -18,11 +18,10 @@ from app.commands.terminal import DONE, FAILED, Bar, output, say
 from app.errors import UserError
 from app.exchange.images import read_image, size_text
 from app.outputs import check_output, new_file
-from app.tradeoff import correlation, inversion, simulation, study
+from app.tradeoff import correlation, study
 from app.tradeoff.study import Found, Study
 from app.tradeoff.texture import Texture, texture_of
 
-SUBJECTS = ("correlation", "inversion", "simulation")
 SIZE = (1200, 1600)  # of the standard pictures
 CORRELATED = 0.1  # correlation of neighbours from which the noise is not independent
 LEAST_SIZE = 128
@@ -32,7 +31,6 @@ def tradeoff(
     pictures: Sequence[Path],
     rest: Sequence[Path],
     *,
-    of: str,
     methods: Sequence[str],
     boxes: Sequence[int],
     rate_hz: float,
@@ -49,8 +47,6 @@ def tradeoff(
     if picture is not None:
         inputs = {"picture": [*pictures, *rest]}
         check_output(picture, overwrite, endings=(".png", ".pdf", ".svg"), inputs=inputs)
-    if of not in SUBJECTS:
-        raise UserError(f"--of {of}: not known; use {', '.join(SUBJECTS)}")
     if not (0 < rate_hz < math.inf and 0 <= free < 1):
         raise UserError(
             f"--rate {rate_hz:g} and --free {free:g}: a rate above 0 and a share from 0 to less"
@@ -58,14 +54,9 @@ def tradeoff(
         )
     if period_px is not None and not 0 < period_px < math.inf:
         raise UserError(f"--period {period_px:g}: a number of pixels above 0 is needed")
-    if of == "correlation":
-        wanted = correlation.variants(_methods(methods), _boxes(boxes), quick)
-        texture, size = _texture(pictures, rest, full_scale)
-        measured = correlation.study(texture, size, threads, wanted, quick)
-    elif pictures or rest or methods or boxes:
-        raise UserError(f"--of {of}: pictures, --method and --box go with the correlation only")
-    else:
-        measured = inversion.study(quick) if of == "inversion" else simulation.study(quick)
+    wanted = correlation.variants(_methods(methods), _boxes(boxes), quick)
+    texture, size = _texture(pictures, rest, full_scale)
+    measured = correlation.study(texture, size, threads, wanted, quick)
     try:
         with Bar("preparing", quiet=False) as bar:
             found = study.run(measured, results, overwrite, bar.show)
@@ -74,9 +65,8 @@ def tradeoff(
         say(f"Ctrl-C: left before the end; {f'{results}: ' if results else ''}{goes_on}")
         return FAILED
     _print_table(measured, found)
-    if of == "correlation":
-        for sentence in correlation.advice(measured, found, rate_hz, free, period_px):
-            output().print(sentence)
+    for sentence in correlation.advice(found, rate_hz, free, period_px):
+        output().print(sentence)
     if picture is not None:
         from app.tradeoff.drawing import draw
 

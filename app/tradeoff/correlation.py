@@ -355,9 +355,7 @@ def study(
     return Study(subject, about, COLUMNS, "cpu_ms", errors, tuple(wanted), bench.measure)
 
 
-def advice(
-    of: Study, found: Found, rate_hz: float, free: float, period_px: float | None
-) -> list[str]:
+def advice(found: Found, rate_hz: float, free: float, period_px: float | None) -> list[str]:
     """Which variant to use for so many pictures a second, in sentences.
 
     Parameters

@@ -119,7 +119,7 @@ def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> lis
     line = [[named[name][k] for name in best] for k in (across, up)]
     axes.plot(*line, color=GREY, lw=0.7, zorder=0)
     axes.margins(0.08)
-    axes.set(xscale="log", yscale="log", xlabel=_label(study, across), ylabel=_label(study, up))
+    axes.set(xscale="log", yscale="log", xlabel=study.columns[across], ylabel=study.columns[up])
     plain_ticks(axes.xaxis, axes.yaxis)
     texts = {
         v.name: v.name.removeprefix("preset ") if "preset" in v.name else f"{v.settings['box']}"
@@ -150,7 +150,7 @@ def _over_box(axes: Any, study: Study, found: Found) -> None:
     )  # fmt: skip
     about = "dashed: least possible (Cramér-Rao)"
     axes.text(0.03, 0.04, about, transform=axes.transAxes, fontsize=6.5, color=GREY)
-    axes.set(xscale="log", yscale="log", xlabel="box (px)", ylabel=_label(study, "sigma_px"))
+    axes.set(xscale="log", yscale="log", xlabel="box (px)", ylabel=study.columns["sigma_px"])
     boxes = sorted(bounds)
     plain_ticks(axes.yaxis)
     axes.set_xticks(boxes, [f"{box:g}" for box in boxes])
@@ -166,20 +166,6 @@ def plain_ticks(*sides: Any) -> None:
         side.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
         side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         side.set_minor_formatter(NullFormatter())
-
-
-def _label(study: Study, key: str) -> str:
-    labels = {
-        "cpu_ms": "processor time of a frame (ms)",
-        "sigma_px": r"standard deviation of $u_x$ (px)",
-        "error_px": r"error of $u_x$: sigma and worst bias (px)",
-        "period_px": "period passed to 90 % (px)",
-    }
-    return (
-        labels.get(key, study.columns[key])
-        if study.subject != "simulation"
-        else ("processor time (ms)" if key == "cpu_ms" else f"error of {study.columns[key]}")
-    )
 
 
 def _legend(figure: Any, study: Study) -> None:

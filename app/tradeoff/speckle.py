@@ -9,7 +9,7 @@ are used here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +25,6 @@ DEVIATION, LEVEL = 40.0, 20.0  # of the standard picture, and under its blobs: g
 HALO_PX = 40  # the pattern continues outside the picture, so that blobs can move in
 RING_PX = 10  # the graded zone is scored with this much around it
 STEEPEST = 0.02  # largest slope of a wave; `add_blobs` is exact up to 0.03
-
-
-class Displacement(Protocol):
-    """A displacement u_x of the points of the reference, pixels."""
-
-    def __call__(self, x: Any, y: Any) -> Pair:
-        """The exact (u_x, u_y) at points (x, y) of the reference."""
-
-    def gradient(self, x: Any, y: Any) -> Pair:
-        """The exact (du_x/dx, du_x/dy)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +54,12 @@ class Motion:
         return cls(inside, drive, stick, radius, centre)
 
     def __call__(self, x: Any, y: Any) -> Pair:
-        """See `Displacement`."""
+        """The exact (u_x, u_y) at points (x, y) of the reference."""
         t = np.clip((self._distance(x, y) - self.stick) / (self.radius - self.stick), 0, 1)
         return self.inside + (self.outside - self.inside) * t * t * (3 - 2 * t), np.zeros_like(t)
 
     def gradient(self, x: Any, y: Any) -> Pair:
-        """See `Displacement`."""
+        """The exact (du_x/dx, du_x/dy)."""
         r, width = self._distance(x, y), self.radius - self.stick
         t = np.clip((r - self.stick) / width, 0, 1)
         slope = (self.outside - self.inside) * 6 * t * (1 - t) / width / np.maximum(r, 1e-9)
@@ -101,17 +91,18 @@ class Wave:
         return min(0.5, STEEPEST * self.period / 2 / np.pi)
 
     def __call__(self, x: Any, y: Any) -> Pair:
-        """See `Displacement`."""
+        """The exact (u_x, u_y) at points (x, y) of the reference."""
         u = self.amplitude * np.sin(2 * np.pi / self.period * np.asarray((x, y)[self.axis]))
         return u, np.zeros_like(u)
 
     def gradient(self, x: Any, y: Any) -> Pair:
-        """See `Displacement`."""
+        """The exact (du_x/dx, du_x/dy)."""
         k = 2 * np.pi / self.period
         slope = self.amplitude * k * np.cos(k * np.asarray((x, y)[self.axis]))
         return (slope, 0 * slope) if self.axis == 0 else (0 * slope, slope)
 
 
+Displacement = Motion | Wave
 AT_REST = Motion.uniform(0.0)
 
 

@@ -119,8 +119,6 @@ def test_pictures_that_can_not_be_used(
         (["--period", "-3"], "--period"),
         (["--method", "guess"], "--method guess: not known"),
         (["--box", "3"], "--box 3: a whole number at least 4"),
-        (["--of", "everything"], "--of everything"),
-        (["--of", "inversion", "--box", "20"], "go with the correlation only"),
     ],
 )
 def test_options_that_can_not_be_used(slipscope: Command, words: list[str], said: str) -> None:
@@ -129,17 +127,3 @@ def test_options_that_can_not_be_used(slipscope: Command, words: list[str], said
 
 def test_a_box_that_does_not_fit(slipscope: Command, pictures: list[Path]) -> None:
     refused_at_the_end(slipscope("tradeoff", pictures[0], "--box", "150"), "150 px asked", "--box")
-
-
-def test_the_trade_of_the_simulation(slipscope: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    from app.tradeoff import simulation
-
-    monkeypatch.setattr(simulation, "FINEST", 64)
-    monkeypatch.setattr(simulation, "CELLS", (16,))
-    monkeypatch.setattr(simulation.Simulating, "_pictures", lambda self, name: dict.fromkeys(
-        simulation.COLUMNS, 1.0))  # fmt: skip
-    done = slipscope("tradeoff", "--of", "simulation", "--quick", "--json", "t.json", "-o", "t.png")
-    assert done.exit_code == 0, done.output
-    names = [row["name"] for row in json.loads(Path("t.json").read_text())["variants"]]
-    assert "modes 64" in names
-    assert Path("t.png").stat().st_size > 1000

@@ -12,11 +12,12 @@ from scipy.optimize import brentq
 
 from analysis.dic import Correlation
 from analysis.settings import PRESETS
-from app.tradeoff import correlation, inversion, simulation
+from app.tradeoff import correlation
 from app.tradeoff.correlation import Bench, Scale, Tracking
-from app.tradeoff.speckle import AT_REST, Motion
-from app.tradeoff.study import Study
+from app.tradeoff.speckle import AT_REST
 from app.tradeoff.texture import Texture, binned, texture_of
+from benchmarks import inversion_trade as inversion
+from benchmarks import simulation_trade as simulation
 
 
 @pytest.fixture(scope="module")
@@ -96,13 +97,12 @@ def test_advice_keeps_to_the_budget_and_to_the_period() -> None:
         "blurred": row(10, 0.002, 300),
         "sharp": row(12, 0.008, 30),
     }
-    of = Study("", {}, {}, "cpu_ms", (), (), lambda variant: {})
-    first, second = correlation.advice(of, found, 20.0, 0.5, None)
+    first, second = correlation.advice(found, 20.0, 0.5, None)
     assert "shared, box 20, 0.006 px" in first
     assert ": sharp," in second
-    first, _ = correlation.advice(of, found, 20.0, 0.5, 400.0)
+    first, _ = correlation.advice(found, 20.0, 0.5, 400.0)
     assert ": blurred," in first
-    (none,) = correlation.advice(of, found, 100.0, 0.5, None)
+    (none,) = correlation.advice(found, 100.0, 0.5, None)
     assert "none; the fastest is blurred with 10 ms" in none
 
 
@@ -124,14 +124,6 @@ def test_inversions_are_scored_against_the_exact_traction() -> None:
     assert list(figures) == list(inversion.COLUMNS)
     assert 0.02 < figures["sigma_percent"] < 1.5
     assert figures["force_percent"] < 1
-
-
-def test_an_apparent_shift_is_the_shift_of_blobs() -> None:
-    made = Texture().pattern((200, 240))
-    moved = made.grey(Motion.uniform(0.02), -0.01)
-    x, y = simulation.apparent_shift_px(made.grey(AT_REST), moved)
-    assert x.mean() == pytest.approx(0.02, rel=0.03)
-    assert y.mean() == pytest.approx(-0.01, rel=0.03)
 
 
 def test_the_simulation_comes_closer_with_finer_grids() -> None:

@@ -1,5 +1,12 @@
 """What the simulated bench costs, and how far it is from the exact solution: the mechanics of the
-contact, and the pictures of it.
+elasto-plastic contact, against both components of the traction on a grid of 512 x 512 cells (P =
+0.5 N, mu = 0.93, L = 0.8 um, up to 0.9 a), and its pictures of 1600 x 1200, against analytic blobs.
+The axisymmetric solutions, and those of one component, leave out what varies with the angle: that
+is what is left of their errors with many modes or cells.
+
+    python -m benchmarks simulation_trade [--quick] [--results FILE.json] [--picture FILE.png]
+
+Run with OMP_NUM_THREADS=1. What an interrupted run left in FILE.json is continued.
 """
 
 from __future__ import annotations
@@ -8,6 +15,7 @@ import math
 import time
 from collections.abc import Callable
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,14 +23,17 @@ from scipy import ndimage
 
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState
 from analysis.mechanics.loading_grid import GridLoading, GridState
-from app.tradeoff.inversion import CONTACT, PIXEL_M
-from app.tradeoff.speckle import Array
 from app.tradeoff.study import Figures, Study, Variant
+from benchmarks.inversion_trade import CONTACT, PIXEL_M
+from benchmarks.render import apparent_shift_px, states
+from benchmarks.report import Report
+from benchmarks.trade import report_study
 from drivers.sim.images import Renderer
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
-from drivers.sim.truth import State
-from drivers.sim.world import World
+
+SUBJECT = "Simulation: speed against accuracy"
+Array = np.ndarray
 
 COLUMNS = {
     "displacement_px": "u_x (px)",
@@ -34,40 +45,6 @@ SHIFTS = 0.1, 0.3, 0.6, 0.9, 1.0, 1.2  # of the block, over that of full sliding
 FINEST = 512  # cells across the contact, of the solution that counts as exact
 WITHIN = 0.9  # of a: beyond, the traction falls too steeply for any grid
 MODES, CELLS = (4, 8, 16, 32, 64, 128), (16, 32, 64, 128, 256)
-SLOPE = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-"""Derivative by central differences of the eighth order: those of the second order make the slope
-of such fine speckle 20 % too small.
-"""
-
-
-def apparent_shift_px(reference: Array, picture: Array, box: int = 20) -> Array:
-    """Shift (x, y) of `picture` relative to `reference` in every whole box, pixels: the
-    least-squares fit of the gradient to the difference of the two.
-    """
-    gy, gx = (ndimage.correlate1d(reference, SLOPE, axis) for axis in (0, 1))
-    difference = picture - reference
-    rows, columns = (n // box for n in reference.shape)
-
-    def total(a: Array) -> Array:
-        whole = a[: rows * box, : columns * box].reshape(rows, box, columns, box)
-        return np.asarray(whole.sum((1, 3)))
-
-    xx, xy, yy = total(gx * gx), total(gx * gy), total(gy * gy)
-    x, y = -total(gx * difference), -total(gy * difference)
-    return np.stack([yy * x - xy * y, xx * y - xy * x]) / (xx * yy - xy * xy)
-
-
-def states() -> dict[str, State]:
-    """Three moments of a drive."""
-    world = World(Scenario(sim=SimSettings(press_time=0.0), press_samples=1), pace=None)
-    world.start()
-    world.advance(2)
-    world.move(300e-6, 5e-6)
-    world.advance(40_000)
-    samples = {"pressed": 2, "partial slip": 15_000, "full sliding": 40_000}
-    return {name: world.state(sample) for name, sample in samples.items()}
-
-
 Sampled = tuple[Array, Array, float]
 """u_x (m) and traction (Pa) at the sample points of the contact, and Q (N)."""
 
@@ -174,11 +151,19 @@ def study(quick: bool = False) -> Study:
         Variant(f"renderer {name}", "renderer", {"renderer": name}, 5.0)
         for name in ("fast", "exact")
     ]
-    about: dict[str, Any] = {
-        "contact": "P = 0.5 N, mu = 0.93, L = 0.8 um",
-        "pixel_um": 1e6 * PIXEL_M,
-    }
+    finest = FINEST // (2 if quick else 1)
+    about = {"pixel_um": 1e6 * PIXEL_M, "exact": f"both components, {finest} cells across"}
     errors = "displacement_px", "force_percent", "traction_percent"
-    about["exact"] = f"both components, {FINEST // (2 if quick else 1)} cells across"
-    measure = Simulating(FINEST // (2 if quick else 1)).measure
+    measure = Simulating(finest).measure
     return Study("simulation", about, COLUMNS, "cpu_ms", errors, tuple(variants), measure)
+
+
+def measure(
+    report: Report,
+    *,
+    quick: bool = False,
+    results: Path | None = None,
+    picture: Path | None = None,
+) -> None:
+    """Measure solvers and renderers."""
+    report_study(report, study(quick), results, picture)
