@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import time
 from collections.abc import Callable, Mapping
@@ -25,16 +24,8 @@ LONGEST = 1 << 24  # bytes of a results file
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """What is measured: a method with its settings.
-
-    Attributes
-    ----------
-    group : str
-        Variants that are drawn as one, such as the method.
-    settings : dict
-        As people write them; enough to use the variant.
-    effort : float
-        Expected time, of any unit.
+    """What is measured: a method with its `settings` as people write them, its `group` in a
+    picture, and the `effort` that is expected of it, in any unit.
     """
 
     name: str
@@ -127,28 +118,16 @@ def run(
     return {v.name: found[v.name] for v in study.variants}
 
 
-def document(study: Study, found: Mapping[str, Figures]) -> dict[str, Any]:
-    """A study with what was measured of it, as it is kept; figures that could not be determined are
-    null.
-    """
-    best = front(found, (study.cost, *study.errors))
-    variants = [
-        {
-            "name": v.name,
-            "group": v.group,
-            "settings": v.settings,
-            "is_on_the_front": v.name in best,
-            **{k: x if math.isfinite(x) else None for k, x in found[v.name].items()},
-        }
-        for v in study.variants
-        if v.name in found
-    ]
-    return {"about": study.identity(), "columns": study.columns, "variants": variants}
-
-
 def write(study: Study, found: Mapping[str, Figures], path: Path) -> None:
-    """Keep what was measured so far."""
-    text = json.dumps(document(study, found), indent=1, ensure_ascii=False, allow_nan=False)
+    """Keep what was measured so far; figures that could not be determined are null."""
+    best = front(found, (study.cost, *study.errors))
+    about: dict[str, Any] = {"about": study.identity(), "columns": study.columns, "variants": []}
+    for v in study.variants:
+        if v.name in found:
+            row = {"name": v.name, "settings": v.settings, "is_on_the_front": v.name in best}
+            figures = {k: x if math.isfinite(x) else None for k, x in found[v.name].items()}
+            about["variants"].append(row | figures)
+    text = json.dumps(about, indent=1, ensure_ascii=False, allow_nan=False)
     with new_file(path, overwrite=True) as unfinished:
         unfinished.write_text(text + "\n", encoding="utf-8")
 
@@ -204,11 +183,6 @@ def front(found: Mapping[str, Figures], axes: tuple[str, ...]) -> list[str]:
             q != p and all(b <= a for a, b in zip(p, q, strict=True)) for q in points.values()
         )
     ]
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _brief(value: Any) -> str:

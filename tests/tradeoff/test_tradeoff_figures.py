@@ -86,6 +86,13 @@ def test_the_cost_is_of_pictures_of_full_size(bench) -> None:
     assert figures["contact_px"] < 0.03
 
 
+def test_errors_do_not_depend_on_what_was_measured_before(bench) -> None:
+    tracking = Tracking({"method": "shared", "box": 24}, 2, 255)
+    fresh = Bench(Texture(), (300, 400), Scale((300, 640), 4, 2), threads=1)
+    assert fresh.passed(tracking, 24, 80.0) == bench.passed(tracking, 24, 80.0)
+    assert fresh.errors(tracking, 24) == bench.errors(tracking, 24)
+
+
 def test_advice_keeps_to_the_budget_and_to_the_period() -> None:
     def row(cpu: float, error: float, period: float) -> dict[str, float]:
         return {"cpu_ms": cpu, "wall_ms": cpu, "error_px": error, "sigma_px": error,
