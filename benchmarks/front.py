@@ -19,7 +19,7 @@ import numpy as np
 
 from analysis.dic import Correlation, compile_kernels
 from analysis.settings import PRESETS
-from app.tradeoff.drawing import label, plain_ticks
+from app.tradeoff.drawing import along, label, plain_ticks
 from app.tradeoff.study import front
 from benchmarks.dic import METHODS, following
 from benchmarks.dic_peers import PEERS, PROGRAMS, chosen
@@ -82,14 +82,15 @@ def draw(points: dict[str, dict[str, float]], path: Path) -> None:
             x, y = figures[TIME], figures[what]
             panel.plot(x, y, "*" if "preset" in name else marker, color=colour, ms=6)
         best = sorted(front(points, (TIME, what)), key=lambda name: points[name][TIME])
-        panel.plot(*([points[n][k] for n in best] for k in (TIME, what)), color=LINE, lw=0.8)
+        line = [[points[n][k] for n in best] for k in (TIME, what)]
+        panel.plot(*line, color=LINE, lw=0.8)
         panel.set(xscale="log", yscale="log", xlabel="processor time of a point (µs), one core")
         panel.margins(x=0.16, y=0.08)
         plain_ticks(panel.xaxis, panel.yaxis)
         texts[panel] = [
             (n.removeprefix("SlipScope: "), f[TIME], f[what], OURS if "Slip" in n else THEIRS)
             for n, f in points.items()
-        ]
+        ] + along(*line)
     panels[0].set_ylabel("standard deviation of $u_x$ (px)")
     panels[1].set_ylabel("rms error of $u_x$ in a slipping contact (px)")
     figure.suptitle(f"1600 x 1200 px, noise of 2 grey levels; {machine()}", fontsize=8, color=LINE)

@@ -5,10 +5,12 @@ against the box, as in Fig. 4d of the paper.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -63,17 +65,17 @@ def label(figure: Any, texts: dict[Any, list[Label]], size: float = 6.0) -> None
     point = figure.dpi / 72
     for axes, labels in texts.items():
         at = axes.transData.transform([(x, y) for _, x, y, _ in labels]) / point
-        taken = [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y in at]
+        taken = [(x - 3.5, y - 3.5, x + 3.5, y + 3.5) for x, y in at]
         inside = axes.get_window_extent().bounds
         left, bottom, right, top = (v / point for v in (*inside[:2], inside[0] + inside[2],
                                                         inside[1] + inside[3]))  # fmt: skip
-        for n in sorted((n for n, one in enumerate(labels) if one[0]), key=lambda n: at[n][1]):
+        for n in sorted((n for n, one in enumerate(labels) if one[0]), key=lambda n: -at[n][1]):
             text, x, y, colour = labels[n]
             wide, high = 0.58 * size * len(text), 1.2 * size
             places = [(side, k) for k in PLACES for side in (-1, 1)]
             boxes = {}
             for side, k in places:
-                start = at[n][0] + (5 if side > 0 else -5 - wide)
+                start = at[n][0] + 5.5 * side - (wide if side < 0 else 0)
                 middle = at[n][1] + k * high
                 boxes[side, k] = start, middle - high / 2, start + wide, middle + high / 2
             free = [
@@ -85,9 +87,10 @@ def label(figure: Any, texts: dict[Any, list[Label]], size: float = 6.0) -> None
             side, k = free[0] if free else places[0]
             taken.append(boxes[side, k])
             note = axes.annotate(
-                text, (x, y), (5 * side, k * high), textcoords="offset points", va="center",
+                text, (x, y), (5.5 * side, k * high), textcoords="offset points", va="center",
                 ha="left" if side > 0 else "right", fontsize=size, color=colour,
-                path_effects=[withStroke(linewidth=1.5, foreground="white")],
+                path_effects=[withStroke(linewidth=2.0, foreground="white")],
+                arrowprops={"arrowstyle": "-", "lw": 0.4, "color": colour} if k else None,
             )  # fmt: skip
             note.set_in_layout(False)
 
@@ -127,7 +130,14 @@ def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> lis
         if "preset" in v.name or ("box" in v.settings and v.name in best)
     }
     points = {name: (f[across], f[up]) for name, f in named.items()}
-    return [(texts.get(name, ""), *point, GREY) for name, point in points.items()]
+    return [(texts.get(name, ""), *p, GREY) for name, p in points.items()] + along(*line)
+
+
+def along(x: Sequence[float], y: Sequence[float]) -> list[Label]:
+    """Points without a text on a line between these points, so that no text is written over it."""
+    t = np.linspace(0, len(x) - 1, 25 * len(x))
+    lines = (np.exp(np.interp(t, np.arange(len(x)), np.log(v))) for v in (x, y))
+    return [("", a, b, "") for a, b in zip(*map(np.ndarray.tolist, lines), strict=True)]
 
 
 def _over_box(axes: Any, study: Study, found: Found) -> None:
