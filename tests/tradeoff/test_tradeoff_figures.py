@@ -43,6 +43,18 @@ def test_a_box_that_only_shifts_passes_its_mean(bench) -> None:
         assert bench.passed(tracking, 20, period) == pytest.approx(np.sinc(20 / period), abs=0.015)
 
 
+@pytest.mark.parametrize(
+    ("method", "box", "period"), [("shared", 20, 80.0), ("icgn", 20, 80.0), ("icgn", 38, 60.0)]
+)
+def test_waves_are_passed_as_by_the_average_that_inversions_undo(
+    bench, method: str, box: int, period: float
+) -> None:
+    settings = {"method": method, "box": box, "order": 2 if box > 20 else 1}
+    tracking = Tracking(settings, 2, 255)
+    average = np.sinc(Correlation(**settings).averaging_box_px / period)
+    assert bench.passed(tracking, box, period) == pytest.approx(average, abs=0.03)
+
+
 def test_the_presets_are_what_they_promise(bench) -> None:
     found = {}
     for name, given in {"standard": {"method": "shared", "box": 20}, **PRESETS}.items():
