@@ -54,8 +54,9 @@ def tradeoff(
         )
     if period_px is not None and not 0 < period_px < math.inf:
         raise UserError(f"--period {period_px:g}: a number of pixels above 0 is needed")
-    wanted = correlation.variants(_methods(methods), _boxes(boxes), quick)
+    chosen = _methods(methods), _boxes(boxes)
     texture, size = _texture(pictures, rest, full_scale)
+    wanted = correlation.variants(size, *chosen, quick)
     measured = correlation.study(texture, size, threads, wanted, quick)
     try:
         with Bar("preparing", quiet=False) as bar:

@@ -94,10 +94,26 @@ QUICK_BOXES = (10, 20, 32, 64)
 
 
 def variants(
-    methods: Sequence[str] = tuple(METHODS), boxes: Sequence[int] = (), quick: bool = False
+    size: tuple[int, int],
+    methods: Sequence[str] = tuple(METHODS),
+    boxes: Sequence[int] = (),
+    quick: bool = False,
 ) -> tuple[Variant, ...]:
-    """Every method with every box, and at box 20 its other settings, each by itself."""
-    sides = boxes or (QUICK_BOXES if quick else BOXES)
+    """Every method with every box, and at box 20 its other settings, each by itself; the presets,
+    unless methods or boxes are chosen. `size` is that of the pictures, (rows, columns).
+
+    Raises
+    ------
+    UserError
+        A box does not fit them.
+    """
+    largest = min(size) - 2 * round(CALM_PX)
+    sides = boxes or [box for box in (QUICK_BOXES if quick else BOXES) if box <= largest]
+    if max(sides) > largest:
+        raise UserError(
+            f"--box {max(sides)}: the picture has {size[1]} x {size[0]} px, {largest} px is its"
+            " limit; give smaller boxes, or a larger picture"
+        )
     middle = min(sides, key=lambda side: abs(side - Correlation().box))
     made = []
     if not boxes and set(methods) == set(METHODS):
@@ -106,16 +122,16 @@ def variants(
             made.append(Variant(f"preset {name}", group, dict(given), _effort(group, given)))
     for method in methods:
         few = quick and method != "shared"
-        changes: list[dict[str, Any]] = [{"box": box} for box in sides if not few or box <= 32]
+        changes: list[dict[str, Any]] = [{"box": b} for b in sides if boxes or not few or b <= 32]
         alone = ALONE[method][:: 3 if quick else 1] if not few else ()
         changes += [{"box": middle, **change} for change in alone]
-        changes += [{"box": box, "binning": 2} for box in BINNED.get(method, ())[: 1 if few else 4]]
+        changes += [{"box": b, "binning": 2} for b in BINNED.get(method, ())[: 1 if few else 4]]
         for change in changes:
             given = METHODS[method] | change
             others = [f"{k} {v}" for k, v in change.items() if k != "box"]
             name = ", ".join([method, f"box {given['box']}", *others])
             made.append(Variant(name, method, given, _effort(method, given)))
-    return tuple(made)
+    return tuple(variant for variant in made if variant.settings["box"] <= largest)
 
 
 def _effort(method: str, given: Mapping[str, Any]) -> float:
@@ -325,28 +341,13 @@ def study(
     wanted: Sequence[Variant],
     quick: bool = False,
 ) -> Study:
-    """The study of a texture, for pictures of `size` (rows, columns).
-
-    Raises
-    ------
-    UserError
-        A box does not fit.
-    """
+    """The study of a texture, for pictures of `size` (rows, columns)."""
     scale = QUICK if quick else FULL
-    largest = max(variant.settings["box"] for variant in wanted)
-    if largest + 2 * CALM_PX > min(size):
-        raise UserError(
-            f"boxes of {largest} px asked, the picture has {size[1]} x {size[0]} px; give smaller"
-            " boxes with --box, or a larger picture"
-        )
-    texture_text = {
+    about = {
+        "picture": f"{size[1]} x {size[0]} {texture.dtype}",
         "texture": texture.sentence(),
         "read_variance": round(texture.read_variance, 6),
         "shot_variance": round(texture.shot_variance, 8),
-    }
-    about = {
-        "picture": f"{size[1]} x {size[0]} {texture.dtype}",
-        **texture_text,
         "grains": None if texture.grains is None else texture.grains.sigma_px.round(4).tolist(),
         "threads": threads,
         "scale": f"{scale.crop[1]} x {scale.crop[0]} px, {scale.fractions} displacements",
@@ -385,8 +386,9 @@ def advice(found: Found, rate_hz: float, free: float, period_px: float | None) -
         ]
     fine = {name: f for name, f in fits.items() if f["period_px"] <= longest * 1.005}
     lines = []
+    resolution = f"waves of {longest:.0f} px and more passed to {PASSED:.0%}"
     for what, chosen, key in (
-        (f"waves of {longest:.0f} px and more passed to {PASSED:.0%}", fine, ("error_px",)),
+        (resolution if longest < math.inf else "at any resolution", fine, ("error_px",)),
         ("the least period x error", fits, ("period_px", "error_px")),
     ):
         values = {name: math.prod(f[k] for k in key) for name, f in chosen.items()}

@@ -46,7 +46,7 @@ def test_the_trade_of_somebodys_pictures(slipscope: Command, pictures: list[Path
     again = slipscope(*command, "--overwrite")
     assert again.exit_code == 0
     assert json.loads(Path("t.json").read_text()) == held
-    other = slipscope("tradeoff", "--quick", pictures[0], "--json", "t.json")
+    other = slipscope(*command[:-7], "--json", "t.json")  # without the pictures at rest
     refused_at_the_end(other, "another texture", "--overwrite")
     assert json.loads(Path("t.json").read_text()) == held
 
@@ -126,4 +126,6 @@ def test_options_that_can_not_be_used(slipscope: Command, words: list[str], said
 
 
 def test_a_box_that_does_not_fit(slipscope: Command, pictures: list[Path]) -> None:
-    refused_at_the_end(slipscope("tradeoff", pictures[0], "--box", "150"), "150 px asked", "--box")
+    refused_at_the_end(
+        slipscope("tradeoff", pictures[0], "--box", "150"), "--box 150", "120 px is its limit"
+    )

@@ -88,7 +88,7 @@ def test_binned_pictures_are_means_and_their_displacements_are_in_whole_pixels()
 
 
 def test_the_cost_is_of_pictures_of_full_size(bench) -> None:
-    variant = correlation.variants(["shared"], [20], quick=True)[0]
+    variant = correlation.variants((300, 400), ["shared"], [20], quick=True)[0]
     figures = bench.measure(variant)
     assert list(figures) == list(correlation.COLUMNS)
     grid = Correlation(box=20)
@@ -167,3 +167,10 @@ def test_the_texture_of_a_standard_picture_is_the_standard_texture() -> None:
     assert found.contrast == pytest.approx(standard.contrast, rel=0.02)
     assert found.mean == pytest.approx(standard.mean, rel=0.02)
     assert found.noise == pytest.approx(standard.noise, rel=0.02)
+
+
+def test_small_pictures_have_small_boxes_only() -> None:
+    names = {v.name: v.settings["box"] for v in correlation.variants((120, 400))}
+    assert max(names.values()) == 32
+    assert "preset fast" in names
+    assert "preset accurate" not in names
