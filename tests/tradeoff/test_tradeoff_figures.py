@@ -171,6 +171,6 @@ def test_the_texture_of_a_standard_picture_is_the_standard_texture() -> None:
 
 def test_small_pictures_have_small_boxes_only() -> None:
     names = {v.name: v.settings["box"] for v in correlation.variants((120, 400))}
-    assert max(names.values()) == 32
-    assert "preset fast" in names
+    assert max(names.values()) == 38  # 40 px are left beside the border
+    assert "preset finest" in names
     assert "preset accurate" not in names
