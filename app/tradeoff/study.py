@@ -19,6 +19,7 @@ from app.outputs import check_output, new_file
 
 Figures = dict[str, float]
 Found = dict[str, Figures]
+SAME = 1.01  # figures closer than this are the same: noise would put all of them on a front
 LONGEST = 1 << 24  # bytes of a results file
 
 
@@ -168,20 +169,22 @@ def kept(study: Study, path: Path) -> Found:
 
 
 def front(found: Mapping[str, Figures], axes: tuple[str, ...]) -> list[str]:
-    """Names of the variants that no other one beats: at least as low in all of these figures, and
-    lower in one. A figure that could not be determined counts as infinite.
+    """Names of the variants that no other one beats: as low in all of these figures, and lower in
+    one, where a per cent is no difference. A figure that could not be determined is infinite.
     """
     points = {
-        name: tuple(x if math.isfinite(x := figures[a]) else math.inf for a in axes)
+        name: [x if math.isfinite(x := figures[a]) else math.inf for a in axes]
         for name, figures in found.items()
     }
+
+    def beats(q: list[float], p: list[float]) -> bool:
+        pairs = list(zip(q, p, strict=True))
+        return all(b <= SAME * a for b, a in pairs) and any(b * SAME < a for b, a in pairs)
+
     return [
         name
         for name, p in points.items()
-        if any(map(math.isfinite, p))
-        and not any(
-            q != p and all(b <= a for a, b in zip(p, q, strict=True)) for q in points.values()
-        )
+        if any(map(math.isfinite, p)) and not any(beats(q, p) for q in points.values())
     ]
 
 
