@@ -34,10 +34,10 @@ from benchmarks.trade import report_study
 SUBJECT = "Inversion into shear traction: speed against accuracy"
 
 COLUMNS = {
-    "sigma_percent": "sigma (% of mu p0)",
-    "field_percent": "whole field (%)",
-    "force_percent": "Q (%)",
-    "stick_percent": "c (% of a)",
+    "sigma_percent": "error of sigma (% of mu p0)",
+    "field_percent": "of the whole field (% of mu p0)",
+    "force_percent": "error of Q (%)",
+    "stick_percent": "error of c (% of a)",
     "chi2": "chi2",
     "cpu_ms": "CPU (ms)",
 }

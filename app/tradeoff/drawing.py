@@ -130,6 +130,9 @@ def _scatter(axes: Any, study: Study, found: Found, across: str, up: str) -> lis
         if "preset" in v.name or ("box" in v.settings and v.name in best)
     }
     points = {name: (f[across], f[up]) for name, f in named.items()}
+    # one text for points that look the same
+    once = {(text, *np.log(points[n]).round(1)): n for n, text in texts.items()}
+    texts = {name: text for name, text in texts.items() if name in once.values()}
     return [(texts.get(name, ""), *p, GREY) for name, p in points.items()] + along(*line)
 
 
@@ -191,5 +194,7 @@ def _legend(figure: Any, study: Study) -> None:
         kinds.append(
             Line2D([], [], marker="*", mfc="none", color=GREY, ls="", ms=8, label="preset")
         )
-    kinds.append(Line2D([], [], color=GREY, lw=0.7, label="front, with the box in px"))
+    boxes = any("box" in v.settings for v in study.variants)
+    front = f"front{', with the box in px' * boxes}"
+    kinds.append(Line2D([], [], color=GREY, lw=0.7, label=front))
     figure.legend(handles=kinds, loc="outside lower center", ncols=min(6, len(kinds)))
