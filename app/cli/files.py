@@ -127,7 +127,7 @@ def tradeoff(
     pictures: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[REFERENCE] [REST...]",
+            metavar="REFERENCE REST",
             help="Your picture, and others of the same at rest; else standard speckle.",
             show_default=False,
         ),

@@ -99,6 +99,7 @@ def _texture(
             f"{pictures[0]}: {size_text(first)} found; {LEAST_SIZE} px or more are needed on either"
             " side to measure a texture"
         )
+    others = [image for image in others if not np.array_equal(image, first)]  # itself, by rest_*
     try:
         found = texture_of(first, others, full_scale)
     except ValueError as error:

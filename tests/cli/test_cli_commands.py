@@ -216,6 +216,7 @@ def _version_of(known: Callable[[str], str]) -> Callable[[str], str]:
         ["replay"],
         ["info"],
         ["dic"],
+        ["tradeoff"],
         ["attach"],
         ["stop"],
         ["config"],

@@ -29,7 +29,7 @@ def pictures(tmp_path: Path) -> list[Path]:
 
 def test_the_trade_of_somebodys_pictures(slipscope: Command, pictures: list[Path]) -> None:
     command = ["tradeoff", "--quick", "--method", "shared", "--box", "16", "--box", "24"]
-    command += [pictures[0], "--rest", *pictures[1:], "--json", "t.json", "-o", "t.png"]
+    command += [pictures[0], "--rest", *pictures, "--json", "t.json", "-o", "t.png"]
     done = slipscope(*command)
     assert done.exit_code == 0, done.output
     assert "noise 4" in done.stderr.replace("noise 3.9", "noise 4")
@@ -46,7 +46,7 @@ def test_the_trade_of_somebodys_pictures(slipscope: Command, pictures: list[Path
     again = slipscope(*command, "--overwrite")
     assert again.exit_code == 0
     assert json.loads(Path("t.json").read_text()) == held
-    other = slipscope(*command[:-7], "--json", "t.json")  # without the pictures at rest
+    other = slipscope(*command[:-8], "--json", "t.json")  # without the pictures at rest
     refused_at_the_end(other, "another texture", "--overwrite")
     assert json.loads(Path("t.json").read_text()) == held
 
