@@ -185,6 +185,12 @@ class Correlation(Section):
                 f"correlation: double precision asked of method '{self.method}'; use method"
                 " 'icgn', or single precision"
             )
+        if self.quality == "auto" and (self.method == "direct" or self.update != "never"):
+            raise ValueError(
+                f"correlation: quality 'auto' asked with method '{self.method}' and update"
+                f" '{self.update}', of which nothing can be left out; use method 'shared' or"
+                " 'icgn', and update 'never'"
+            )
         if self.preset != "custom":
             raise ValueError(
                 f"correlation: the preset '{self.preset}' is replaced by its settings when settings"
@@ -215,13 +221,6 @@ class Correlation(Section):
                 " and what is given is kept; leave out what the preset is to decide"
             )
         return {**preset, **written, "preset": "custom"}
-
-        if self.quality == "auto" and (self.method == "direct" or self.update != "never"):
-            raise ValueError(
-                f"correlation: quality 'auto' asked with method '{self.method}' and update"
-                f" '{self.update}', of which nothing can be left out; use method 'shared' or"
-                " 'icgn', and update 'never'"
-            )
 
     @property
     def averaging_box_px(self) -> float:
