@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from dic.blobs import Speckle
+from tradeoff.grains import Speckle
 from typer.testing import CliRunner
 
 from analysis.options import as_written

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from dic.blobs import Speckle
 from test_cli_bad_input import refused
+from tradeoff.grains import Speckle
 from typer.testing import Result
 
 Command = Callable[..., Result]
@@ -47,7 +47,7 @@ def test_the_trade_of_somebodys_pictures(slipscope: Command, pictures: list[Path
     assert again.exit_code == 0
     assert json.loads(Path("t.json").read_text()) == held
     other = slipscope(*command[:-8], "--json", "t.json")  # without the pictures at rest
-    refused_at_the_end(other, "another texture", "--overwrite")
+    refused_at_the_end(other, "t.json: measured with another", "--overwrite")
     assert json.loads(Path("t.json").read_text()) == held
 
 

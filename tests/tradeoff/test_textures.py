@@ -4,9 +4,11 @@ that texture scatters by; the pictures come from elsewhere than the prediction.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
-from dic.blobs import Speckle
+from tradeoff.grains import Speckle
 
 from analysis.dic import Correlation, open_tracker
 from app.tradeoff import correlation
@@ -38,9 +40,15 @@ class Optics:
         return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
-def coarse(ux: float = 0.0, noise: float = 3.0, seed: int = 0) -> np.ndarray:
+@cache
+def coarse_grey(ux: float) -> np.ndarray:
     made = Speckle(SHAPE, seed=3, grain=(1.2, 2.5), density=0.05)
-    return made.image(ux, noise=noise, seed=seed, contrast=30, level=60)
+    return made.grey(ux, contrast=30, level=60)
+
+
+def coarse(ux: float = 0.0, noise: float = 3.0, seed: int = 0) -> np.ndarray:
+    grey = coarse_grey(ux) + noise * np.random.default_rng(seed).normal(size=SHAPE)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
 def measured_sigma(picture, noise: float) -> float:
@@ -97,12 +105,12 @@ def test_a_small_shift_and_other_light_between_pictures_at_rest_are_no_noise() -
 
 
 def test_noise_of_neighbours_that_is_correlated_is_told() -> None:
-    speckle, rng = Speckle(SHAPE, seed=2), np.random.default_rng(8)
+    grey, rng = Speckle(SHAPE, seed=2).grey(), np.random.default_rng(8)
 
     def picture():
         white = rng.normal(size=(SHAPE[0], SHAPE[1] + 1))
         noise = 3 * (white[:, 1:] + white[:, :-1]) / np.sqrt(2)
-        return np.clip(np.rint(speckle.grey() + noise), 0, 255).astype(np.uint8)
+        return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
 
     assert texture_of(picture(), [picture()]).neighbours == pytest.approx(0.5, abs=0.05)
 

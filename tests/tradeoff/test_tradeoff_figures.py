@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from dic.blobs import Speckle
 from inversion import sheared_contact
 from scipy.optimize import brentq
+from tradeoff.grains import Speckle
 
 from analysis.dic import Correlation
 from analysis.settings import PRESETS
