@@ -66,6 +66,7 @@ PASSED = 0.9  # of the amplitude of a wave: its period is the spatial resolution
 PERIODS_PX = 14.0 * 2.0 ** (np.arange(24) / 4)
 EDGE_PX = 6.0  # a box closer to the border of the picture, before or after its motion, is not used
 CALM_PX = 40.0  # further inside, the border does not change how a wave is passed
+EQUAL = 1.03  # errors closer than this differ by chance
 WRONG_PX = 1.0  # a point further from the truth counts as lost, not as noise
 DRIVE_PX = 0.5  # from one picture to the next, for the cost
 
@@ -394,7 +395,10 @@ def advice(found: Found, rate_hz: float, free: float, period_px: float | None) -
         values = {name: math.prod(f[k] for k in key) for name, f in chosen.items()}
         usable = [name for name, value in values.items() if math.isfinite(value)]
         if usable:
-            best = min(usable, key=values.__getitem__)
+            least = min(values[name] for name in usable)
+            near = [name for name in usable if values[name] <= EQUAL * least]
+            # of those that differ by chance, the one with the most points
+            best = max(near, key=lambda name: found[name]["points_per_s"] * found[name]["wall_ms"])
             f = chosen[best]
             lines.append(
                 f"{where}, {what}: {best}, {f['sigma_px']:.2g} px, a period of {f['period_px']:.0f}"

@@ -108,9 +108,11 @@ def test_errors_do_not_depend_on_what_was_measured_before(bench) -> None:
 def test_advice_keeps_to_the_budget_and_to_the_period() -> None:
     def row(cpu: float, error: float, period: float) -> dict[str, float]:
         return {"cpu_ms": cpu, "wall_ms": cpu, "error_px": error, "sigma_px": error,
-                "period_px": period}  # fmt: skip
+                "period_px": period, "points_per_s": 1e6 / cpu}  # fmt: skip
 
+    sparse = row(5, 0.00599, 67) | {"points_per_s": 1e4}
     found = {
+        "sparse": sparse,
         "shared, box 20": row(15, 0.006, 67),
         "slow": row(90, 0.001, 20),
         "blurred": row(10, 0.002, 300),
@@ -121,8 +123,8 @@ def test_advice_keeps_to_the_budget_and_to_the_period() -> None:
     assert ": sharp," in second
     first, _ = correlation.advice(found, 20.0, 0.5, 400.0)
     assert ": blurred," in first
-    (none,) = correlation.advice(found, 100.0, 0.5, None)
-    assert "none; the fastest is blurred with 10 ms" in none
+    (none,) = correlation.advice(found, 200.0, 0.5, None)
+    assert "none; the fastest is sparse with 5 ms" in none
 
 
 def test_the_displacement_to_invert_is_that_of_another_solution() -> None:
