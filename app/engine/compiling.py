@@ -4,8 +4,14 @@ next start.
 
 from __future__ import annotations
 
-import multiprocessing
+import os
+import pickle
 import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,19 +32,43 @@ def compile_correlation(correlation: dic.Correlation, dtype: Any) -> None:
     processes, which halves the seconds that it takes.
     """
     if not dic.is_compiled(correlation):
-        spawn = multiprocessing.get_context("spawn")
-        other = spawn.Process(target=_compile_search, args=(correlation, dtype), daemon=True)
-        other.start()
-        dic.compile_kernels(correlation, dtype, "field")
-        other.join()
+        with _compiling_search(correlation, dtype):
+            dic.compile_kernels(correlation, dtype, "field")
     dic.compile_kernels(correlation, dtype)  # what was compiled beside comes from the cache
 
 
-def _compile_search(correlation: dic.Correlation, dtype: Any) -> None:
+@contextmanager
+def _compiling_search(correlation: dic.Correlation, dtype: Any) -> Iterator[None]:
+    """Meanwhile another process compiles the search and the rings. Should it fail, they are
+    compiled here.
+    """
+    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+    other = subprocess.Popen(  # no multiprocessing, which runs the main script of the caller again
+        [sys.executable, "-P", "-m", "app.engine.compiling"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": paths},
+    )
+    assert other.stdin is not None
+    try:
+        with suppress(OSError), other.stdin as line:
+            pickle.dump((correlation, dtype), line)
+        yield
+    finally:
+        other.wait()
+
+
+def _compile_search() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the process that waits for it
+    correlation, dtype = pickle.load(sys.stdin.buffer)
     dic.compile_kernels(correlation, dtype, "search")
     _compile_rings()
 
 
 def _compile_rings() -> None:
     ring_means(np.ones(8), np.ones(8), 1.0, theta=np.ones(8))
+
+
+if __name__ == "__main__":
+    _compile_search()
