@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.special import ndtri
 
 from analysis.arrays import F64
 from analysis.contact.densities import Density, Power, Rough
+from analysis.dic.threads import together
 
 ROUNDS = 8
 DRAWS = 512
@@ -68,7 +70,8 @@ def micro_contact_disc(x: F64, y: F64, shape: tuple[int, int]) -> Disc:
     # points in one place, or all along the rim of the picture, are where no draw would be possible
     half = float(np.clip(half, LOCALISATION_PX, 0.29 * math.hypot(*shape)))
     stray = _stray_share(np.hypot(x - middle[0], y - middle[1]), 1.3 * 1.65 * half, area)
-    known = [_fitted(kind, x, y, shape, half, stray) for kind in FAMILIES]
+    fits = [partial(_fitted, kind, x, y, shape, half, stray) for kind in FAMILIES]
+    known = together(fits, len(fits))
     evidence = np.array([one.evidence for one in known])
     share = np.exp(evidence - evidence.max())
     share /= share.sum()

@@ -5,8 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import TypeVar
 
+T = TypeVar("T")
 Rows = tuple[int, int]  # the first, and one past the last
+
+
+def together(works: Sequence[Callable[[], T]], number: int) -> list[T]:
+    """What several pieces of work give, done by so many threads."""
+    if number < 2:
+        return [work() for work in works]
+    with ThreadPoolExecutor(number, "analysis") as pool:
+        return list(pool.map(lambda work: work(), works))
 
 
 class Threads:

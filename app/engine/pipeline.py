@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from analysis.contact.orientation import Direction, drive_direction
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Tracker, open_tracker
 from analysis.dic.field import Field
+from analysis.dic.threads import together
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
@@ -150,7 +152,7 @@ class Pipeline:
         if now.phase is Phase.BACKGROUND:
             self._background = image
         elif now.phase is Phase.REFERENCE and self.reference_frame is None:
-            self._take_reference(index, image, now)
+            self._take_reference(index, image, now, effort)
             self._reference = index, sample, image, now, effort
         elif self.reference_frame is None and self._reference is not None:
             self.step(*self._reference)  # a restart has failed
@@ -158,14 +160,22 @@ class Pipeline:
         if self._reference is None or not effort.products & Product.CONTACT:
             return measured
         if self._tracker is None:
-            self._tracker = open_tracker(self.config.correlation, self._reference[2])
-            at_rest = np.zeros(self.grid.shape)
-            self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
+            self._open_tracker(self._reference[2])
         return self._measure(measured, image)
 
-    def _take_reference(self, index: int, image: NDArray[np.generic], now: Conditions) -> None:
+    def _open_tracker(self, reference: NDArray[np.generic]) -> None:
+        self._tracker = open_tracker(self.config.correlation, reference)
+        at_rest = np.zeros(self.grid.shape)
+        self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
+
+    def _take_reference(
+        self, index: int, image: NDArray[np.generic], now: Conditions, effort: Effort
+    ) -> None:
         self._reference_shear_n = now.shear_force_n
-        self._find_contact(image)
+        works = [partial(self._find_contact, image)]
+        if effort.products & Product.CONTACT:
+            works.append(partial(self._open_tracker, image))
+        together(works, min(2, self.config.dic.threads))
         assert self.contact is not None
         x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
