@@ -14,11 +14,15 @@ from __future__ import annotations
 import argparse
 import importlib
 import inspect
+import os
 import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
+
+# as the command does: other threads of the linear algebra would wait on the processor's time
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from benchmarks.report import Report
 

@@ -13,11 +13,8 @@ everything             also the traction of every point (stress.field)
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does
 
 import cv2
 import numpy as np
