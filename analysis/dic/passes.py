@@ -250,6 +250,7 @@ class SharedPasses:
             differs = wrong | (np.abs(centre - before).max(axis=0) > SAME)
             wanted = wanted & (cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)) > 0)
             needed = self._needed(wanted)
+            self._result.restless[~wanted] = False  # they would be measured the same again
         self._threads.share(sum_cells, self._threads.bands(cells.shape[1]))
         self._threads.share(solve, self._threads.bands(ny))
         return self._result, wanted

@@ -47,8 +47,8 @@ class Quality:
     Parameters
     ----------
     config : Config
-    is_live : bool
-        Whether frames come whether their analysis is ready or not.
+    pace : float or None
+        Seconds of the board per second; None where frames wait for their analysis.
 
     Attributes
     ----------
@@ -58,10 +58,10 @@ class Quality:
         What made it so many; empty for none.
     """
 
-    def __init__(self, config: Config, *, is_live: bool) -> None:
+    def __init__(self, config: Config, pace: float | None) -> None:
         self.shed, self.why = 0, ""
-        self._is_auto = is_live and config.dic.quality == "auto"
-        self._period_s = 1 / config.frame_rate_hz
+        self._is_auto = pace is not None and config.dic.quality == "auto"
+        self._period_s = 1 / (config.frame_rate_hz * (pace or 1.0))
         self._recorded = _RECORDED[config.recording.results]
         self._every_point = _every_point(config)
         self._shown_until = -math.inf

@@ -110,7 +110,7 @@ class Run(Watched):
         self._bench = bench
         self._create_sink = create_sink
         self._free_running = pace is None
-        self._quality = Quality(config, is_live=pace is not None)
+        self._quality = Quality(config, pace)
         self._prepare = prepare
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)

@@ -36,7 +36,7 @@ class Watched:
         self.pixel_m = config.camera.pixel
         self.sample_rate_hz = float(config.forces.sample_rate)
         self._analysis = Analysis(config, pipeline)
-        self._quality = Quality(config, is_live=False)
+        self._quality = Quality(config, None)
         grid = grid_of(config)
         self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
         self._state = "idle"

@@ -13,8 +13,8 @@ PERIOD_S = 42e-3
 ALL = Product.CONTACT | Product.PICTURE | Product.SETTLED
 
 
-def made(*settings, is_live=True):
-    return Quality(config.load(None, ["camera.divisor=42", *settings]), is_live=is_live)
+def made(*settings, pace=1.0):
+    return Quality(config.load(None, ["camera.divisor=42", *settings]), pace)
 
 
 class Machine:
@@ -50,7 +50,7 @@ def test_without_auto_nothing_is_left_out():
 
 
 def test_an_analysis_that_is_not_live_leaves_nothing_out():
-    machine = Machine(made("dic.quality=auto", is_live=False))
+    machine = Machine(made("dic.quality=auto", pace=None))
     machine.run(10, load=20)
     assert set(machine.steps) == {0}
 
