@@ -125,8 +125,7 @@ class Run(Watched):
         self._ask = self._watchdog.ask
         self._stage = Stage(config, bench)
         self._intake = Intake(config, bench, self._stage, self._history, self._watchdog, pace=pace)
-        self._rate = config.frame_rate_hz * (pace or 1.0)  # frames per second of the wall clock
-        self._unhurried_depth = math.ceil(UNHURRIED_S * self._rate)
+        self._unhurried_depth = math.ceil(UNHURRIED_S * config.frame_rate_hz)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
             self._unhurried_depth, sender_waits=self._free_running
         )
@@ -372,7 +371,8 @@ class Run(Watched):
         if not self._free_running:
             patience_s = min(HURRIED_S, self._quality.patience_s)
             grace = 2 * self._unhurried_depth if patience_s == HURRIED_S else 0
-            self._to_analysis.narrow(max(1, round(patience_s * self._rate)), grace=grace)
+            depth = max(1, round(patience_s * self.config.frame_rate_hz))
+            self._to_analysis.narrow(depth, grace=grace)
         self._ask(self._stage.name, self._stage.aim)
         self._begin_phase(workers, Phase.DRIVE, self._now())
         self._watchdog.drives = self._drives = not self._free_running
