@@ -63,17 +63,23 @@ def analysis(report: Report, frames: int, overrides: Sequence[str]) -> None:
     report.table("Analysis of a frame, processor time on one core")
     for name, (products, bound) in ASKED.items():
         drive = Drive([*overrides, "dic.threads=1", "stress.field=true"])
-        effort, spent = Effort(int(products)), []
+        effort, spent, tractions = Effort(int(products)), [], []
         for frame in frames_of(drive, frames):
             began = time.process_time()
-            drive.line.step(*frame, effort)
+            found = drive.line.step(*frame, effort)
             if (frame[0] - 2) % SERIES > 1:  # the first two come from elsewhere in the drive
                 spent.append(time.process_time() - began)
+            if found.traction:
+                tractions.append(found.traction)
         drive.line.close()
+        D_sd = [1e9 * t.block_sd_m for t in tractions]
+        c_sd = [1e6 * t.peak_radius_sd_m for t in tractions]
         report.row(
             name,
             median=(1e3 * np.median(spent), "ms", bound),
             of_95_percent=(1e3 * np.percentile(spent, 95), "ms"),
+            **({"uncertainty of D": (np.median(D_sd), "nm")} if D_sd else {}),
+            **({"uncertainty of c": (np.nanmedian(c_sd), "um")} if c_sd else {}),
         )
 
 

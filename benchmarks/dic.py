@@ -2,7 +2,7 @@
 whose displacement is known exactly: 18,644 points (box 20, step 10), one core unless stated
 otherwise, processor time.
 
-    python -m benchmarks dic [table light jumps cost threads paper waves compilation]
+    python -m benchmarks dic [PART...]
                              [--frames 5] [--plot sigma.png]
 
 table        points per second, a translation and a graded ring, without and with noise
@@ -13,6 +13,7 @@ threads      time of a frame on two threads against one
 paper        the paper's calibration (Fig. 4d): sigma for boxes of 10 to 100 px, u_x up to 14 px
 waves        amplitude that is left of a sinusoidal u_x, by wavelength, beside a plain average's
 compilation  seconds of the first use with an empty cache, and of a later one
+start        seconds from the beginning of a program to the first sample of its run
 
 benchmarks/dic_peers.py fills the same table for other libraries, on the same pictures.
 """
@@ -244,7 +245,29 @@ def compilation(report: Report, _: int | None) -> None:
             report.add(use, float(done.stdout), "s")
 
 
-PARTS = {f.__name__: f for f in (table, light, jumps, cost, threads, paper, waves, compilation)}
+def start(report: Report, _: int | None) -> None:
+    """From the beginning of a program to the first sample of its run, simulated bench."""
+    report.table("Start of a run in a new process, imports included")
+    code = (
+        "import time; t = time.perf_counter(); import sys; from pathlib import Path;"
+        " from app import config; from app.processes.client import LaunchedRun;"
+        " run = LaunchedRun(config.load(None, []), Path(sys.argv[1]), pace=1.0, overwrite=True);"
+        " run.start()\n"
+        "while not run.health().phase: time.sleep(0.01)\n"
+        "print(time.perf_counter() - t); run.request_stop('it has begun'); run.wait()"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        kept, session = str(Path(folder) / "kept"), str(Path(folder) / "run.h5")
+        env = os.environ | {"NUMBA_CACHE_DIR": kept, "PYTHONPATH": str(ROOT)}
+        for use in ("first use, compiling", "later use", "later use, again"):
+            command = [sys.executable, "-c", code, session]
+            done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+            report.add(use, float(done.stdout.split()[0]), "s")
+
+
+PARTS = {
+    f.__name__: f for f in (table, light, jumps, cost, threads, paper, waves, compilation, start)
+}
 
 
 def measure(

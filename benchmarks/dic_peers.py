@@ -69,7 +69,7 @@ def dense_flow(reference: Picture) -> Step:
     box.
     """
     x, y = lattice(reference.shape)
-    flow, last = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST), None  # type: ignore[attr-defined]
+    flow, last = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST), None
     for name, value in (
         DIS | {f"VariationalRefinement{name}": value for name, value in SMOOTHING.items()}
     ).items():
