@@ -29,6 +29,9 @@ UNITS = {
     "mN": 1e-3,
     "mJ/m2": 1e-3,
     "MPa": 1e6,
+    "kPa": 1e3,
+    "kPa/um": 1e9,
+    "uJ": 1e-6,
     "degrees": math.pi / 180,
 }
 """Unit in which a setting is written -> factor to the one in which it is held."""

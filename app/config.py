@@ -9,28 +9,38 @@ from __future__ import annotations
 import copy
 import difflib
 import keyword
-import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, make_dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, get_type_hints
 
-import msgspec
-
-from analysis.options import Section, SettingError, as_written, option, options
+from analysis.options import Section, as_written, option, options
 from analysis.settings import PRESETS
 from app.errors import UserError
-from app.settings import Config
-from app.toml import LONGEST_TOML, parse_toml
+from app.plain import (
+    STEPS,
+    ConfigError,
+    brief,
+    markdown_rows,
+    section_from,
+    step_as_written,
+    steps_from,
+    steps_lines,
+    steps_markdown,
+    title,
+    toml_text,
+)
+from app.settings import Config, RunSettings
+from app.toml import parse_toml, read_toml
 from app.trust import check_local, check_module, check_port, check_producer, check_server
 from drivers.errors import DeviceNotFound
 from drivers.settings import DeviceSettings
 
+__all__ = ["ConfigError", "section_from"]
 BENCHES = Path(__file__).parent / "benches"
 OWN = "options"  # the table of a driver's own settings, within that of its device
-LONGEST_QUOTE = 200  # characters of somebody's text in an error
 CHECKS = {  # what names something outside, and what it may be
     "forces.server": check_server,
     "forces.certificate": check_local,
@@ -41,6 +51,7 @@ CHECKS = {  # what names something outside, and what it may be
     "sim.law_table": check_local,
 }
 ANALYSED = (  # tables and options that say how a measurement is analysed, not what was measured
+    "about",
     "sample",
     "uncertainty",
     "dic",
@@ -58,11 +69,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     *(f"forces.{name}" for name in ("stiffness_uncertainty", "sign", "zero", "coupling")),
 )
 
-S = TypeVar("S", bound=Section)
-
-
-class ConfigError(ValueError):
-    """The settings can not be used; the message says which key, what was found, what is allowed."""
+Change = tuple[str, str, Any]  # table, key and value of a setting
 
 
 @cache
@@ -74,9 +81,11 @@ def tables() -> dict[str, type[Section]]:
 
 def values_of(config: Config) -> dict[str, dict[str, Any]]:
     """Table -> key -> value of all settings, in the units of the settings file; a driver's own are
-    a dict under the key "options" of its device.
+    a dict under the key "options" of its device, the steps of a protocol a list of dicts.
     """
     values = {table: as_written(getattr(config, table)) for table in tables()}
+    if config.run.steps:
+        values["run"][STEPS] = [step_as_written(step) for step in config.run.steps]
     for table, section in own_options(config).items():
         values[table][OWN] = as_written(section)
     return values
@@ -91,76 +100,45 @@ def own_options(config: Config) -> dict[str, Section]:
 # ---------------------------------------------------------------------- from plain data
 
 
-def section_from(kind: type[S], written: dict[str, Any], name: Callable[[str], str]) -> S:
-    """A section from plain values, in the units in which people write them.
-
-    Parameters
-    ----------
-    name : callable
-        What the errors call an option, given its name in the section.
-
-    Raises
-    ------
-    ConfigError
-        A value can not be used, or two can not be used together.
-    """
-    try:
-        written = kind.resolved(written)
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
-    values = {}
-    for key, value in written.items():
-        declared = options(kind)[key]
-        if (number := _not_finite(value)) is not None:
-            raise ConfigError(f"{name(key)}: a finite number is needed; found {number}")
-        try:
-            values[key] = declared.si(msgspec.convert(value, declared.type))
-        except msgspec.ValidationError:
-            raise _refused(name(key), declared.wanted, value) from None
-    try:
-        return kind(**values)
-    except SettingError as error:
-        key = error.option.name
-        raise _refused(name(key), error.option.wanted, written[key]) from None
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
-
-
-def _refused(name: str, wanted: str, value: Any) -> ConfigError:
-    return ConfigError(f"{name} must be {wanted}; found {_brief(_text(value))}")
-
-
 def from_data(
-    data: dict[str, Any], where: str, *, recorded: bool = False, folder: Path | None = None
+    data: dict[str, Any],
+    where: str,
+    *,
+    recorded: bool = False,
+    folders: Sequence[Path] | None = None,
 ) -> Config:
     """Settings from nested plain dicts; `where` names the source in error sentences.
 
     With `recorded`, a driver's own settings are taken as they are, and no driver is imported: it
-    need not be installed, and a session from somebody else executes nothing. With the `folder` of
-    a settings file, code that lies there or in the current folder must have been confirmed.
+    need not be installed, and a session from somebody else executes nothing. With the `folders` of
+    settings files, code that lies there or in the current folder must have been confirmed.
     """
     sections: dict[str, Any] = {}
     try:
         for table, content in data.items():
             _check_keys(table, content)
-            sections[table] = _section(table, content, recorded, folder)
+            sections[table] = _section(table, content, recorded, folders)
         return Config(**sections)
     except (ValueError, DeviceNotFound, UserError) as error:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _section(table: str, content: dict[str, Any], recorded: bool, folder: Path | None) -> Section:
+def _section(
+    table: str, content: dict[str, Any], recorded: bool, folders: Sequence[Path] | None
+) -> Section:
     kind = tables()[table]
-    plain = {key: value for key, value in content.items() if key != OWN}
+    plain = {key: value for key, value in content.items() if key not in (OWN, STEPS)}
     section, given = section_from(kind, plain, f"{table}.{{}}".format), content.get(OWN, {})
+    if isinstance(section, RunSettings):
+        return replace(section, steps=steps_from(content.get(STEPS, [])))
     if not recorded:
-        _check_names(table, section, folder)
+        _check_names(table, section, folders)
     if not isinstance(section, DeviceSettings):
         return section
     where = f"{table}.{OWN}"
     if not isinstance(given, dict):
         raise ConfigError(
-            f"'{where}' is a table of the driver's own options, found {_brief(repr(given))}; write"
+            f"'{where}' is a table of the driver's own options, found {brief(repr(given))}; write"
             f" [{where}] above them"
         )
     own = _as_recorded(tuple(given)) if recorded else _options_of(table, section.source)
@@ -170,7 +148,7 @@ def _section(table: str, content: dict[str, Any], recorded: bool, folder: Path |
             close = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
             nearest = f"the nearest known one is '{where}.{close[0]}'" if close else "leave it out"
             raise ConfigError(
-                f"unknown key '{_brief(f'{where}.{key}')}' of the driver '{section.source}', which"
+                f"unknown key '{brief(f'{where}.{key}')}' of the driver '{section.source}', which"
                 f" has {len(known) or 'no'} options of its own; {nearest}"
             )
         if recorded and not _is_plain(value):
@@ -178,13 +156,13 @@ def _section(table: str, content: dict[str, Any], recorded: bool, folder: Path |
     return replace(section, options=section_from(own, given, f"{where}.{{}}".format))
 
 
-def _check_names(table: str, section: Section, folder: Path | None) -> None:
+def _check_names(table: str, section: Section, folders: Sequence[Path] | None) -> None:
     """Refuse what stands for more than a device or a file, and code that was not confirmed."""
     for key, check in CHECKS.items():
         if key.partition(".")[0] == table:
             check(key, getattr(section, key.partition(".")[2]))
-    if folder is not None and isinstance(section, DeviceSettings):
-        check_module(f"{table}.source", section.source, [folder])
+    if folders is not None and isinstance(section, DeviceSettings):
+        check_module(f"{table}.source", section.source, folders)
         check_producer(f"{table}.producer", getattr(section, "producer", ""))
 
 
@@ -202,7 +180,7 @@ def _as_recorded(names: tuple[str, ...]) -> type[Section]:
         return Section
     for name in names:
         if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name) or keyword.iskeyword(name):
-            raise ConfigError(f"'{_brief(name)}' can not be the name of an option")
+            raise ConfigError(f"'{brief(name)}' can not be the name of an option")
     about = [(name, Any, option(None, "as recorded")) for name in names]
     bases = {"bases": (Section,), "frozen": True, "kw_only": True}
     return make_dataclass("RecordedOptions", about, **bases)  # type: ignore[arg-type]
@@ -218,16 +196,18 @@ def _is_plain(value: Any) -> bool:
 
 def _check_keys(table: str, content: Any) -> None:
     if table not in tables():
-        raise ConfigError(f"unknown table or key '{_brief(table)}'; {_nearest(_brief(table))}")
+        raise ConfigError(f"unknown table or key '{brief(table)}'; {_nearest(brief(table))}")
     if not isinstance(content, dict):
         raise ConfigError(
-            f"'{table}' is a table of options, found {_brief(repr(content))}; write [{table}] above"
+            f"'{table}' is a table of options, found {brief(repr(content))}; write [{table}] above"
             " its options"
         )
     for key in content:
-        is_own = key == OWN and issubclass(tables()[table], DeviceSettings)
+        is_own = (key == OWN and issubclass(tables()[table], DeviceSettings)) or (
+            key == STEPS and tables()[table] is RunSettings
+        )
         if key not in options(tables()[table]) and not is_own:
-            unknown = _brief(f"{table}.{key}")
+            unknown = brief(f"{table}.{key}")
             raise ConfigError(f"unknown key '{unknown}'; {_nearest(unknown)}")
 
 
@@ -240,17 +220,6 @@ def _nearest(word: str) -> str:
             names[f"{table}.{key}"] = f"{table}.{key}"
     close = difflib.get_close_matches(word, list(names), n=1, cutoff=0.0)[0]
     return f"the nearest known one is '{names[close]}'"
-
-
-def _not_finite(value: Any) -> float | None:
-    """The first number in a value that is not finite; None if all are."""
-    parts = value if isinstance(value, list | tuple) else ()
-    found = [value] if isinstance(value, float) else map(_not_finite, parts)
-    return next((n for n in found if n is not None and not math.isfinite(n)), None)
-
-
-def _brief(text: str) -> str:
-    return text if len(text) <= LONGEST_QUOTE else f"{text[: LONGEST_QUOTE // 2]} ..."
 
 
 # ---------------------------------------------------------------------- from text
@@ -273,7 +242,7 @@ def from_record(text: str, where: str) -> Config:
     return from_data(data, where, recorded=True)
 
 
-def parse_override(text: str) -> tuple[str, str, Any]:
+def parse_override(text: str) -> Change:
     """``run.travel=150`` -> ("run", "travel", 150); a bare word is a string."""
     key, separator, raw = text.partition("=")
     table, dot, name = key.strip().partition(".")
@@ -286,13 +255,13 @@ def parse_override(text: str) -> tuple[str, str, Any]:
     return table, name, value
 
 
-def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
-    parsed = [parse_override(text) for text in overrides]
-    for table, name, value in parsed:
+def _override(data: dict[str, Any], changes: Iterable[Change]) -> None:
+    changes = list(changes)
+    for table, name, value in changes:
         if (table, name) == ("dic", "preset") and isinstance(data.get(table), dict):
             for key in PRESETS.get(str(value), ()):  # what the file says gives way to it
                 data[table].pop(key, None)
-    for table, name, value in parsed:
+    for table, name, value in changes:
         content = data.setdefault(table, {})
         if name.startswith(f"{OWN}.") and isinstance(content, dict):
             content = content.setdefault(OWN, {})
@@ -308,19 +277,29 @@ def revised(config: Config, overrides: Sequence[str]) -> Config:
     ConfigError
         An override is not allowed, or changes what was measured rather than how it is analysed.
     """
-    was = values_of(config)
-    data = copy.deepcopy(was)
-    _override(data, overrides)
+    data = values_of(config)
+    _override(data, map(parse_override, overrides))
     new = from_data(data, "--set", recorded=True)
-    for table, content in values_of(new).items():
-        for key, value in content.items():
-            if value != was[table].get(key) and not {table, f"{table}.{key}"} & set(ANALYSED):
-                found = _text(was[table].get(key))
-                raise ConfigError(
-                    f"--set: {table}.{key} is {found} in the session, as it was measured;"
-                    " what an analysis may change is " + ", ".join(ANALYSED)
-                )
+    for name, (found, _) in measured_differently(config, new).items():
+        raise ConfigError(
+            f"--set: {name} is {found} in the session, as it was measured;"
+            " what an analysis may change is " + ", ".join(ANALYSED)
+        )
     return new
+
+
+def measured_differently(a: Config, b: Config) -> dict[str, tuple[str, str]]:
+    """``table.key`` -> both values as text, of the settings of two experiments that differ in what
+    no analysis may change.
+    """
+    was, now = values_of(a), values_of(b)
+    keys = [(table, key) for table in now for key in dict.fromkeys((*was[table], *now[table]))]
+    pairs = {(t, k): (was[t].get(k), now[t].get(k)) for t, k in keys}
+    return {
+        f"{table}.{key}": (toml_text(old), toml_text(new))
+        for (table, key), (old, new) in pairs.items()
+        if old != new and not {table, f"{table}.{key}"} & set(ANALYSED)
+    }
 
 
 def load(
@@ -334,29 +313,33 @@ def load(
     ConfigError
         The file can not be read, is not TOML, or holds something that is not allowed.
     """
-    data: dict[str, Any] = {}
     where = "--set" if overrides else "settings"
+    data: dict[str, Any] = {}
     if path is not None:
         where = f"{path} and --set" if overrides else str(path)
-        try:
-            with bench_file(path).open("rb") as file:
-                data = parse_toml(_decode(file.read(2 * LONGEST_TOML + 2)))
-        except OSError as error:
-            raise ConfigError(
-                f"{path}: the settings file can not be read: {error.strerror}; check the name, or"
-                f" take one of the program's own: {', '.join(bench_names())}"
-            ) from None
-        except ValueError as error:
-            raise ConfigError(f"{path}: not a TOML file: {error}") from None
-    _override(data, overrides)
-    return from_data(
-        data, where, recorded=recorded, folder=None if path is None else bench_file(path).parent
-    )
+        data = read_settings(path)
+    _override(data, map(parse_override, overrides))
+    folders = None if path is None else [bench_file(path).parent]
+    return from_data(data, where, recorded=recorded, folders=folders)
 
 
-def _decode(content: bytes) -> str:
-    """Text of a settings file; Windows shells write UTF-16 when they redirect output."""
-    return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+def altered(
+    data: dict[str, Any], changes: Iterable[Change], where: str, folders: Sequence[Path]
+) -> Config:
+    """Settings from nested plain dicts, which stay as they are, with changes to them; see
+    `from_data`.
+    """
+    new = copy.deepcopy(data)
+    _override(new, changes)
+    return from_data(new, where, folders=folders)
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """The nested plain dicts of a settings file, or of a bench that comes with the program."""
+    try:
+        return read_toml(bench_file(path), "settings file", bench_names())
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
 
 
 def bench_names() -> list[str]:
@@ -396,13 +379,15 @@ def to_toml(config: Config, comments: bool = True) -> str:
     own = own_options(config)
     for table in tables():
         lines += _table_lines(table, getattr(config, table), comments)
+        if table == "run":
+            lines += steps_lines(config.run.steps, comments)
         if table in own:
             lines += _table_lines(f"{table}.{OWN}", own[table], comments)
     return "\n".join(lines)
 
 
 def _table_lines(table: str, section: Section, comments: bool) -> list[str]:
-    lines = [f"# {_title(type(section))}"] if comments else []
+    lines = [f"# {title(type(section))}"] if comments else []
     lines.append(f"[{table}]")
     for key, value in as_written(section).items():
         declared = options(type(section))[key]
@@ -410,7 +395,7 @@ def _table_lines(table: str, section: Section, comments: bool) -> list[str]:
             notes = f" [{declared.unit}]" if declared.unit else ""
             notes += f" ({declared.limits})" if declared.limits else ""
             lines.append(f"# {declared.meaning}{notes}.")
-        lines.append(f"{key} = {_text(value)}")
+        lines.append(f"{key} = {toml_text(value)}")
     return [*lines, ""]
 
 
@@ -429,32 +414,13 @@ def markdown() -> str:
         "This page is made from the declarations: `python -m app.config > docs/settings.md`.",
     ]
     for table, kind in tables().items():
-        lines += ["", f"## [{table}]", "", _title(kind), ""]
-        lines += ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
-        for key, declared in options(kind).items():
-            default = f"`{_text(declared.default)}`"
-            cells = (f"`{key}`", default, declared.unit, declared.limits, declared.meaning)
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        lines += ["", f"## [{table}]", "", title(kind), "", *markdown_rows(kind)]
+        if kind is RunSettings:
+            lines += steps_markdown()
         if issubclass(kind, DeviceSettings):
             own = f"Options of a driver's own follow in the table `[{table}.{OWN}]`"
             lines += ["", f"{own}; `slipscope config --set {table}.source=...` shows them."]
     return "\n".join(lines) + "\n"
-
-
-def _title(kind: type[Section]) -> str:
-    """The first paragraph of a section's docstring, on one line."""
-    return " ".join((kind.__doc__ or "").partition("\n\n")[0].split())
-
-
-def _text(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return msgspec.json.encode(value).decode()
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_text, value)) + "]"
-    return repr(value)
 
 
 if __name__ == "__main__":

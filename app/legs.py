@@ -1,14 +1,18 @@
-"""The legs of a drive that turns back."""
+"""The legs of a drive that turns back, and the instants of one that are shown."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from analysis.friction.cycles import branches
 from app.numbers import series_of
-from app.records import Snapshot
+from app.records import Phase, Snapshot
+from app.summary import Summary
 
 REVERSED_M = 3e-6  # way back of the stage from which it is a reversal
+# five instants on the way to t_s, and one in sliding or at the end, as multiples of t_s
+INSTANTS = (0.19, 0.38, 0.57, 0.76, 0.95, 1.4)
 
 
 def legs_of(drive: Sequence[Snapshot]) -> list[slice]:
@@ -17,6 +21,30 @@ def legs_of(drive: Sequence[Snapshot]) -> list[slice]:
 
 
 def first_loading(drive: Sequence[Snapshot]) -> list[Snapshot]:
-    """The frames of a drive up to its first reversal."""
+    """The frames of a drive up to its first reversal, and of its first step only: a hold or another
+    velocity ends it too.
+    """
     legs = legs_of(drive)
-    return list(drive[legs[0]] if len(legs) > 1 else drive)
+    first = list(drive[legs[0]] if len(legs) > 1 else drive)
+    return [s for s in first if s.conditions.step == first[0].conditions.step]
+
+
+def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) -> list[int]:
+    """Positions in `snapshots` of the six instants that are shown.
+
+    Where t_s is not known, or not reached, the instants share the drive evenly. There are fewer
+    than six in a drive of fewer frames.
+    """
+    drive = [
+        (s.conditions.time_s, i)
+        for i, s in enumerate(snapshots)
+        if s.conditions.phase is Phase.DRIVE and math.isfinite(s.conditions.time_s)
+    ]
+    if not drive:
+        return []
+    last, onset = drive[-1][0], summary.onset_time_s if summary else math.nan
+    wanted = [last * k / 6 for k in range(1, 7)]
+    if 0 < onset < last:
+        wanted = [min(last, share * onset) for share in INSTANTS]
+    nearest = (min(drive, key=lambda item: abs(item[0] - t))[1] for t in wanted)
+    return sorted(set(nearest))

@@ -19,6 +19,18 @@ from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
 from app.session.versions import versions
 from app.settings import Config
+from app.steps import (
+    APPROACH_S,
+    SLACK,
+    Approach,
+    Ask,
+    Background,
+    Hold,
+    Motion,
+    Zero,
+    durations,
+    legs,
+)
 from drivers.bench import Bench
 from drivers.bench import make_bench as bench_of
 from drivers.settings import CameraSettings
@@ -34,12 +46,15 @@ THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
 
 def scenario(config: Config) -> Scenario:
     """What the simulated world of these settings is made of."""
+    steps = config.run.protocol
+    loads = [step.normal_force for step in steps if isinstance(step, Approach)]
     return Scenario.of(
         sim=config.sim,
         sample=config.sample,
         forces=config.forces,
         camera=config.camera,
-        normal_force=config.run.normal_force,
+        normal_force=loads[-1] if loads else config.run.normal_force,
+        longest_hold=max((step.time for step in steps if isinstance(step, Hold)), default=0.0),
     )
 
 
@@ -69,17 +84,28 @@ def make_bench(config: Config, pace: float | None) -> Bench:
         raise UserError(f"[sim]: {error}") from None
 
 
+def expected_seconds(config: Config) -> float:
+    """How long a run of these settings takes on the bench, to within about ten per cent, if nobody
+    is waited for.
+    """
+    run, seconds = config.run, 0.0
+    for step, planned in zip(run.protocol, durations(run.protocol), strict=True):
+        if isinstance(step, Approach):
+            seconds += APPROACH_S + run.settle_time
+        elif not isinstance(step, Ask):
+            seconds += planned * (SLACK if isinstance(step, Motion) else 1.0)
+    return seconds
+
+
 def expected_bytes(config: Config) -> int:
     """Size of the session that a run of these settings writes, to within about ten per cent."""
-    run, camera = config.run, config.camera
-    waiting = run.background_time + 2.0 + run.settle_time + run.reference_time
-    seconds = waiting + abs(run.travel) / run.velocity * 1.06
+    camera = config.camera
     points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
     frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
     rate = config.frame_rate_hz * frame + config.forces.sample_rate * (
         32 + 8 * len(config.forces.auxiliary)
     )
-    return int(seconds * rate) + RESERVE_BYTES
+    return int(expected_seconds(config) * rate) + RESERVE_BYTES
 
 
 def check_room(config: Config, output: Path) -> None:
@@ -93,7 +119,7 @@ def check_room(config: Config, output: Path) -> None:
     if needed > free:
         raise UserError(
             f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB"
-            " free; make room or shorten run.travel"
+            f" free; make room or shorten {'run.steps' if config.run.steps else 'run.travel'}"
         )
 
 
@@ -183,6 +209,50 @@ def make_run(
     )
 
 
+def _check_world(config: Config, natures: set[str]) -> None:
+    """Refuse a protocol that the simulated world does not model."""
+    run, sim = config.run, config.sim
+    if {"simulated", "emulated"}.isdisjoint(natures):
+        return
+    if run.direction < 0:
+        what = (
+            "the first motion of run.steps"
+            if run.steps
+            else f"run.travel = {quantity(run, 'travel')}"
+        )
+        raise UserError(
+            f"{what} goes against +x, which the simulated"
+            " world does not model; give a travel above 0, or real devices"
+        )
+    if config.actuator.source != "sim":
+        return
+    back = next((leg for leg in legs(run.protocol, as_planned=True) if leg.end < leg.start), None)
+    if back and sim.law != "elasto-plastic":
+        step = run.protocol[back.number - 1]
+        raise UserError(
+            f"step {back.number} ({step.kind}) of the run goes back, which the simulated contact"
+            f" does not know under the law '{sim.law}'; use sim.law = 'elasto-plastic'"
+        )
+    if not run.steps:
+        return
+    loads = {step.normal_force for step in run.protocol if isinstance(step, Approach)}
+    if len(loads) > 1:
+        raise UserError(
+            f"run.steps approach {len(loads)} different loads; the simulated operator presses to"
+            " one, once; give one approach, or real sensors"
+        )
+    until_s = 0.0
+    for number, step in enumerate(run.protocol, 1):
+        if isinstance(step, Approach):
+            return
+        until_s += step.timeout if isinstance(step, Ask) else durations([step])[0]
+        if until_s > sim.press_time and isinstance(step, Background | Zero):
+            raise UserError(
+                f"step {number} ({step.kind}) lasts until {until_s:g} s, and the simulated"
+                f" operator presses at sim.press_time = {quantity(sim, 'press_time')}; raise it"
+            )
+
+
 def check_run(config: Config, output: Path, pace: float | None, overwrite: bool) -> set[str]:
     """The natures of the devices (`drivers.bench.NEEDS`) of a run that can be made.
 
@@ -209,11 +279,7 @@ def check_run(config: Config, output: Path, pace: float | None, overwrite: bool)
             f" on points that are {pitch * 1e6:g} um apart; use {thinnest * 1e3:g} mm or more, 0"
             " for a half-space, or stress.method = 'none'"
         )
-    if config.run.travel < 0 and not {"simulated", "emulated"}.isdisjoint(natures):
-        raise UserError(
-            f"run.travel = {quantity(config.run, 'travel')} goes against +x, which the simulated"
-            " world does not model; give a travel above 0, or real devices"
-        )
+    _check_world(config, natures)
     if pace != 1.0 and "real" in natures:
         raise UserError(
             "--pace: a bench with a real device runs at pace 1, not"

@@ -14,6 +14,8 @@ from app.schema import columns_of
 
 # the numbers of a snapshot by their names, and the parts that hold them
 NUMBERS = {c.attribute: c for c in columns_of(Snapshot) if c.group == "/entry/results"}
+ROW = np.dtype([(n, "U16" if c.kind is Phase else c.dtype) for n, c in NUMBERS.items()])
+"""A row of a table of them, with the phase as text."""
 _PARTS: dict[str, Any] = {
     "conditions": Conditions,
     "motion": Motion,

@@ -165,3 +165,17 @@ def _remove(unfinished: Path) -> None:
     if unfinished.is_dir():
         shutil.rmtree(unfinished)
     unfinished.unlink(missing_ok=True)
+
+
+# what a spreadsheet would run; it takes some wide characters for narrow ones
+_FORMULA = re.compile(r"'*\s*[=@+\-＝＠＋－\t\r\n]")
+
+
+def cell_of(text: str) -> str:
+    """A text as a cell that no spreadsheet runs; `text_of` gives it back."""
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def text_of(cell: str) -> str:
+    """The text in a cell that was written by `cell_of`, or by anybody else."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell

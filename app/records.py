@@ -31,7 +31,10 @@ Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
 NAN = math.nan
 UNFINISHED = "unfinished"  # state of a session that was cut short
+COMPLETE = "complete"  # last word of the reason of a run that has done all that it was to do
 RESTART = "restart"  # kind of the event that the analysis of the frames began anew
+STEP = "step"  # kind of the event that a step began, by its number, ``3 of 6: hold for 10 s``
+ZERO = "zero"  # kind of the event that says what the sensors read without a force, volts
 
 
 class Phase(StrEnum):
@@ -71,6 +74,8 @@ class Header:
         Name -> version of the programs and libraries in use, and of the computer.
     started : str
         Empty: now.
+    sample, operator, note : str
+        What the operator says of the run.
     source : Source or None
         None where the images are in this session.
     compression : str
@@ -102,6 +107,11 @@ class Header:
         "",
         "time of day when the session was made, ISO 8601; for people, nothing is computed from it",
         default="",
+    )
+    sample: str = column("sample/name", "", "name of the sample", since=7, default="")
+    operator: str = column("user/name", "", "who ran the experiment", since=7, default="")
+    note: str = column(
+        "notes/description", "", "what the operator noted of it", since=7, default=""
     )
     source: Source | None = None
     compression: Literal["none", "gzip"] = "none"
@@ -195,7 +205,8 @@ class Event:
     kind: str = column(
         "kind",
         "",
-        "phase, reference, gap, camera, import, analysis, restart, recording, stop or error",
+        "phase, step, reversal, zero, answer, reference, gap, camera, import, analysis, quality,"
+        " restart, recording, stop or error",
     )
     text: str = column("text", "", "what happened")
 
@@ -219,6 +230,12 @@ class Conditions:
     shear_force_n: float = column("shear_force", "N", "Q, mean over the exposure")
     travel_m: float = column(
         "stage_displacement", "m", "travel of the stage since the reference (delta)"
+    )
+    step: Index = column(
+        "step", "1", "number of the protocol's step, from 1; 0: not known", since=7, default=0
+    )
+    step_time_s: float = column(
+        "step_time", "s", "middle of the exposure from the start of the step", since=7, default=NAN
     )
 
 
@@ -413,6 +430,11 @@ class Outcome:
     summary: Summary | None
     resources: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether the run came to its own end: nobody and nothing ended it before."""
+        return self.state == "done" and self.reason.endswith(f" {COMPLETE}")
+
 
 @dataclass(frozen=True, slots=True)
 class Health:
@@ -420,7 +442,9 @@ class Health:
 
     `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
     hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
-    replay). `uncertain` frames may be of another trigger. `shed` is that of `Effort` now.
+    replay). `uncertain` frames may be of another trigger. `shed` is that of `Effort` now. `step` is
+    the one under way, ``3 of 6: hold for 10 s``, `left_s` the time left of it, NaN where the
+    operator decides, and `all_left_s` that of all steps; `question` waits for an answer.
     """
 
     state: str
@@ -435,6 +459,21 @@ class Health:
     uncertain: int = 0
     shed: int = 0
     shed_why: str = ""
+    step: str = ""
+    left_s: float = NAN
+    all_left_s: float = NAN
+    question: str = ""
+
+    @property
+    def doing(self) -> str:
+        """The step under way, with the time left of it and of all: ``3 of 6: hold for 10 s; 4 s
+        left, 60 s of all``.
+        """
+        left = f"; {self.left_s:.0f} s left" if math.isfinite(self.left_s) else ""
+        every = (
+            f", {self.all_left_s:.0f} s of all" if left and self.all_left_s > self.left_s else ""
+        )
+        return f"{self.step}{left}{every}"
 
 
 Record = (

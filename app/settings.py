@@ -7,18 +7,29 @@ those of the devices in `drivers.settings` and `drivers.sim.settings`, the other
 from __future__ import annotations
 
 import math
+import unicodedata
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from analysis.options import Section, like, option, quantity
 from analysis.settings import Correlation, Sample, StressSettings, Uncertainties
+from app.steps import Step, check, legs, protocol_of
+from app.toml import MOST_DOTS
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sim.settings import SimSettings
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings(Section):
-    """The loading experiment."""
+    """The loading experiment.
 
+    Attributes
+    ----------
+    steps : tuple of Step
+        Those of the settings; empty where the others say it all.
+    """
+
+    steps: tuple[Step, ...] = ()
     normal_force: float = option(
         0.5, "Normal force P that the contact is pressed to", "N", gt=0, le=10
     )
@@ -70,10 +81,45 @@ class RunSettings(Section):
         le=60,
     )
 
+    @cached_property
+    def protocol(self) -> tuple[Step, ...]:
+        """The steps of the run, whichever way they are given."""
+        return protocol_of(self)
+
     @property
     def direction(self) -> float:
-        """1.0 for a drive along +x, -1.0 for one the other way."""
-        return math.copysign(1.0, self.travel)
+        """1.0 for a first drive along +x, -1.0 for one the other way."""
+        first = next((leg for leg in legs(self.protocol, as_planned=True)), None)
+        return math.copysign(1.0, first.end[0] if first else self.travel)
+
+
+LONGEST_TEXTS = {"sample": 100, "operator": 100, "note": 2000}  # characters
+
+
+@dataclass(frozen=True, kw_only=True)
+class AboutSettings(Section):
+    """What the operator says of a run; nothing is computed from it."""
+
+    sample: str = option("", "Name of the sample, at most 100 characters")
+    operator: str = option("", "Who runs the experiment, at most 100 characters")
+    note: str = option("", "Anything worth knowing, at most 2000 characters; lines end with \\n")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, longest in LONGEST_TEXTS.items():
+            text: str = getattr(self, name)
+            if len(text) > longest or text.count(".") > MOST_DOTS:
+                raise ValueError(
+                    f"about.{name} has {len(text)} characters, {text.count('.')} of them full"
+                    f" stops; {longest} and {MOST_DOTS} are the most"
+                )
+            allowed = "\n\t" if name == "note" else ""
+            for character in text:
+                if unicodedata.category(character) in ("Cc", "Cs") and character not in allowed:
+                    raise ValueError(
+                        f"about.{name} has the control character {character!a}, which could steer a"
+                        " terminal; leave it out"
+                    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,6 +187,7 @@ class Config:
     """
 
     run: RunSettings = field(default_factory=RunSettings)
+    about: AboutSettings = field(default_factory=AboutSettings)
     forces: ForceSettings = field(default_factory=ForceSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     actuator: ActuatorSettings = field(default_factory=ActuatorSettings)
@@ -166,19 +213,26 @@ class Config:
                 f"camera.exposure = {quantity(camera, 'exposure')} is longer than the trigger"
                 f" period of {1e3 / self.frame_rate_hz:.4g} ms; shorten it or raise camera.divisor"
             )
-        if not run.travel:
+        if run.steps:
+            if run.reversals:
+                raise ValueError(
+                    f"run.reversals = {run.reversals} goes with the travel of run.travel, not with"
+                    " run.steps; leave it out, and write steps that reverse"
+                )
+            check(run.protocol, self.limits, actuator.max_velocity)
+        elif not run.travel:
             raise ValueError("run.travel = 0 um is no drive; give the way of the stage")
-        if abs(run.travel) > self.limits.travel:
+        elif abs(run.travel) > self.limits.travel:
             raise ValueError(
                 f"run.travel = {quantity(run, 'travel')} is beyond limits.travel ="
                 f" {quantity(self.limits, 'travel')}"
             )
-        if run.normal_force >= self.limits.normal_force:
+        if not run.steps and run.normal_force >= self.limits.normal_force:
             raise ValueError(
                 f"run.normal_force = {quantity(run, 'normal_force')} is not below"
                 f" limits.normal_force = {quantity(self.limits, 'normal_force')}"
             )
-        if run.velocity > actuator.max_velocity:
+        if not run.steps and run.velocity > actuator.max_velocity:
             raise ValueError(
                 f"run.velocity = {quantity(run, 'velocity')} is beyond actuator.max_velocity ="
                 f" {quantity(actuator, 'max_velocity')}"

@@ -154,6 +154,73 @@ class Summary:
         since=5,
         default=(),
     )
+    slide_step: tuple[int, ...] = column(
+        "slide_step",
+        "1",
+        "number of each step that moves the stage one way, of a protocol of several",
+        shape=("slides",),
+        since=7,
+        default=(),
+    )
+    slide_hold_s: tuple[float, ...] = column(
+        "slide_hold",
+        "s",
+        "for how long the stage stood before it",
+        shape=("slides",),
+        since=7,
+        default=(),
+    )
+    slide_velocity_m_s: tuple[float, ...] = column(
+        "slide_velocity",
+        "m/s",
+        "velocity of the stage in it",
+        shape=("slides",),
+        since=7,
+        default=(),
+    )
+    slide_peak: tuple[float, ...] = column(
+        "slide_peak",
+        "1",
+        "greatest Q/P in it, along the motion: mu_s",
+        shape=("slides",),
+        since=7,
+        default=(),
+    )
+    slide_peak_sd: tuple[float, ...] = uncertainty(
+        "slide_peak", "1", shape=("slides",), since=7, default=()
+    )
+    slide_mu_d: tuple[float, ...] = column(
+        "slide_mu_d",
+        "1",
+        "Q/P in its last third; NaN where it rises or falls there",
+        shape=("slides",),
+        since=7,
+        default=(),
+    )
+    slide_mu_d_sd: tuple[float, ...] = uncertainty(
+        "slide_mu_d", "1", shape=("slides",), since=7, default=()
+    )
+    slide_rise: tuple[float, ...] = column(
+        "slide_rise",
+        "1",
+        "its peak above mu_d before the hold",
+        shape=("slides",),
+        since=7,
+        default=(),
+    )
+    slide_rise_sd: tuple[float, ...] = uncertainty(
+        "slide_rise", "1", shape=("slides",), since=7, default=()
+    )
+    ageing_rate: float = column(
+        "ageing_rate",
+        "1",
+        "beta of the rise beta ln(1 + t/t0) after a hold of duration t",
+        since=7,
+        default=NAN,
+    )
+    ageing_rate_sd: float = uncertainty("ageing_rate", "1", since=7, default=NAN)
+    ageing_time_s: float = column("ageing_time", "s", "t0 of that rise", since=7, default=NAN)
+    ageing_time_sd_s: float = uncertainty("ageing_time", "s", since=7, default=NAN)
 
     def shares(self, quantity: str) -> dict[str, float]:
         """Relative uncertainty of a quantity by each input, with its sign; empty where it is not

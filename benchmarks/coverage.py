@@ -28,7 +28,7 @@ import numpy as np
 from analysis.contact.rings import central_value, ring_means
 from analysis.friction.stick import seen_in_rings
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
-from app.engine.conclusions import hertz_radius_m, summarise
+from app.engine.conclusions import conclude, hertz_radius_m
 from app.engine.pipeline import CENTRE_SHARE
 from app.engine.setup import grid_of, sensor_chain
 from app.engine.tractions import Tractions
@@ -175,7 +175,7 @@ def scores(case: tuple[float, bool, int, float, bool]) -> Scores:
     nothing = np.empty(0)
     contact = ContactResult(centre, math.nan, math.nan, (0.0, 0.0), nothing, nothing)
     shots = world.snapshots(rng, noise_m)
-    s = summarise(config, shots, contact, [])
+    s = conclude(config, shots, contact, []).summary
     found: Scores = {}
 
     def add(name: str, value: float, sd: float, key: str, true: float) -> None:

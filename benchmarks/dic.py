@@ -44,6 +44,7 @@ from benchmarks.speckle import SIZE, Frame, camera, noise_floor, pattern
 SUBJECT = "Image correlation"
 METHODS = {
     "shared": Correlation(threads=1),
+    "shared, order 2": Correlation(order=2, threads=1),
     "shared, tolerance 0.01": Correlation(tolerance=0.01, threads=1),
     "icgn, order 0": Correlation(method="icgn", order=0, threads=1),
     "icgn, order 1": Correlation(method="icgn", order=1, threads=1),

@@ -248,7 +248,11 @@ class Camera(Protocol):
 
 @runtime_checkable
 class Actuator(Protocol):
-    """The drive of the block along x; positions are metres in the actuator's own coordinate."""
+    """The drive of the block along x; positions are metres in the actuator's own coordinate.
+
+    One that takes `set_velocity` and `move_to` while it moves, and goes on at the new velocity
+    without a stop, has an attribute `can_change_velocity`, which is True.
+    """
 
     name: str
 

@@ -39,6 +39,7 @@ FOLDERS = (
     "engine",
     "processes",
     "cli",
+    "campaigns",
     "gui",
     "report",
     "session",

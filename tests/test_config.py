@@ -4,6 +4,7 @@ sentence.
 
 from __future__ import annotations
 
+import json
 import random
 import tomllib
 from pathlib import Path
@@ -50,6 +51,13 @@ def test_changed_settings_survive_the_way_through_a_file() -> None:
     assert changed.run.travel == 151.5 * 1e-6
     assert changed.forces.zero == (0.25, -1e-3)
     assert from_data(tomllib.loads(to_toml(changed, comments=False)), "again") == changed
+
+
+def test_a_note_of_any_length_that_is_allowed_can_be_read_back() -> None:
+    note = ("µ\t#\"\\'\n" * 250)[:1500] + "." * 100 + "e" * 400
+    written = load(None, [f"about.note={json.dumps(note)}", "about.operator=Élise O'Neil"])
+    assert (written.about.note, written.about.operator) == (note, "Élise O'Neil")
+    assert from_record(to_toml(written), "again") == written
 
 
 def test_an_override_wins_over_the_file(tmp_path: Path) -> None:
@@ -135,6 +143,15 @@ def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -
         ("camera.source=folder", "camera.folder must be the folder of the images"),
         ("camera.source=replay", "replay.session must be the session"),
         ("sim.faults=['no-trigger 3']", "sim.faults: no fault is called 'no-trigger'; known:"),
+        (
+            "about.sample='%s'" % ("x" * 101),
+            "about.sample has 101 characters, 0 of them full stops;",
+        ),
+        ("about.note='%s'" % ("." * 101), "2000 and 100 are the most"),
+        ('about.operator="a\\u001b[2J"', "about.operator has the control character '\\x1b'"),
+        ('about.sample="two\\nlines"', "about.sample has the control character '\\n'"),
+        ("about.note=\udc80", "about.note has the control character '\\udc80'"),
+        ("about.sample=7", "about.sample must be a text in quotes; found 7"),
         ("travel=3", "'travel=3' is not table.key=value"),
         ("run.travel", "'run.travel' is not table.key=value"),
     ],

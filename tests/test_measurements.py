@@ -86,7 +86,7 @@ def test_what_was_measured_by_hand_is_not_run() -> None:
     with pytest.raises(ValueError, match="was not measured by a benchmark but by hand"):
         run("replay")
     with pytest.raises(
-        ValueError, match="no results are named 'nothing'; there are coverage, crash, "
+        ValueError, match="no results are named 'nothing'; there are analyze, coverage, crash, "
     ):
         run("nothing")
 

@@ -32,7 +32,7 @@ def test_what_is_given_beside_a_preset_is_kept(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     file.write_text('[dic]\npreset = "accurate"\nbox = 20\nthreads = 3\n')
     found = load(file).dic
-    assert (found.box, found.threads, found.order, found.method) == (20, 3, 2, "icgn")
+    assert (found.box, found.threads, found.order, found.method) == (20, 3, 2, "shared")
     found = load(None, ["dic.step=7", "dic.preset=finest"]).dic
     assert (found.step, found.box) == (7, PRESETS["finest"]["box"])
 

@@ -18,6 +18,7 @@ from analysis.dic.icgn import solve_rows
 from analysis.dic.interpolants import CLASSICAL
 from analysis.dic.passes import SharedPasses
 from analysis.dic.points import SeparatePoints
+from analysis.dic.quadratic import solve_quadratics
 from analysis.dic.refining import ALMOST_SURE, CHANCE, MakeRefiner, Refinement
 from analysis.dic.searching import DirectSearch
 from analysis.dic.spectrum import texture
@@ -122,7 +123,12 @@ def _refiner(correlation: Correlation) -> MakeRefiner:
     interpolant = CLASSICAL.get(correlation.interpolant)
     if correlation.method == "shared":
         tolerance = correlation.tolerance or 0.06  # the next step would be a hundred times shorter
-        return partial(SharedPasses, interpolant=interpolant, tolerance_px=tolerance)
+        return partial(
+            SharedPasses,
+            interpolant=interpolant,
+            tolerance_px=tolerance,
+            is_quadratic=correlation.order == 2,
+        )
     return partial(
         SeparatePoints,
         interpolant=interpolant,
@@ -161,5 +167,5 @@ def compile_kernels(
 def is_compiled(correlation: Correlation) -> bool:
     """Whether the larger part of what a correlation needs is kept from an earlier start."""
     if correlation.method == "shared":
-        return is_kept(sum_cells)
+        return is_kept(solve_quadratics if correlation.order == 2 else sum_cells)
     return is_kept(match_rows if correlation.method == "direct" else solve_rows)

@@ -353,7 +353,7 @@ class IcgnSolver:
         self._target = reading.target_for(reference.shape, interpolant, kind)
         layout = reading.lay_out(self._target, grid.box_px, order)
         places = layout.places.reshape(6, layout.box, -1)[:, :, : layout.box].reshape(6, -1)
-        moments, inverse = _normal_equations(planes, grid, places, order)
+        moments, inverse = normal_equations(planes, grid, places, order)
         layout = layout._replace(places=layout.places.astype(kind))
         self._boxes = Boxes(planes, grid.top, grid.left, order, layout, moments, inverse)
         self._stops = Stops(int(max_iterations), float(tolerance_px), float(furthest_px))
@@ -382,7 +382,7 @@ class IcgnSolver:
         solve_rows(self._boxes, self._target, self._stops, rows, start, result)
 
 
-def _normal_equations(planes: Array, grid: Grid, places: F64, order: int) -> tuple[F64, F64]:
+def normal_equations(planes: Array, grid: Grid, places: F64, order: int) -> tuple[F64, F64]:
     """Moments (ny, nx, 3) and inverse normal matrices (ny, nx, k + 2, k + 2) of all boxes; NaN
     where singular.
     """

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from analysis.arrays import F32, F64, I64, Array, Bool
-from analysis.dic import shared, strips
+from analysis.dic import quadratic, shared, strips
 from analysis.dic.interpolants import Interpolant
-from analysis.dic.smoothing import smooth, widen
+from analysis.dic.smoothing import cubic, smooth, widen
 from analysis.dic.spectrum import BEYOND, Texture, interpolation, slopes
 from analysis.dic.status import NOT_CONVERGED, OK
 from analysis.dic.strips import BLOCK, MARGIN, PLANES, ROWS, TAPS
@@ -23,7 +23,9 @@ from analysis.dic.threads import Rows
 from analysis.dic.tracker import Estimate, Reference
 from analysis.grid import Grid
 
-SMOOTHING = 2.5  # width of the moving average over the prediction, in boxes
+# width of the moving average over the prediction, in boxes: for boxes that shift as a whole, which
+# see the prediction averaged, and for quadratic ones, which follow it
+SMOOTHING, LITTLE = 2.5, 1.0
 # a grey level further from the expected one than so many times the mean difference is not used ...
 BELIEVABLE = 3.5
 # ... given this much more, of the contrast, for what the points have moved since
@@ -63,6 +65,9 @@ class SharedPasses:
         No further pass once nearly all points have changed by less than this (or by less than five
         times their noise).
     max_passes : int
+    is_quadratic : bool
+        Whether the displacement within a box is a quadratic, rather than that of the prediction
+        with a shift of the box as a whole.
     """
 
     is_shared = True
@@ -75,12 +80,17 @@ class SharedPasses:
         interpolant: Interpolant | None = None,
         tolerance_px: float = 0.06,
         max_passes: int = 5,
+        is_quadratic: bool = False,
     ) -> None:
         self._threads, self._max_passes = reference.threads, max_passes
         self._grid = grid = reference.grid
-        self._width = max(1, round((SMOOTHING * grid.box_px / grid.step_px - 1) / 2) * 2 + 1)
+        width = (LITTLE if is_quadratic else SMOOTHING) * grid.box_px / grid.step_px
+        self._width = max(1, round((width - 1) / 2) * 2 + 1)
+        self._quadratic: tuple[quadratic.Boxes, quadratic.SeenByBox] | None = None
         self._interpolant = interpolant or interpolation(texture.power_x)
-        self._prepared, self.pixels, self.contrast = self._prepare(reference, texture, interpolant)
+        self._prepared, self.pixels, self.contrast = self._prepare(
+            reference, texture, interpolant, is_quadratic
+        )
         layout = self._prepared.layout
         cells = layout.row_edges.size - 1, layout.column_edges.size - 1
         left, rows = layout.left - layout.left[0], np.arange(cells[0])
@@ -91,7 +101,7 @@ class SharedPasses:
             np.searchsorted((left + layout.box - 1) // BLOCK, blocks),  # ... and so along x
             np.searchsorted(left // BLOCK, blocks, "right"),
         )
-        self._cells = np.zeros((shared.SUMS, *cells))
+        self._cells = np.zeros((strips.MOMENT_SUMS if is_quadratic else shared.SUMS, *cells))
         (ny, nx), more = grid.shape, 2 * self._pad
         shapes = (nx,), (ny + more, nx), (ny + more, nx + more)
         self._work = [tuple(map(np.empty, shapes)) for _ in range(2)]
@@ -107,7 +117,11 @@ class SharedPasses:
         self._predicted = np.empty((2, *grid.shape))  # px, in the middle of every box
 
     def _prepare(
-        self, reference: Reference, texture: Texture, interpolant: Interpolant | None
+        self,
+        reference: Reference,
+        texture: Texture,
+        interpolant: Interpolant | None,
+        is_quadratic: bool,
     ) -> tuple[shared.Prepared, F64, F64]:
         """What the kernels need of the reference; usable pixels and contrast of each box."""
         image, usable, grid = reference.image, reference.usable, self._grid
@@ -122,7 +136,8 @@ class SharedPasses:
             127 if is_8_bit else 32000,
             scale if is_8_bit else None,
         )
-        normal = self._normal_matrices(np.stack([w, *(w * planes * units[:, None, None])]))
+        read = np.stack([w, *(w * planes * units[:, None, None])])
+        normal = self._normal_matrices(read)
         pixels = normal[:, :, 0, 0]
         mean, squares = (normal[:, :, k, 1] / pixels.clip(1) for k in range(2))
         contrast = np.sqrt((squares - mean**2).clip(0)) / scale
@@ -136,6 +151,9 @@ class SharedPasses:
         across = interpolant or interpolation(texture.power_y)
         layout = _layout(grid)
         splines, self._pad = _splines(grid, layout)
+        if is_quadratic:
+            seen = quadratic.SeenByBox(grid, self._pad)
+            self._quadratic = quadratic.prepare(read, grid, layout, self._threads), seen
         prepared = shared.Prepared(
             layout=layout,
             splines=splines,
@@ -234,15 +252,21 @@ class SharedPasses:
             for k in range(*fields):
                 if k < 2:
                     smooth(u[k], self._width, self._work[k], control[k], centre[k])
+                    if self._quadratic:
+                        self._quadratic[1].of(control[k], centre[k])
                 else:
                     widen(grey[k - 2], n, control[k])
 
         def sum_cells(rows: Rows) -> None:
-            strips.sum_cells(image, prepared, guess, needed, rows, cells)
+            middles = self._quadratic[0].middles if self._quadratic else None
+            strips.sum_cells(image, prepared, guess, needed, rows, cells, middles)
 
         def solve(rows: Rows) -> None:
-            limits = self._criteria, shape
-            shared.solve_boxes(cells, prepared, guess, *limits, wanted, rows, self._result)
+            rest = guess, self._criteria, shape, wanted, rows, self._result
+            if self._quadratic:
+                quadratic.solve_quadratics(cells, prepared, self._quadratic[0], *rest)
+            else:
+                shared.solve_boxes(cells, prepared, *rest)
 
         self._threads.share(predict, [(0, 1), (1, 2), (2, 5)])
         self._predicted, (wanted, needed, _) = centre, self._part
@@ -343,23 +367,14 @@ def _splines(grid: Grid, layout: shared.Layout) -> tuple[shared.Splines, int]:
     pad = math.ceil((grid.box_px / 2 + MARGIN + 1) / step) + 2
     reach = grid.x_px[0] - (pad + 2) * step  # the first control point's spline begins here
     begin = math.floor(reach) + 1
-    basis, _ = _cubic((np.arange(begin, begin + 4 * step) - reach) / step)
+    basis, _ = cubic((np.arange(begin, begin + 4 * step) - reach) / step)
     place = (layout.strip_top + (layout.strip_rows - 1) / 2 - grid.y_px[0]) / step + pad
     whole = np.floor(place).astype(np.int64)
-    weights = np.array([_cubic(3 - k + place - whole) for k in range(4)])
+    weights = np.array([cubic(3 - k + place - whole) for k in range(4)])
     weights[:, 1] /= step
     row_weights = weights.transpose(1, 0, 2).astype(np.float32)
     start = begin - int(layout.left[0])
     return shared.Splines(basis.astype(np.float32), start, whole - 1, row_weights), pad
-
-
-def _cubic(t: F64) -> tuple[F64, F64]:
-    """The cubic B-spline on 0 to 4, 0 elsewhere, and its derivative."""
-    s = np.abs(t - 2)
-    near = s < 1
-    value = np.where(near, 4 - 6 * s**2 + 3 * s**3, np.clip(2 - s, 0, None) ** 3) / 6
-    slope = np.where(near, 1.5 * s**2 - 2 * s, -0.5 * np.clip(2 - s, 0, None) ** 2) * np.sign(t - 2)
-    return value, slope
 
 
 def _amplification(grid: Grid, width: int) -> float:
@@ -374,7 +389,7 @@ def _amplification(grid: Grid, width: int) -> float:
     offsets = (np.arange(grid.box_px) - (grid.box_px - 1) / 2) / grid.step_px
     for m in range(-grid.box_px // grid.step_px - 3, grid.box_px // grid.step_px + 4):
         overlap += max(0.0, 1 - abs(m) * grid.step_px / grid.box_px) * np.cos(m * angle)
-        average += _cubic(offsets - m + 2)[0].mean() * np.cos(m * angle)
+        average += cubic(offsets - m + 2)[0].mean() * np.cos(m * angle)
     for m in range(-(width // 2), width // 2 + 1):
         smoothing += np.cos(m * angle) / width
     s, ks = smoothing * (4 + 2 * np.cos(angle)) / 6, smoothing * average

@@ -129,6 +129,13 @@ class PassResult(NamedTuple):
         return cls(u, step, zncc, std, odd, expected, wrong, restless)
 
 
+# Of the least squares ``image = offset + gain reference + px gradient x + ...`` of a box: offset,
+# gain, px, py, sum of squares of the residuals and of the deviations from the mean, usable pixels,
+# standard uncertainty of x and y for residuals of standard deviation 1, pixels that were not
+# believed, sum of the others' differences from expectation.
+FITTED = 11
+
+
 @compiled
 def add_boxes(cells: F64, layout: Layout, row: int, running: F64, out: F64) -> None:
     """Sums over the boxes of one row of the grid, shape (SUMS, nx); `running`, shape (nc + 1,), is
@@ -166,6 +173,7 @@ def solve_boxes(
     """
     layout = prepared.layout
     sums, running = np.zeros((SUMS, layout.left.size)), np.zeros(cells.shape[2] + 1)
+    fits = np.zeros((FITTED, layout.left.size))
     for i in range(rows[0], rows[1]):
         if not wanted[i].any():
             continue
@@ -179,39 +187,62 @@ def solve_boxes(
             gain = q[1] * s0 + q[4] * s1 + q[5] * s2 + q[6] * s3
             px = q[2] * s0 + q[5] * s1 + q[7] * s2 + q[8] * s3
             py = q[3] * s0 + q[6] * s1 + q[8] * s2 + q[9] * s3
-            per_gain, per_pixel = 1.0 / gain, 1.0 / q[10]
-            dx, dy = -px * per_gain, -py * per_gain
-            step = math.sqrt(dx * dx + dy * dy)
-            if not step < math.inf:
-                dx = dy = 0.0
-            elif step > LONGEST_STEP:
-                dx, dy = dx * LONGEST_STEP / step, dy * LONGEST_STEP / step
             residual = max(0.0, squares - offset * s0 - gain * s1 - px * s2 - py * s3)
-            sigma = math.sqrt(max(residual / (q[10] - 4.0), prepared.rounding))
-            deviations = squares - s0 * s0 * per_pixel
-            zncc = 0.0
-            if not deviations <= q[10] * (prepared.rounding + 1e-6):  # else the image is flat
-                zncc = math.copysign(math.sqrt(max(0.0, 1.0 - residual / deviations)), gain)
-            x, y = guess.centre[0, i, j] + dx, guess.centre[1, i, j] + dy
-            std_x = sigma * abs(per_gain) * q[11]
-            std_y = sigma * abs(per_gain) * q[12]
-            odd = sums[5, j] * per_pixel
-            result.u[0, i, j], result.u[1, i, j] = x, y
-            result.std[0, i, j], result.std[1, i, j] = std_x, std_y
-            result.step[i, j], result.zncc[i, j], result.odd[i, j] = step, zncc, odd
-            is_alike = zncc > criteria.alike
-            had_expectation = guess.grey[2, i, j] < criteria.unlimited
-            is_wrong = odd > criteria.most_odd or (had_expectation and not is_alike)
-            result.wrong[i, j] = is_wrong
-            expected = (1.0, 0.0, criteria.unlimited)
-            if is_alike and not is_wrong:
-                spread = criteria.believable * sums[6, j] * per_pixel
-                expected = (gain, offset, spread + criteria.least_believable * abs(gain))
-            for k in range(3):
-                result.expected[k, i, j] = expected[k]
-            left, top = layout.left[j] + x, layout.top[i] + y
-            fits_x = left >= 0 and left + layout.box <= shape[1]
-            is_inside = fits_x and top >= 0 and top + layout.box <= shape[0]
-            change = max(abs(x - guess.before[0, i, j]), abs(y - guess.before[1, i, j]))
-            is_large = change > max(criteria.tolerance, 5.0 * max(std_x, std_y))
-            result.restless[i, j] = is_alike and is_inside and is_large
+            fits[0, j], fits[1, j], fits[2, j], fits[3, j] = offset, gain, px, py
+            fits[4, j], fits[5, j] = residual, squares - s0 * s0 * (1.0 / q[10])
+            fits[6, j], fits[7, j], fits[8, j] = q[10], q[11], q[12]
+            fits[9, j], fits[10, j] = sums[5, j], sums[6, j]
+        write_row(prepared, guess, criteria, shape, wanted, i, fits, 4.0, result)
+
+
+@compiled(error_model="numpy")
+def write_row(
+    prepared: Prepared,
+    guess: Guess,
+    criteria: Criteria,
+    shape: tuple[int, int],
+    wanted: Bool,
+    i: int,
+    fits: F64,
+    unknowns: float,
+    result: PassResult,
+) -> None:
+    """Write what the fits of a row's `wanted` boxes say, shape (FITTED, nx)."""
+    layout, noise = prepared.layout, prepared.rounding
+    for j in range(layout.left.size):
+        if not wanted[i, j]:
+            continue
+        gain, residual, pixels = fits[1, j], fits[4, j], fits[6, j]
+        per_gain, per_pixel = 1.0 / gain, 1.0 / pixels
+        dx, dy = -fits[2, j] * per_gain, -fits[3, j] * per_gain
+        step = math.sqrt(dx * dx + dy * dy)
+        if not step < math.inf:
+            dx = dy = 0.0
+        elif step > LONGEST_STEP:
+            dx, dy = dx * LONGEST_STEP / step, dy * LONGEST_STEP / step
+        sigma = math.sqrt(max(residual / (pixels - unknowns), noise))
+        zncc = 0.0
+        if not fits[5, j] <= pixels * (noise + 1e-6):  # else the image is flat
+            zncc = math.copysign(math.sqrt(max(0.0, 1.0 - residual / fits[5, j])), gain)
+        x, y = guess.centre[0, i, j] + dx, guess.centre[1, i, j] + dy
+        std_x, std_y = sigma * abs(per_gain) * fits[7, j], sigma * abs(per_gain) * fits[8, j]
+        odd = fits[9, j] * per_pixel
+        result.u[0, i, j], result.u[1, i, j] = x, y
+        result.std[0, i, j], result.std[1, i, j] = std_x, std_y
+        result.step[i, j], result.zncc[i, j], result.odd[i, j] = step, zncc, odd
+        is_alike = zncc > criteria.alike
+        had_expectation = guess.grey[2, i, j] < criteria.unlimited
+        is_wrong = odd > criteria.most_odd or (had_expectation and not is_alike)
+        result.wrong[i, j] = is_wrong
+        expected = (1.0, 0.0, criteria.unlimited)
+        if is_alike and not is_wrong:
+            spread = criteria.believable * fits[10, j] * per_pixel
+            expected = (gain, fits[0, j], spread + criteria.least_believable * abs(gain))
+        for k in range(3):
+            result.expected[k, i, j] = expected[k]
+        left, top = layout.left[j] + x, layout.top[i] + y
+        fits_x = left >= 0 and left + layout.box <= shape[1]
+        is_inside = fits_x and top >= 0 and top + layout.box <= shape[0]
+        change = max(abs(x - guess.before[0, i, j]), abs(y - guess.before[1, i, j]))
+        is_large = change > max(criteria.tolerance, 5.0 * max(std_x, std_y))
+        result.restless[i, j] = is_alike and is_inside and is_large

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from analysis.arrays import F32, F64
 from analysis.kernels import compiled
 
@@ -81,3 +83,12 @@ def widen(field: F32, pad: int, out: F32) -> None:
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j] = field[min(max(i - pad, 0), ny - 1), min(max(j - pad, 0), nx - 1)]
+
+
+def cubic(t: F64) -> tuple[F64, F64]:
+    """The cubic B-spline on 0 to 4, 0 elsewhere, and its derivative."""
+    s = np.abs(t - 2)
+    near = s < 1
+    value = np.where(near, 4 - 6 * s**2 + 3 * s**3, np.clip(2 - s, 0, None) ** 3) / 6
+    slope = np.where(near, 1.5 * s**2 - 2 * s, -0.5 * np.clip(2 - s, 0, None) ** 2) * np.sign(t - 2)
+    return value, slope

@@ -15,7 +15,7 @@ distance and vectorises.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -39,12 +39,21 @@ PLANES = 3
 FIELDS = 7
 
 U = np.uint64  # unsigned indices need no check for negative ones
-P1, P2, P3, P4, P5, P6, P7, P8 = (U(k * PITCH) for k in range(1, 9))
+P1, P2, P3, P4, P5, P6, P7, P8, P9, P10 = (U(k * PITCH) for k in range(1, 11))
 U1, U2, U3, U4, U5, U6, U7 = (U(k) for k in range(1, 8))
 B1, B2, B3, B4, B5 = (U(k * BLOCK) for k in range(1, 6))
 # The compiler orders long sums by the order in which their terms are loaded: with other statements
 # the kernels round otherwise, and an old session would no longer replay to the bit.
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+MOMENT_SUMS, COLUMN_SUMS = 17, 11  # over cells and columns, see `add_two_rows_of_moments`
+
+
+class Middles(NamedTuple):
+    """From where moments are counted: the middles of the cells, in units of half a box."""
+
+    x: F64  # (nc,) of the cells, from the first column of the first box
+    y: F64  # (nr,) from the first row of the image
+    half: float  # of a box, px
 
 
 @njit(inline="always")
@@ -60,6 +69,44 @@ def _between_columns(v: F32, k: np.uint64, w: tuple[np.float32, ...]) -> Any:
     g = w0 * v[k] + w1 * v[k + U1] + w2 * v[k + U2] + w3 * v[k + U3]
     g = g + w4 * v[k + U4] + w5 * v[k + U5] + w6 * v[k + U6] + w7 * v[k + U7]
     return g
+
+
+@njit(inline="always")
+def _two_pixels(
+    v: F32,
+    w: F32,
+    planes: Array,
+    columns: F32,
+    y: np.float32,
+    z: np.float32,
+    unusable: np.float32,
+    j: np.uint64,
+) -> tuple[np.float32, ...]:
+    """Of column j in two rows: reference, its gradients and the grey level read, as far as it is
+    believed, of both; pixels not believed, and the others' differences from expectation.
+    """
+    weights = _eight_rows(w, j)
+    g, h = _between_columns(v, j, weights), _between_columns(v, j + P1, weights)
+    f_g, f_h = np.float32(planes[j]), np.float32(planes[j + B3])
+    x_g, x_h = np.float32(planes[j + B1]), np.float32(planes[j + B4])
+    y_g, y_h = np.float32(planes[j + B2]), np.float32(planes[j + B5])
+    slope_x, slope_y, gain = columns[j], columns[j + P1], columns[j + P2]
+    offset, most = columns[j + P3], columns[j + P4]
+    g += y * (slope_x * x_g + slope_y * y_g)
+    h += z * (slope_x * x_h + slope_y * y_h)
+    expected_g, expected_h = gain * f_g + offset, gain * f_h + offset
+    away_g, away_h = g - expected_g, h - expected_h
+    apart_g, apart_h = abs(away_g), abs(away_h)
+    odd_g, odd_h = ONE if apart_g > most else ZERO, ONE if apart_h > most else ZERO
+    apart_g = min(apart_g, max(most + most - apart_g, ZERO))
+    apart_h = min(apart_h, max(most + most - apart_h, ZERO))
+    g = expected_g + math.copysign(apart_g, away_g)
+    h = expected_h + math.copysign(apart_h, away_h)
+    if f_g == unusable:
+        g = apart_g = odd_g = ZERO
+    if f_h == unusable:
+        h = apart_h = odd_h = ZERO
+    return f_g, f_h, x_g, x_h, y_g, y_h, g, h, odd_g + odd_h, apart_g + apart_h
 
 
 @compiled(fastmath=FAST)
@@ -95,34 +142,53 @@ def add_two_rows(
     """
     z = y + ONE
     for j in range(U(n)):
-        weights = _eight_rows(w, j)
-        g, h = _between_columns(v, j, weights), _between_columns(v, j + P1, weights)
-        f_g, f_h = np.float32(planes[j]), np.float32(planes[j + B3])
-        x_g, x_h = np.float32(planes[j + B1]), np.float32(planes[j + B4])
-        y_g, y_h = np.float32(planes[j + B2]), np.float32(planes[j + B5])
-        slope_x, slope_y, gain = columns[j], columns[j + P1], columns[j + P2]
-        offset, most = columns[j + P3], columns[j + P4]
-        g += y * (slope_x * x_g + slope_y * y_g)
-        h += z * (slope_x * x_h + slope_y * y_h)
-        expected_g, expected_h = gain * f_g + offset, gain * f_h + offset
-        away_g, away_h = g - expected_g, h - expected_h
-        apart_g, apart_h = abs(away_g), abs(away_h)
-        odd_g, odd_h = ONE if apart_g > most else ZERO, ONE if apart_h > most else ZERO
-        apart_g = min(apart_g, max(most + most - apart_g, ZERO))
-        apart_h = min(apart_h, max(most + most - apart_h, ZERO))
-        g = expected_g + math.copysign(apart_g, away_g)
-        h = expected_h + math.copysign(apart_h, away_h)
-        if f_g == unusable:
-            g = apart_g = odd_g = ZERO
-        if f_h == unusable:
-            h = apart_h = odd_h = ZERO
+        pixels = _two_pixels(v, w, planes, columns, y, z, unusable, j)
+        f_g, f_h, x_g, x_h, y_g, y_h, g, h, odd, apart = pixels
         sums[j] += g + h
         sums[j + P1] += f_g * g + f_h * h
         sums[j + P2] += x_g * g + x_h * h
         sums[j + P3] += y_g * g + y_h * h
         sums[j + P4] += g * g + h * h
-        sums[j + P5] += odd_g + odd_h
-        sums[j + P6] += apart_g + apart_h
+        sums[j + P5] += odd
+        sums[j + P6] += apart
+
+
+@compiled(fastmath=FAST)
+def add_two_rows_of_moments(
+    v: F32,
+    w: F32,
+    planes: Array,
+    columns: F32,
+    y: np.float32,
+    place: np.float32,
+    per_px: np.float32,
+    unusable: np.float32,
+    sums: F32,
+    n: int,
+) -> None:
+    """As `add_two_rows`, with the moments along y of the products with the gradients: `sums` are
+    those of g, reference g, gradient x g (1, Y, Y^2), gradient y g (1, Y, Y^2), g^2, of pixels not
+    believed, and of the others' differences.
+
+    Y is `place` in the first row, and `per_px` more in the next one.
+    """
+    z, next_place = y + ONE, place + per_px
+    for j in range(U(n)):
+        pixels = _two_pixels(v, w, planes, columns, y, z, unusable, j)
+        f_g, f_h, x_g, x_h, y_g, y_h, g, h, odd, apart = pixels
+        x_g, x_h, y_g, y_h = x_g * g, x_h * h, y_g * g, y_h * h
+        sums[j] += g + h
+        sums[j + P1] += f_g * g + f_h * h
+        sums[j + P2] += x_g + x_h
+        sums[j + P5] += y_g + y_h
+        x_g, x_h, y_g, y_h = place * x_g, next_place * x_h, place * y_g, next_place * y_h
+        sums[j + P3] += x_g + x_h
+        sums[j + P6] += y_g + y_h
+        sums[j + P4] += place * x_g + next_place * x_h
+        sums[j + P7] += place * y_g + next_place * y_h
+        sums[j + P8] += g * g + h * h
+        sums[j + P9] += odd
+        sums[j + P10] += apart
 
 
 @compiled
@@ -221,10 +287,17 @@ def run_end(dx: F32, dy: F32, begin: int, last: int, nx: int, ny: int, beyond: n
 
 @compiled
 def sum_cells(
-    image: Array, prepared: Prepared, guess: Guess, needed: Bool, rows: Rows, cells: F64
+    image: Array,
+    prepared: Prepared,
+    guess: Guess,
+    needed: Bool,
+    rows: Rows,
+    cells: F64,
+    middles: Middles | None,
 ) -> None:
     """Sums over each cell, `cells` of shape (SUMS, nr, nc), for some rows of cells; right where a
-    cell lies in blocks that are `needed`, shape (nr, blocks).
+    cell lies in blocks that are `needed`, shape (nr, blocks). With `middles`, moments, `cells` of
+    shape (MOMENT_SUMS, nr, nc).
     """
     layout, splines = prepared.layout, prepared.splines
     unusable, beyond = np.float32(prepared.unusable), np.float32(prepared.beyond)
@@ -233,7 +306,11 @@ def sum_cells(
     across, down = np.zeros(TAPS * PITCH, np.float32), np.zeros(TAPS * PITCH, np.float32)
     fields, fraction = np.zeros(FIELDS * PITCH, np.float32), np.zeros(PITCH, np.float32)
     dx, dy = fields[MARGIN:PITCH], fields[PITCH + MARGIN : 2 * PITCH]
-    sums = np.zeros((blocks, SUMS * PITCH), np.float32)
+    if middles is None:  # decided when this is compiled
+        sums = np.zeros((blocks, SUMS * PITCH), np.float32)
+    else:
+        sums = np.zeros((blocks, COLUMN_SUMS * PITCH), np.float32)
+        per_px = np.float32(1 / middles.half)
     control = np.zeros((guess.control.shape[2], FIELDS), np.float32)
     for row in range(rows[0], rows[1]):
         if not needed[row].any():
@@ -273,9 +350,18 @@ def sum_cells(
                         columns = fields[2 * PITCH + MARGIN + begin :]
                         y, to = np.float32(2 * pair) - middle, sums[block, begin:]
                         two_rows = v[2 * pair * PITCH :]
-                        add_two_rows(two_rows, across, planes, columns, y, unusable, to, n)
+                        if middles is None:
+                            add_two_rows(two_rows, across, planes, columns, y, unusable, to, n)
+                        else:
+                            first_row = layout.strip_top[strip] + 2 * pair
+                            place = np.float32(first_row / middles.half - middles.y[row])
+                            more = columns, y, place, per_px, unusable, to, n
+                            add_two_rows_of_moments(two_rows, across, planes, *more)
                     begin = end
-        add_columns(sums, layout, prepared.units, row, cells)
+        if middles is None:
+            add_columns(sums, layout, prepared.units, row, cells)
+        else:
+            add_columns_of_moments(sums, layout, prepared.units, row, middles, cells)
 
 
 @compiled
@@ -299,3 +385,37 @@ def add_columns(sums: F32, layout: Layout, units: F32, row: int, cells: F64) -> 
         totals = (t0, t1 * units[0], t2 * units[1], t3 * units[2], t4, t5, t6)
         for k in range(SUMS):
             cells[k, row, cell] = totals[k]
+
+
+@compiled
+def add_columns_of_moments(
+    sums: F32, layout: Layout, units: F32, row: int, middles: Middles, cells: F64
+) -> None:
+    """As `add_columns`: sums of g, reference g, the moments (1, X, Y, X^2, X Y, Y^2) about the
+    middle of the cell of gradient x g and of gradient y g, g^2, pixels not believed, differences.
+    """
+    for cell in range(layout.column_edges.size - 1):
+        x = layout.column_edges[cell] - layout.left[0]
+        last = layout.column_edges[cell + 1] - layout.left[0]
+        cells[:, row, cell] = 0.0
+        while x < last:
+            block = x // BLOCK
+            for k in range(x - block * BLOCK, min(last - block * BLOCK, BLOCK)):
+                place = (block * BLOCK + k) / middles.half - middles.x[cell]
+                cells[0, row, cell] += sums[block, k]
+                cells[1, row, cell] += sums[block, k + PITCH] * units[0]
+                for axis in range(2):
+                    first, to = k + (2 + 3 * axis) * PITCH, 2 + 6 * axis
+                    unit = units[1 + axis]
+                    m0 = sums[block, first] * unit
+                    m1 = sums[block, first + PITCH] * unit
+                    m2 = sums[block, first + 2 * PITCH] * unit
+                    cells[to, row, cell] += m0
+                    cells[to + 1, row, cell] += place * m0
+                    cells[to + 2, row, cell] += m1
+                    cells[to + 3, row, cell] += place * place * m0
+                    cells[to + 4, row, cell] += place * m1
+                    cells[to + 5, row, cell] += m2
+                for other in range(3):
+                    cells[14 + other, row, cell] += sums[block, k + (8 + other) * PITCH]
+            x = (block + 1) * BLOCK

@@ -8,7 +8,7 @@ Prevost et al. 2013, Figs 8, 9 and 15; Bureau et al. 2003 (L does not depend on 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +16,19 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
 from analysis.friction.local_law import LocalLaw
+from analysis.robust import robust_sd
 
 FEWEST = 2  # loads
 LARGEST_CHI2 = 4.0
+SHARED = 3.0  # rings over which the noise of one is spread, by the smoothing of the traction
 LEAST_RANGE = 1e-6  # of the logarithm of the loads; with less they are one load
 
 
 @dataclass(frozen=True, slots=True)
 class Common:
-    """A weighted mean: value, standard uncertainty (widened by the scatter), reduced chi2."""
+    """A weighted mean: value, standard uncertainty (widened by the scatter), and chi2 over the
+    degrees of freedom, of noise and inputs together.
+    """
 
     value: float = math.nan
     sd: float = math.nan
@@ -54,7 +58,7 @@ class JointLaw:
 
 
 def joint_law(
-    laws: Sequence[LocalLaw], P: ArrayLike, *, relative_sd: tuple[float, float, float] = (0, 0, 0)
+    laws: Sequence[LocalLaw], P: ArrayLike, *, inputs: Mapping[str, ArrayLike] | None = None
 ) -> JointLaw:
     """E, L and mu(P) of several runs.
 
@@ -62,8 +66,10 @@ def joint_law(
     ----------
     laws, P : sequence of LocalLaw, array_like, shape (n,)
         Runs, and their normal forces in newtons. Those without a law are left out.
-    relative_sd : (float, float, float)
-        Relative uncertainties of mu, L and E that all runs share: no number of runs reduces them.
+    inputs : mapping
+        For "mu", "L" and "E": by how much of itself each run's value changes with one standard
+        uncertainty of each input that all runs share, with its sign, shape (n, inputs). No number
+        of runs reduces what such an input does to all of them alike.
     """
     load = np.asarray(P, dtype=np.float64)
     use = np.array([_is_usable(law) and 0 < p < np.inf for law, p in zip(laws, load, strict=True)])
@@ -74,19 +80,15 @@ def joint_law(
     found = [law for law, is_used in zip(laws, use, strict=True) if is_used]
     load = load[use]
 
-    def column(name: str) -> tuple[F64, F64]:
-        value = np.array([getattr(law, name) for law in found])
-        return value, np.array([getattr(law, f"{name}_sd") for law in found]) / value
+    def fit(name: str, design: F64) -> tuple[Common, float, float]:
+        value, sd = (np.array([getattr(law, n) for law in found]) for n in (name, f"{name}_sd"))
+        shared = np.asarray((inputs or {}).get(name, np.zeros((len(use), 0))), np.float64)[use]
+        return _common(design, np.log(value), sd / value, shared)
 
     one, logarithm = np.ones((len(load), 1)), -np.log(load)[:, None]
-    means = {}
-    for name, shared in zip(("L", "E"), relative_sd[1:], strict=True):
-        value, sd = column(name)
-        means[name] = _common(one, np.log(value), sd, shared)[0]
-    value, sd = column("mu")
+    means = {name: fit(name, one)[0] for name in ("L", "E")}
     has_range = np.ptp(logarithm) > LEAST_RANGE and len(load) > FEWEST
-    design = np.hstack([one, logarithm]) if has_range else one
-    mu, decay, decay_sd = _common(design, np.log(value), sd, relative_sd[0])
+    mu, decay, decay_sd = fit("mu", np.hstack([one, logarithm]) if has_range else one)
     notes = [
         f"joint fit: {name} differs from load to load by more than its uncertainty (chi2"
         f" {common.reduced_chi2:.2g}); the loads have no common one"
@@ -98,6 +100,39 @@ def joint_law(
     )
 
 
+def common_value(values: ArrayLike, sds: ArrayLike, inputs: ArrayLike | None = None) -> Common:
+    """The common value of positive results of several runs; NaN for none. `inputs` as for
+    `joint_law`, shape (n, inputs).
+    """
+    value, sd = (np.asarray(v, np.float64) for v in (values, sds))
+    shared = np.zeros((len(value), 0)) if inputs is None else np.asarray(inputs, np.float64)
+    use = np.isfinite(value) & np.isfinite(sd) & (value > 0)
+    if not use.any():
+        return Common()
+    design = np.ones((int(use.sum()), 1))
+    return _common(design, np.log(value[use]), sd[use] / value[use], shared[use])[0]
+
+
+def stiffness_length(
+    pressure: ArrayLike, pressure_sd: ArrayLike, k: ArrayLike, k_sd: ArrayLike
+) -> tuple[float, float]:
+    """L as p/k, the mean over the rings of a run, and its uncertainty, metres: neighbouring rings
+    share their noise. NaN where no ring has both.
+    """
+    p, p_sd, k, k_sd = (np.asarray(v, np.float64) for v in (pressure, pressure_sd, k, k_sd))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length, share = p / k, np.hypot(p_sd / p, k_sd / k)
+    use = np.isfinite(share) & (share > 0) & (p > 0) & (k > 0)
+    if not use.any():
+        return math.nan, math.nan
+    logs = np.log(length[use])
+    # how far rings lie apart beyond their noise is no noise of any of them
+    apart = robust_sd(logs - np.median(logs))
+    weight = 1 / (share[use] ** 2 + apart**2)
+    value = float(np.exp(np.average(logs, weights=weight)))
+    return value, value * math.sqrt(SHARED / float(weight.sum()))
+
+
 def _is_usable(law: LocalLaw) -> bool:
     """Whether mu, L and E are positive numbers with uncertainties."""
     values = law.mu, law.L, law.E
@@ -105,16 +140,21 @@ def _is_usable(law: LocalLaw) -> bool:
     return all(map(math.isfinite, known)) and min(values) > 0
 
 
-def _common(design: F64, y: F64, sd: F64, shared: float) -> tuple[Common, float, float]:
-    """Weighted least squares in logarithms: the first coefficient as a value, and the second."""
-    root = 1 / np.maximum(sd, 1e-9)
-    X = design * root[:, None]
-    covariance = np.linalg.inv(X.T @ X)
-    b = covariance @ (X.T @ (y * root))
+def _common(design: F64, y: F64, sd: F64, shared: F64) -> tuple[Common, float, float]:
+    """Generalised least squares in logarithms: the first coefficient as a value, and the second.
+
+    The values scatter by `sd` each, and together by each column of `shared`. Scatter beyond both
+    widens the uncertainty.
+    """
+    noise = np.diag(np.maximum(sd, 1e-9) ** 2)
+    together = shared @ shared.T
+    inverse = np.linalg.inv(noise + together)
+    gain = np.linalg.inv(design.T @ inverse @ design) @ design.T @ inverse
+    b = gain @ y
     freedom = len(y) - design.shape[1]
-    off = (y - design @ b) * root
-    chi2 = float(off @ off) / freedom if freedom else math.nan
-    sds = np.sqrt(np.diag(covariance) * np.fmax(chi2, 1.0))
+    off = y - design @ b
+    chi2 = float(off @ inverse @ off) / freedom if freedom else math.nan
+    sds = np.sqrt(np.diag(gain @ (noise * np.fmax(chi2, 1.0) + together) @ gain.T))
     value = math.exp(b[0])
-    common = Common(value, value * math.hypot(float(sds[0]), shared), chi2)
+    common = Common(value, value * float(sds[0]), chi2)
     return (common, float(b[1]), float(sds[1])) if len(b) > 1 else (common, math.nan, math.nan)

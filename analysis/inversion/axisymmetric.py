@@ -58,6 +58,8 @@ class AxisymmetricInversion:
         against sigma. A few per cent off is no worse than leaving it out.
     box : float
         Side of the correlation box, metres: u_x is a mean over it.
+    is_quadratic : bool
+        u_x is the value in the middle of the box of the quadratic that fits it best there, instead.
     noise_box : float, optional
         Distance over which points share noise, metres; default `box`. 0: independent points.
     thickness : float
@@ -96,6 +98,7 @@ class AxisymmetricInversion:
         *,
         edge: float | None = None,
         box: float = 0.0,
+        is_quadratic: bool = False,
         noise_box: float | None = None,
         thickness: float = math.inf,
     ) -> None:
@@ -111,7 +114,7 @@ class AxisymmetricInversion:
         self.radius = np.asarray((np.arange(n) + 0.5) * width, dtype=np.float64)
         self.points = 2 * np.pi * self.radius * width / pitch**2
         scale = (1 + nu) / (np.pi * E) * (1 - nu / 2)
-        green = scale * _mean_phi0(self.radius, radii, box, width)
+        green = scale * _mean_phi0(self.radius, radii, box, width, is_quadratic)
         self._green = scale * phi0(self.radius[:, None], radii)
         if math.isfinite(thickness):
             layer = 2 / 3 * np.pi * radii**2 * _layer(self.radius, radii, E, nu, thickness)
@@ -290,21 +293,31 @@ def _basis_radii(A: float, edge: float | None, n: int) -> F64:
     return np.concatenate([within[1:], beyond[1:]])
 
 
-def _mean_phi0(r: F64, radii: F64, box: float, width: float) -> F64:
+def _mean_phi0(r: F64, radii: F64, box: float, width: float, is_quadratic: bool) -> F64:
     """Phi0 of each term, averaged over the box, over the azimuth and over the ring's width; shape
-    (rings, terms).
+    (rings, terms). With `is_quadratic` the value of its least-squares quadratic in the middle of
+    the box takes the place of the mean over it.
     """
-    t, w = np.polynomial.legendre.leggauss(4)
-    t, w = t / 2, w / 2
+    t, w = _gauss(4)
+    across_box = list(zip(*_gauss(6 if is_quadratic else 4), strict=True))
     mean = np.zeros((r.size, radii.size))
     for angle in np.pi / 4 * (np.arange(4) + 0.5) / 4:
         for dr, wr in zip(t * width, w, strict=True):
             along, across = (r + dr) * np.cos(angle), (r + dr) * np.sin(angle)
-            for dx, wx in zip(t * box, w, strict=True):
-                for dy, wy in zip(t * box, w, strict=True):
-                    distance = np.hypot(along + dx, across + dy)
-                    mean += wr * wx * wy / 4 * phi0(distance[:, None], radii)
+            for dx, wx in across_box:
+                for dy, wy in across_box:
+                    # 3.5 (1 - 15/14 (X^2 + Y^2)) on a box from -1 to 1: its mean is 1, and it has
+                    # no second moments
+                    share = 3.5 - 15.0 * (dx**2 + dy**2) if is_quadratic else 1.0
+                    distance = np.hypot(along + dx * box, across + dy * box)
+                    mean += wr * wx * wy / 4 * share * phi0(distance[:, None], radii)
     return mean
+
+
+def _gauss(points: int) -> tuple[F64, F64]:
+    """Places and weights of Gauss's quadrature over -1/2 to 1/2."""
+    t, w = np.polynomial.legendre.leggauss(points)
+    return t / 2, w / 2
 
 
 def _layer(r: F64, radii: F64, E: float, nu: float, thickness: float) -> F64:

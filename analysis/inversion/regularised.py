@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,7 +57,7 @@ class RegularisedInversion:
         pitch = grid_pitch(x, y, "regularised inversion")
         self._noise_box = box if noise_box is None else noise_box
         self.radius, self.azimuth = np.hypot(x, y), np.arctan2(y, x)
-        block = {"box": box, "thickness": thickness}
+        block: dict[str, Any] = {"box": box, "thickness": thickness}
         self.round = AxisymmetricInversion(
             x, y, pitch, mask_radius, E, nu, edge=edge, noise_box=self._noise_box, **block
         )

@@ -109,7 +109,7 @@ def invert(
     block's far displacement D is fitted.
 
     A session holds its own E, nu, R, P and pixel size, which options replace. A table has a header
-    with x, y, ux and their units: x_px, y_mm, ux_um; ux_std and frame if there are any; nan where
+    with x, y, ux and their units: x_px, y_mm, ux_um; ux_sd and frame if there are any; nan where
     nothing was measured. u_x is counted in the frame of the sphere, which stands still.
 
     Example: `slipscope invert fields.csv --E 3.43 --poisson 0.5 --radius 128.8 --normal-force 0.5
@@ -119,6 +119,61 @@ def invert(
 
     return inversion.invert(
         fields, tractions, given, frames or [], overwrite=overwrite, as_json=as_json
+    )
+
+
+@command(app)
+def figures(
+    results: Annotated[
+        Path,
+        typer.Argument(metavar="RESULTS.h5", help="Results that `slipscope analyze` wrote."),
+    ],
+    folder: Annotated[Path, output("FOLDER", "Folder for the figures, their data and the report.")],
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="FIGURE|FORMAT",
+            help="Further figures and formats, the same as behind --only and --format.",
+            show_default=False,
+        ),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FIGURE...",
+            help="Only these: 2, 3, 4d, 5, 6a, 6b, 7 to 15, pressure, stiffness, law, dissipation,"
+            " budget.",
+        ),
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", metavar="png|pdf|svg...", help="Of each figure; else png, pdf."),
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
+) -> int:
+    """The figures of the paper from the results of several runs, with their data, every number and
+    a report.
+
+    Each figure comes with its data (.csv) beside it. summary.json holds every number with its
+    uncertainties by noise and by the inputs, what each input costs, and the paper's value;
+    report.html (one file, works without a network) and report.md hold the same, with the figures
+    and the table that the Good Practices Guide for digital image correlation asks for. Where the
+    paper shows a load that was not run, the nearest one is shown, and the caption says so. The
+    same results give the same files.
+
+    Example: `slipscope figures results.h5 -o paper --only 5 6a 15 --format svg`
+    """
+    from app.commands import figures as drawing
+
+    return drawing.figures(
+        results,
+        folder,
+        words or [],
+        only or [],
+        formats or [],
+        overwrite=overwrite,
+        as_json=as_json,
     )
 
 
@@ -207,13 +262,23 @@ def tradeoff(
 
 @command(app)
 def export(
-    session: SessionFile,
+    held: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SESSION.h5|RESULTS.h5", help="A session, or what `slipscope analyze` wrote."
+        ),
+    ],
     destination: Annotated[Path, output("FOLDER|FILE.csv|.npz|.mat|.pvd", "Where to write it.")],
     what: Annotated[
         str,
         typer.Option(
-            metavar="fields|results|forces",
-            help="What a .csv holds; fields if not given.",
+            metavar="TABLE",
+            help="What a .csv holds: fields (if not given), results, forces, rings, stress, law,"
+            " pressure, summary, budget, cycles, slides, notes, profile, run, triggers, stage,"
+            " events, gaps, counts or versions. Of results: summary (if not given), runs, joint,"
+            " joint_notes, results, rings, stress, law, pressure, budget, cycles, slides, notes,"
+            " profile, fields, noise or made_with. What a folder holds: images (if not given) or"
+            " tables, which are all of these.",
             show_default=False,
         ),
     ] = "",
@@ -228,19 +293,21 @@ def export(
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
 ) -> int:
-    """Write what a session holds as files of other programs.
+    """Write what a session or a file of results holds as files of other programs.
 
     A folder gets the raw images (TIFF, lossless), metadata.csv with the fate of every frame,
-    forces.csv and settings.toml, which `slipscope import` reads again. A .csv is a table of
-    displacement fields (as `slipscope dic` writes them), of results by frame or of forces by
-    sample; .npz and .mat hold all three as arrays; .pvd is a series of displacement fields for
-    ParaView, in m, y upwards.
+    forces.csv and settings.toml, which `slipscope import` reads again. A .csv is one table, an
+    observation in each row: displacement fields as `slipscope dic` writes them, u_x(r) and sigma(r)
+    of each frame, p(r), the uncertainty by each input, ...; .npz and .mat hold all of them as
+    arrays; .pvd is a series of displacement fields for ParaView, in m, y upwards. Columns are named
+    by quantity and unit, ux_sd_um is the standard uncertainty of ux_um. Tables of results hold all
+    runs, told apart by their columns run and P_N.
 
-    Example: `slipscope export sample7.h5 -o sample7 --frames 100:400:10`
+    Example: `slipscope export sample7.h5 -o rings.csv --what rings --frames 100:400:10`
     """
     from app.commands import files
 
-    return files.export(session, destination, what, frames, overwrite=overwrite, as_json=as_json)
+    return files.export(held, destination, what, frames, overwrite=overwrite, as_json=as_json)
 
 
 @command(app, "import")

@@ -39,6 +39,13 @@ Overrides = Annotated[
         help="One setting, which replaces that of the file; may be repeated.",
     ),
 ]
+Pace = Annotated[
+    str,
+    typer.Option(
+        metavar="1|max|NUMBER",
+        help="Simulated seconds per second; max: as fast as possible. A real bench runs at 1.",
+    ),
+]
 Overwrite = Annotated[
     bool,
     typer.Option(
@@ -49,7 +56,8 @@ Bench = Annotated[
     Path | None,
     typer.Argument(
         metavar="[BENCH.toml]",
-        help="Settings, see `slipscope config`; or hil-emulated. Else the simulated bench.",
+        help="Settings, see `slipscope config`; or hil-emulated, slide-hold-slide, cyclic-shear."
+        " Else the simulated bench.",
     ),
 ]
 SessionFile = Annotated[

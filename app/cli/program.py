@@ -1,5 +1,5 @@
 """The command `slipscope`: names, arguments and help of the commands, those of files and theory in
-`app.cli.files`. What a command does is in `app.commands`.
+`app.cli.files`, of many sessions in `app.cli.studies`. What a command does is in `app.commands`.
 
 Nothing heavy is imported here, so that `slipscope --help` answers at once.
 """
@@ -13,13 +13,14 @@ from typing import Annotated
 import typer
 
 from app import logs
-from app.cli import files, options
+from app.cli import files, options, studies
 from app.cli.options import (
     Bench,
     Headless,
     JsonFlag,
     Overrides,
     Overwrite,
+    Pace,
     SessionFile,
     command,
     output,
@@ -113,13 +114,7 @@ def run(
         output("SESSION.h5", "Session to write; else slipscope-DATE-TIME.h5 in this folder."),
     ] = None,
     headless: Headless = False,
-    pace: Annotated[
-        str,
-        typer.Option(
-            metavar="1|max|NUMBER",
-            help="Simulated seconds per second; max: as fast as possible. A real bench runs at 1.",
-        ),
-    ] = "1",
+    pace: Pace = "1",
     overrides: Overrides = None,
     overwrite: Overwrite = False,
     as_json: JsonFlag = False,
@@ -149,6 +144,62 @@ BENCH_NAME = typer.Argument(
 
 
 @command(app)
+def campaign(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CAMPAIGN.toml", help="The runs, see docs/campaigns.md; or six-loads."
+        ),
+    ],
+    folder: Annotated[
+        Path | None,
+        output("FOLDER", "Where the sessions and the page go; else a folder of its name."),
+    ] = None,
+    headless: Headless = False,
+    pace: Pace = "1",
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RUN",
+            help="Only these runs: 3, 2-4, or a name such as '*-0.5N'; may be repeated.",
+        ),
+    ] = None,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Do failed runs again; what there is of them is kept.")
+    ] = False,
+    checks_only: Annotated[
+        bool, typer.Option("--check", help="Check everything and show the runs; do none.")
+    ] = False,
+    overrides: Overrides = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Run experiments over loads, velocities, samples and repeats, one after the other; those that
+    are done already are not done again.
+
+    Everything is checked before anything moves. On a real bench the operator is told what to do
+    before each run, and waited for. Ctrl-C stops the motion, then ends the campaign; the same
+    command goes on, after a kill or a power cut as well. Nothing is replaced: what a repeated run
+    has left goes to FOLDER/kept. FOLDER/index.html shows how far it is. The exit code is 1 if a run
+    is not done.
+
+    Example: `slipscope campaign six-loads --pace max`
+    """
+    from app.commands import campaign as campaigns
+
+    return campaigns.campaign(
+        file,
+        folder,
+        headless,
+        pace,
+        overrides or (),
+        only or (),
+        retry=retry,
+        checks_only=checks_only,
+        as_json=as_json,
+    )
+
+
+@command(app)
 def attach(
     bench: Annotated[str | None, BENCH_NAME] = None,
     headless: Headless = False,
@@ -174,6 +225,23 @@ def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
     from app.commands import experiment
 
     return experiment.stop(bench)
+
+
+@command(app)
+def answer(
+    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What is recorded.")] = "yes",
+    bench: Annotated[
+        str | None,
+        typer.Option(help="Name of the bench, or its session; needed where more than one runs."),
+    ] = None,
+) -> int:
+    """Answer the question of a step (`do = "ask"`) of the run that is under way on this computer.
+
+    Example: `slipscope answer "the block is dry"`
+    """
+    from app.commands import experiment
+
+    return experiment.answer(text, bench)
 
 
 @command(app)
@@ -242,7 +310,8 @@ def config(
         str | None,
         typer.Argument(
             metavar="[NAME]",
-            help="A bench that comes with the program: hil-emulated, pci-6251.",
+            help="A bench that comes with the program: hil-emulated, pci-6251, slide-hold-slide,"
+            " cyclic-shear; or six-loads.",
         ),
     ] = None,
     overrides: Overrides = None,
@@ -250,12 +319,16 @@ def config(
     """Print the default settings, each with its meaning, unit and limits: `slipscope config >
     bench.toml`.
 
-    With a name, the few settings of a bench that comes with the program. With --set, all settings,
-    among them those of a driver that is named by --set actuator.source=package.module:Class.
+    With a name, the few settings of a bench, or the campaign, that comes with the program. With
+    --set, all settings, among them those of a driver that is named by --set
+    actuator.source=package.module:Class.
     """
+    from app.campaigns.plan import campaign_names, campaign_text
     from app.config import bench_text, load, to_toml
 
-    if name is not None and not overrides:
+    if name in campaign_names() and not overrides:
+        text = campaign_text(name)
+    elif name is not None and not overrides:
         text = bench_text(name)
     else:
         text = to_toml(load(None if name is None else Path(name), overrides or ()))
@@ -385,6 +458,7 @@ def doctor(as_json: JsonFlag = False) -> int:
 
 
 app.add_typer(files.app)
+app.add_typer(studies.app)
 
 
 def main() -> None:

@@ -58,7 +58,8 @@ class _Unrecorded:
 
 def _go(config: Config, bench: BenchDevices, way_m: float) -> float:
     """Where the stage stands after a move, whose end is waited for, as the drive of a run."""
-    config = replace(config, run=replace(config.run, travel=way_m))
+    run = replace(config.run, travel=way_m, reversals=0, steps=())
+    config = replace(config, run=run)
     stage, experiment = Stage(config, bench), Experiment(config)
     ending = Ending(stage.stop)
     watchdog = Watchdog(ending, config.limits.age, is_direct=False)

@@ -22,7 +22,7 @@ FARTHEST = 1.5  # times the shift at which Cattaneo and Mindlin's contact slides
 SHARP = 2e-3  # an elastic length below this part of that shift needs more modes
 FAINT = 0.01  # of the peak pressure: where a rough contact is taken to end
 
-_UNITS = UNITS | {"kPa": 1e3, "N/mm": 1e3, "kPa/um": 1e9}
+_UNITS = UNITS | {"N/mm": 1e3}
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,14 +187,14 @@ class ShearedContact:
             Q = np.array([state.Q for state in self.loading.table(len(r), float(delta[-1]))])
         return {
             "r_mm": r * 1e3,
-            "p_kpa": p * 1e-3,
-            "p_rough_kpa": (self.rough.pressure(r) if self.rough else p) * 1e-3,
-            "sigma_kpa": (self.state.traction(r) if self.state else sigma_cm) * 1e-3,
-            "sigma_cm_kpa": sigma_cm * 1e-3,
+            "p_kPa": p * 1e-3,
+            "p_rough_kPa": (self.rough.pressure(r) if self.rough else p) * 1e-3,
+            "sigma_kPa": (self.state.traction(r) if self.state else sigma_cm) * 1e-3,
+            "sigma_cm_kPa": sigma_cm * 1e-3,
             "ux_um": mean * 1e6,
             "ux_cos2_um": double * 1e6,
             "ux_cm_um": ux_cm * 1e6,
             "delta_um": delta * 1e6,
-            "q_n": Q,
-            "q_cm_n": Q_cm,
+            "Q_N": Q,
+            "Q_cm_N": Q_cm,
         }

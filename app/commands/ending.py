@@ -9,20 +9,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from analysis.options import as_written
 from app.commands.terminal import output, print_rows, say
 from app.errors import UserError
 from app.outputs import new_file
 from app.records import Outcome
 from app.session.files import picture_of
+from app.settings import AboutSettings
 
 
-def report_run(outcome: Outcome, session: Path | None, as_json: bool) -> dict[str, Any]:
+def report_run(
+    outcome: Outcome, about: AboutSettings, session: Path | None, as_json: bool
+) -> dict[str, Any]:
     """Report how a run ended and draw its picture; the same as data.
 
     `session` is None if nothing was recorded.
     """
     picture = _draw(session, as_json) if session else None
-    return _report("run", outcome, session, picture, as_json, {})
+    return _report("run", outcome, about, session, picture, as_json, {})
+
+
+def about_rows(about: AboutSettings) -> list[tuple[str, str, str]]:
+    """What the operator says of the run, as far as anything is said."""
+    return [(name, "", text) for name, text in as_written(about).items() if text]
 
 
 def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
@@ -54,7 +63,7 @@ def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
             output().print(f"recorded on: {comparison.recorded_on}")
             output().print(f"replayed on: {comparison.replayed_on}")
     more = {"comparison": data, "refused": replay.is_refused}
-    return _report("replay", replay.outcome(), session, picture, as_json, more)
+    return _report("replay", replay.outcome(), replay.config.about, session, picture, as_json, more)
 
 
 def report_analysis(analysis: Any, as_json: bool) -> dict[str, Any]:
@@ -69,22 +78,24 @@ def report_analysis(analysis: Any, as_json: bool) -> dict[str, Any]:
         print_rows(title, compared_rows(before, outcome.summary))
     more = {"source": str(analysis.path), "recorded": plain(before)}
     more["refused"] = analysis.is_refused
-    return _report("analysis", outcome, made, picture, as_json, more)
+    return _report("analysis", outcome, analysis.config.about, made, picture, as_json, more)
 
 
 def _report(
     what: str,
     outcome: Outcome,
+    about: AboutSettings,
     session: Path | None,
     picture: Path | None,
     as_json: bool,
     more: dict[str, Any],
 ) -> dict[str, Any]:
-    from app.report.summary import outcome_data, outcome_rows
+    from app.report.summary import outcome_data, outcome_rows, plain
 
     files = {"session": session, "picture": picture}
     if not as_json:
-        print_rows(f"{what} {outcome.state}: {outcome.reason}", outcome_rows(outcome))
+        rows = [*about_rows(about), *outcome_rows(outcome)]
+        print_rows(f"{what} {outcome.state}: {outcome.reason}", rows)
         for note in outcome.summary.notes if outcome.summary else ():
             output().print(f"note: {note}")
         for name, path in files.items():
@@ -93,7 +104,7 @@ def _report(
         if outcome.state == "failed":
             say(outcome.reason)
     paths = {name: str(path) if path else None for name, path in files.items()}
-    return {**paths, **outcome_data(outcome), **more}
+    return {**paths, "about": plain(about), **outcome_data(outcome), **more}
 
 
 def _printable(name: str) -> str:
@@ -107,7 +118,8 @@ def _draw(session: Path, as_json: bool) -> Path | None:
     """Draw the picture of a session from what is on disk; None, with the reason on the terminal, if
     there is nothing to draw.
     """
-    from app.report.figures import experiment_figure, numbered_instants, write_picture
+    from app.legs import numbered_instants
+    from app.report.figures import experiment_figure, write_picture
     from app.session.reader import SessionReader
 
     path = picture_of(session)

@@ -4,13 +4,14 @@ at their end.
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
 from app.commands.names import mark_of, new_session_name, parse_pace
@@ -19,6 +20,7 @@ from app.config import load
 from app.errors import UserError
 from app.records import Health, Outcome
 from app.session.files import check_new_session, next_free
+from app.settings import Config
 
 POLL_S = 0.1
 LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
@@ -39,22 +41,32 @@ class Source(Protocol):
     def wait(self, timeout: float | None = None) -> Outcome | None: ...
     def request_stop(self, reason: str) -> None: ...
     def stop_motion(self) -> None: ...
+    def answer(self, text: str) -> None: ...
     def health(self) -> Health: ...
     def outcome(self) -> Outcome | None: ...
 
 
 @dataclass(frozen=True, slots=True)
-class _Made:
+class Made:
     """A source, and what reports its end."""
 
     source: Source
     report: Callable[[], dict[str, Any]]
 
 
+class Conducted(NamedTuple):
+    """The reports of what has run its course, and the signal that told the program to end, in
+    words; empty if none came.
+    """
+
+    reports: list[dict[str, Any]]
+    signal: str
+
+
 class _Reports:
     """Reports each source once, when it has ended: a window may stay open long after that."""
 
-    def __init__(self, made: list[_Made]) -> None:
+    def __init__(self, made: list[Made]) -> None:
         self._made = made
         self._reported: list[dict[str, Any]] = []
 
@@ -74,6 +86,11 @@ class _Reports:
         finally:
             over.set()
             watcher.join()
+
+    @property
+    def are_there(self) -> bool:
+        """Whether any has been given."""
+        return bool(self._reported)
 
     def of_all(self) -> list[dict[str, Any]]:
         """The reports of all that have ended, in order."""
@@ -120,27 +137,41 @@ def run(
         raise UserError(
             f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
         )
+
+    def make(is_first: bool) -> Made:
+        path = first if is_first else next_free(session or new_session_name(datetime.now()))
+        return made_run(config, path, speed, overwrite and is_first, as_json)
+
+    return _told(conducted(make, problem, autostart=autostart, as_json=as_json), as_json)
+
+
+def made_run(
+    config: Config, path: Path, pace: float | None, overwrite: bool, as_json: bool
+) -> Made:
+    """A run of these settings, not yet begun, and what reports its end.
+
+    Raises
+    ------
+    UserError, DeviceError
+        It can not be made.
+    """
     from app.live import check_run
     from app.processes.launch import launched_or_made
 
-    def make(is_first: bool) -> _Made:
-        path = first if is_first else next_free(session or new_session_name(datetime.now()))
-        may_replace = overwrite and is_first
-        check_new_session(path, may_replace)
-        check_run(config, path, speed, may_replace)
-        source, before = launched_or_made(config, path, speed, may_replace), mark_of(path)
+    check_new_session(path, overwrite)
+    check_run(config, path, pace, overwrite)
+    source, before = launched_or_made(config, path, pace, overwrite), mark_of(path)
 
-        def report() -> dict[str, Any]:
-            is_recorded = mark_of(path) != before
-            outcome = source.outcome()
-            assert outcome is not None
-            moved = outcome.resources.get("session")
-            is_there = is_recorded or moved is not None
-            return report_run(outcome, Path(moved or path) if is_there else None, as_json)
+    def report() -> dict[str, Any]:
+        is_recorded = mark_of(path) != before
+        outcome = source.outcome()
+        assert outcome is not None
+        moved = outcome.resources.get("session")
+        is_there = is_recorded or moved is not None
+        written = Path(moved or path) if is_there else None
+        return report_run(outcome, config.about, written, as_json)
 
-        return _Made(source, report)
-
-    return _conduct(make, problem, autostart=autostart, as_json=as_json)
+    return Made(source, report)
 
 
 def attach(bench: str | None, headless: bool, as_json: bool) -> int:
@@ -148,20 +179,39 @@ def attach(bench: str | None, headless: bool, as_json: bool) -> int:
 
     Leaving does not end it.
     """
+    problem = window_problem(headless)
+    made = made_attached(bench, as_json)
+    ended = conducted(lambda _: made, problem, autostart=True, as_json=as_json, is_one=True)
+    return _told(ended, as_json)
+
+
+def made_attached(bench: str | None, as_json: bool) -> Made:
+    """A run that is under way in another process, and what reports its end; UserError."""
     from app.processes.launch import attached
 
-    problem = window_problem(headless)
     source = attached(bench)
 
     def report() -> dict[str, Any]:
         outcome = source.outcome()
         assert outcome is not None
         session = Path(outcome.resources.get("session", source.session))
-        return report_run(outcome, session if session.exists() else None, as_json)
+        written = session if session.exists() else None
+        return report_run(outcome, source.config.about, written, as_json)
 
-    return _conduct(
-        lambda _: _Made(source, report), problem, autostart=True, as_json=as_json, is_one=True
-    )
+    return Made(source, report)
+
+
+def answer(text: str, bench: str | None) -> int:
+    """Answer the question of a run that is under way in another process; the exit code."""
+    from app.processes.launch import attached
+
+    source = attached(bench)
+    question = source.health().question
+    if not question:
+        raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
+    source.answer(text)
+    say(f"{question} {text}")
+    return DONE
 
 
 def stop(bench: str | None) -> int:
@@ -192,38 +242,39 @@ def replay(
     from app.offline.reanalysis import Reanalysis
     from app.offline.replay import Replay
 
-    def make(is_first: bool) -> _Made:
+    def make(is_first: bool) -> Made:
         if not is_analysis:
             source = Replay(session, pace=speed)
-            return _Made(source, lambda: report_replay(source, as_json))
+            return Made(source, lambda: report_replay(source, as_json))
         path = output or session.with_stem(f"{session.stem}-analysis")
         if not is_first or output is None:
             path = next_free(path)
         analysis = Reanalysis(
             session, path, pace=speed, overrides=overrides, overwrite=overwrite and is_first
         )
-        return _Made(analysis, lambda: report_analysis(analysis, as_json))
+        return Made(analysis, lambda: report_analysis(analysis, as_json))
 
     if problem is None:
         make(is_first=True)  # a session that can not be replayed is refused here, not in a window
-    return _conduct(make, problem, autostart=True, as_json=as_json)
+    return _told(conducted(make, problem, autostart=True, as_json=as_json), as_json)
 
 
-def _conduct(
-    make: Callable[[bool], _Made],
+def conducted(
+    make: Callable[[bool], Made],
     problem: str | None,
     *,
     autostart: bool,
     as_json: bool,
     is_one: bool = False,
-) -> int:
-    """Let what `make` makes run its course, in the window unless there is a `problem`, and report
-    it; the exit code.
+    closes: bool = False,
+) -> Conducted:
+    """Let what `make` makes run its course, in the window unless there is a `problem`.
 
     `make` is called with whether it is the first: further ones in the same window never replace a
-    file. With `is_one` there are no further ones.
+    file. With `is_one` there are no further ones; with `closes` the window closes after it.
     """
-    made: list[_Made] = []
+    made: list[Made] = []
+    signals: list[str] = []
 
     def make_and_keep() -> Any:
         made.append(make(not made))
@@ -235,20 +286,31 @@ def _conduct(
         from app.processes.signals import acting_on_signals
 
         def stop(reason: str) -> None:
+            signals.append(reason)
             for one in made:
                 _stop(one.source, reason)
 
         first = make_and_keep() if is_one else None
         with reports.as_they_end(), acting_on_signals(stop) as signalled:
-            run_window(make_and_keep, first, autostart=autostart, close_when=signalled.is_set)
+            run_window(
+                make_and_keep,
+                first,
+                autostart=autostart,
+                close_when=lambda: signalled.is_set() or (closes and reports.are_there),
+            )
             for one in made:
                 _let_end(one.source)
     else:
         source = make_and_keep()  # what can not be used is refused before the long part begins
         if problem and not as_json:
             say(f"{problem} (going on without a window)")
-        _follow(source, as_json)
-    ended = reports.of_all()
+        _follow(source, as_json, signals)
+    return Conducted(reports.of_all(), signals[0] if signals else "")
+
+
+def _told(done: Conducted, as_json: bool) -> int:
+    """Print the reports, if they are wanted as JSON; the exit code."""
+    ended = done.reports
     if as_json:
         print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
     last: dict[str, Any] = ended[-1] if ended else {"state": "done"}
@@ -276,18 +338,18 @@ def _stop(source: Source, reason: str) -> None:
         source.request_stop(reason)
 
 
-def _follow(source: Source, as_json: bool) -> Outcome:
-    """Start, show progress, and wait.
+def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
+    """Start, show progress, and wait; `signals` gets the reason of each signal that comes.
 
     Ctrl-C, and whatever else tells the program to end, ends the experiment in good order; a second
     one stops the motion again and leaves. A run that others have started is only left.
     """
     from app.processes.signals import acting_on_signals
 
-    reasons: list[str] = []
+    operator = _Operator(source)
 
     def stop(reason: str) -> None:
-        reasons.append(reason)
+        signals.append(reason)
         if not source.stays:
             source.request_stop(reason)
 
@@ -297,22 +359,43 @@ def _follow(source: Source, as_json: bool) -> Outcome:
             while True:
                 outcome = source.wait(POLL_S)
                 health = source.health()
+                operator.ask(health.question)
                 bar.show(_progress_text(health), health.progress)
                 if outcome is not None:
                     return outcome
-                if len(reasons) > (0 if source.stays else 1):
+                if len(signals) > (0 if source.stays else 1):
                     raise KeyboardInterrupt
     except BaseException as error:
         if not source.stays:
-            if not reasons:
+            if not signals:
                 source.request_stop(f"the terminal failed ({type(error).__name__}: {error})")
             source.stop_motion()  # again, which does not change the reason
             source.wait(LEAVE_S)
         raise
 
 
+class _Operator:
+    """Whoever sits at the terminal: is shown a question, and answers it with a line."""
+
+    def __init__(self, source: Source) -> None:
+        self._source, self._asked = source, ""
+
+    def ask(self, question: str) -> None:
+        """Show a question once, and pass the next line on; none takes the last one back."""
+        if question and question != self._asked and sys.stdin and sys.stdin.isatty():
+            say(f"{question} (type an answer, or just Enter)")
+            threading.Thread(target=self._read, name="slipscope-answer", daemon=True).start()
+        self._asked = question
+
+    def _read(self) -> None:
+        line = sys.stdin.readline()
+        if line:
+            self._source.answer(line.strip() or "yes")
+
+
 def _progress_text(health: Health) -> str:
     counts = health.counts
+    step = f", step {health.doing}" if health.step else ""
     lost = f", {counts.frames_lost} lost" if counts.frames_lost else ""
     advice = f": {health.reason}" if health.reason and health.state in ("armed", "running") else ""
-    return f"{health.phase or health.state}{advice} ({counts.frames_received} frames{lost})"
+    return f"{health.phase or health.state}{step}{advice} ({counts.frames_received} frames{lost})"

@@ -67,17 +67,19 @@ def _report(summary: CorrelationSummary) -> None:
 
 
 def export(
-    session: Path, destination: Path, what: str, frames: str, *, overwrite: bool, as_json: bool
+    held: Path, destination: Path, what: str, frames: str, *, overwrite: bool, as_json: bool
 ) -> int:
-    """Write what a session holds; the exit code."""
+    """Write what a session or a file of results holds; the exit code."""
     from app.exchange import exporting
+    from app.session.fields import is_results
 
     with Bar("exporting", quiet=as_json) as bar:
         written = exporting.export(
-            session, destination, what, frames=frames, overwrite=overwrite, on_progress=bar.show
+            held, destination, what, frames=frames, overwrite=overwrite, on_progress=bar.show
         )
     if as_json:
-        print_json({"session": str(session), "output": str(destination), "written": written})
+        kind = "results" if is_results(held) else "session"
+        print_json({kind: str(held), "output": str(destination), "written": written})
     else:
         output().print(written)
     return DONE

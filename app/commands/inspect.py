@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.commands.ending import about_rows
 from app.commands.terminal import DONE, FAILED, output, print_json, print_rows, say
 from app.config import from_record, own_options, values_of
+from app.plain import STEPS
 from app.settings import Config
 
 if TYPE_CHECKING:
@@ -45,6 +48,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
             "state": outcome.state,
             "reason": outcome.reason,
             "started": header.started,
+            "about": config.about,
             "ended": ended,
             "frame_shape": header.frame_shape,
             "auxiliary": channels,
@@ -64,28 +68,29 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
     rows, columns = header.frame_shape
     kept_in = f", in {header.source.session}" if header.source else ""
     spans = ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases)
-    about = [
+    told = [
         Row("format", "", f"SlipScope session, version {version}"),
         Row("state", "", outcome.state + (f": {outcome.reason}" if outcome.reason else "")),
+        *starmap(Row, about_rows(config.about)),
         Row("started", "", header.started),
         Row("ended", "", ended or "not closed in good order"),
         Row("images", "", f"{columns} x {rows} px{kept_in}"),
     ]
     if channels:
         named = ", ".join(f"{name} ({unit})" for name, unit in channels.items())
-        about.append(Row("further channels", "", named))
+        told.append(Row("further channels", "", named))
     if analyses:
-        about.append(Row("further analyses", "", ", ".join(analyses)))
-    about += counts_rows(outcome.counts)
+        told.append(Row("further analyses", "", ", ".join(analyses)))
+    told += counts_rows(outcome.counts)
     if uncertain:
         doubt = f"{len(uncertain)}, the first is {uncertain[0]}: they may be of a trigger beside it"
-        about.append(Row("uncertain triggers", "", doubt))
-    about += [Row("phases", "", spans or "none")]
+        told.append(Row("uncertain triggers", "", doubt))
+    told += [Row("phases", "", spans or "none")]
     if outcome.summary:
-        about += summary_rows(outcome.summary)
+        told += summary_rows(outcome.summary)
     else:
-        about.append(Row("summary", "", "none: the run did not come to its end"))
-    print_rows(str(session), about + resources_rows(outcome.resources))
+        told.append(Row("summary", "", "none: the run did not come to its end"))
+    print_rows(str(session), told + resources_rows(outcome.resources))
     for note in outcome.summary.notes if outcome.summary else ():
         output().print(f"note: {note}")
     print_rows(
@@ -123,6 +128,9 @@ def changed_settings(config: Config) -> dict[str, Any]:
         for key, value in values.items()
         if value != default[table].get(key)
     }
+    if changed.pop(f"run.{STEPS}", None):
+        steps = enumerate(config.run.protocol, 1)
+        changed |= {f"run.{STEPS}.{number}": str(step) for number, step in steps}
     for table in own_options(config):
         own = changed.pop(f"{table}.options")
         changed |= {f"{table}.options.{key}": value for key, value in own.items()}

@@ -79,7 +79,7 @@ def _write_table(path: Path, contact: ShearedContact, numbers: list[Quantity]) -
         "# over r: pressure p (Hertz; rough: Greenwood-Tripp, exponential heights), shear traction"
         " sigma, and displacement seen from the",
         "# sphere, u_x = ux + ux_cos2 cos(2 theta), u_y = ux_cos2 sin(2 theta); over the"
-        " displacement delta of the block: shear force q",
+        " displacement delta of the block: shear force Q",
         "# cm: Cattaneo-Mindlin, on a half-space",
     ]
     curves = contact.curves()
@@ -101,18 +101,18 @@ def _draw(path: Path, contact: ShearedContact, _numbers: list[Quantity]) -> None
         figure = Figure(figsize=(7.2, 5.2), layout="constrained")
         FigureCanvasAgg(figure)
         axes: Any = figure.subplots(2, 2)
-        r, p, mu = curves["r_mm"], curves["p_kpa"], system.friction
+        r, p, mu = curves["r_mm"], curves["p_kPa"], system.friction
         (left, right), (low_left, low_right) = axes
         if contact.rough:
-            left.plot(r, curves["p_rough_kpa"], color=BLUE, label="rough (Greenwood-Tripp)")
+            left.plot(r, curves["p_rough_kPa"], color=BLUE, label="rough (Greenwood-Tripp)")
         left.plot(r, p, "--", color=RED, label="smooth (Hertz)")
         left.set(ylabel="pressure $p$ (kPa)", title="(a) pressure")
         rough = f"rough interface, $L$ = {system.length * 1e6:g} µm" if system.length else ""
         smooth = "Cattaneo-Mindlin" + (", half-space" if system.thickness else "")
         pairs = (
-            (right, "r_mm", "sigma", "kpa"),
+            (right, "r_mm", "sigma", "kPa"),
             (low_left, "r_mm", "ux", "um"),
-            (low_right, "delta_um", "q", "n"),
+            (low_right, "delta_um", "Q", "N"),
         )
         for panel, x, name, unit in pairs:
             if rough:
@@ -132,7 +132,7 @@ def _draw(path: Path, contact: ShearedContact, _numbers: list[Quantity]) -> None
             ylabel="shear force $Q$ (N)",
             title=r"(d) $Q(\delta)$",
         )
-        pressed = r[curves["p_rough_kpa"] > 1e-3 * curves["p_rough_kpa"][0]][-1]
+        pressed = r[curves["p_rough_kPa"] > 1e-3 * curves["p_rough_kPa"][0]][-1]
         for panel, end in ((left, 1.1 * pressed), (right, 1.1 * pressed), (low_left, r[-1])):
             panel.set(xlabel="distance from the centre $r$ (mm)", xlim=(0, min(end, r[-1])))
         for panel in axes.ravel():

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -56,6 +56,30 @@ def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
         table.add_row(*row)
     console.print(table)
     console.print()
+
+
+def print_table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    texts: Collection[str],
+    widest: int | None = None,
+) -> None:
+    """Write a table to standard output: numbers to the right, and to the left the columns of these
+    headings, which are at most so wide.
+    """
+    console = Console(highlight=False, markup=False)
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for heading in headings:
+        if heading in texts:
+            table.add_column(heading, max_width=widest)
+        else:
+            table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    if not console.is_terminal:
+        console.width = 240  # a file has no edge to wrap at
+    console.print(table)
 
 
 @contextmanager

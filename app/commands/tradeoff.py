@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from analysis.dic.tracker import checked
 from analysis.options import options
 from analysis.settings import Correlation
-from app.commands.terminal import DONE, FAILED, Bar, output, say
+from app.commands.terminal import DONE, FAILED, Bar, output, print_table, say
 from app.errors import UserError
 from app.exchange.images import read_image, size_text
 from app.outputs import check_output, new_file
@@ -125,10 +123,12 @@ def _read(path: Path) -> Any:
 def _methods(names: Sequence[str]) -> list[str]:
     """The methods of these names, all where none is given; ``icgn`` stands for its three orders."""
     known = correlation.METHODS
-    wanted = [m for name in names for m in known if m == name or m.split()[0] == name]
+    wanted: list[str] = []
     for name in names:
-        if not any(m == name or m.split()[0] == name for m in known):
+        meant = [name] if name in known else [m for m in known if m.split()[0] == name]
+        if not meant:
             raise UserError(f"--method {name}: not known; use {', '.join(known)}, or icgn for all")
+        wanted += meant
     return list(dict.fromkeys(wanted or known))
 
 
@@ -143,18 +143,12 @@ def _boxes(sides: Sequence[int]) -> list[int]:
 def _print_table(measured: Study, found: Found) -> None:
     """A table of all variants; a star at those which no other one beats."""
     best = study.front(found, (measured.cost, *measured.errors))
-    console = Console(highlight=False, markup=False)
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("")
-    table.add_column(measured.subject, max_width=44)
-    for heading in measured.columns.values():
-        table.add_column(heading.replace(" (", "\n("), justify="right")
-    for name, figures in found.items():
-        cells = [_cell(figures[key]) for key in measured.columns]
-        table.add_row("*" if name in best else "", name, *cells)
-    if not console.is_terminal:
-        console.width = 240  # a file has no edge to wrap at
-    console.print(table)
+    headings = [heading.replace(" (", "\n(") for heading in measured.columns.values()]
+    rows = [
+        ["*" if name in best else "", name, *(_cell(figures[key]) for key in measured.columns)]
+        for name, figures in found.items()
+    ]
+    print_table(["", measured.subject, *headings], rows, texts=("", measured.subject), widest=44)
     axes = ", ".join(measured.columns[key] for key in (measured.cost, *measured.errors))
     output().print(f"*: no other is better in {axes}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from app.engine.budget import Budget, Measured, Values, budget
 from app.engine.law import inverted
 from app.engine.loops import local_results
 from app.engine.setup import sensor_chain
+from app.engine.slides import slide_results
 from app.engine.tractions import PEAK_REACH
 from app.legs import first_loading
 from app.numbers import series_of
@@ -76,6 +77,24 @@ def onset_of(measured: Measured, law: LocalLaw) -> Onset:
     return sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled)
 
 
+def onset_on_the_way(config: Config, frames: list[Snapshot]) -> float:
+    """T_s in the time of the drive, from the frames of one motion so far; NaN until it can be
+    found.
+    """
+    time, centre, shear, normal, travel = (
+        series_of(frames, name)
+        for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n", "travel_m")
+    )
+    known = np.flatnonzero(np.isfinite(centre))
+    if not len(known):
+        return math.nan
+    way, first = math.copysign(1.0, travel[-1] - travel[0]), known[0]
+    settled = SETTLED * slip_scale(config, LocalLaw(), way * shear, normal)
+    moved = way * (centre - centre[first])
+    found = sliding_onset(time - time[0], moved, way * shear, normal, settled=settled)
+    return found.time + float(time[0])
+
+
 def results_of(measured: Measured) -> Values:
     """The results that have a budget, by their names in the session, without uncertainties."""
     config, contact = measured.config, measured.contact
@@ -110,9 +129,19 @@ def results_of(measured: Measured) -> Values:
     return results
 
 
-def summarise(
+class Conclusion(NamedTuple):
+    """What an experiment comes down to; `law_frames` are the numbers of the frames of the law's
+    slip and ratio, row by row.
+    """
+
+    summary: Summary
+    law: LocalLaw
+    law_frames: tuple[int, ...]
+
+
+def conclude(
     config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]
-) -> Summary:
+) -> Conclusion:
     """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
     drive.
     """
@@ -124,11 +153,10 @@ def summarise(
     hertz_m = hertz_radius_m(config, force)
     notes = list(notes)
 
-    def law_of_frames() -> LocalLaw:
-        frames = inverted(measured, hertz_m)
-        return frames.law() if frames else LocalLaw()
-
-    law = attempt(notes, "local law", law_of_frames, LocalLaw())
+    frames = attempt(notes, "local law", lambda: inverted(measured, hertz_m), None)
+    law = LocalLaw()
+    if frames is not None:
+        law = attempt(notes, "local law", frames.law, law)
     onset = attempt(notes, "onset", lambda: onset_of(measured, law), Onset())
     nothing = Budget()
     spent = nothing
@@ -149,7 +177,9 @@ def summarise(
     local: dict[str, Any] = attempt(
         notes, "loops", lambda: local_results(whole, law, hertz_m, onset.time), {}
     )
-    return Summary(
+    none: dict[str, Any] = {}
+    local |= attempt(notes, "slides", lambda: slide_results(whole, notes), none)
+    summary = Summary(
         normal_force_n=force,
         apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
         apparent_radius_sd_m=contact.apparent_radius_sd_m if contact else math.nan,
@@ -181,6 +211,7 @@ def summarise(
         budget=tuple(share for row in spent.shares for share in row),
         **local,
     )
+    return Conclusion(summary, law, tuple(s.frame for s in frames.frames) if frames else ())
 
 
 def slip_scale(config: Config, law: LocalLaw, shear: F64, normal: F64) -> float:

@@ -4,6 +4,7 @@ travel and its phase.
 
 from __future__ import annotations
 
+import math
 import threading
 from bisect import bisect_left, bisect_right
 
@@ -47,6 +48,8 @@ class History:
         self._start_m = 0.0
         self._phase_samples: list[int] = []
         self._phases: list[Phase] = []
+        self._step_samples: list[int] = []
+        self._steps: list[int] = []
         self._ended = False
         self._changed = threading.Condition()
 
@@ -94,6 +97,12 @@ class History:
         with self._changed:
             self._phase_samples.append(sample)
             self._phases.append(phase)
+
+    def begin_step(self, number: int, sample: int) -> None:
+        """From `sample` on the experiment is in that step of its protocol."""
+        with self._changed:
+            self._step_samples.append(sample)
+            self._steps.append(number)
 
     def finish(self) -> None:
         """No more samples will come."""
@@ -147,7 +156,18 @@ class History:
             else float("nan")
         )
         normal, shear = float(mean[0]), self._direction * float(mean[1])
-        return Conditions(phase, time_s, normal, shear, self._direction * self._travel(middle))
+        travel = self._direction * self._travel(middle)
+        number, began = self._step_at(sample)
+        in_step_s = (middle - began) / self.sample_rate_hz if number else math.nan
+        return Conditions(phase, time_s, normal, shear, travel, number, in_step_s)
+
+    def _step_at(self, sample: int) -> tuple[int, float]:
+        """The step that `sample` belongs to, and the sample on which it began; 0 and NaN where that
+        is not known.
+        """
+        with self._changed:
+            last = bisect_right(self._step_samples, sample) - 1
+            return (self._steps[last], self._step_samples[last]) if last >= 0 else (0, math.nan)
 
     def _travel(self, sample: float) -> float:
         """Stage displacement since the first reading, linear between the readings."""

@@ -5,13 +5,13 @@ the decisions of the run.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.experiment import Measured
+from app.engine.course import Measured
 from app.engine.history import History
 from app.engine.setup import sensor_chain
 from app.engine.stage import Stage
@@ -93,6 +93,10 @@ class Intake:
         """The board's newest sample, read or not."""
         return self._history.end + self._bench.forces.backlog()
 
+    def zero(self, volts: tuple[float, float]) -> None:
+        """From the next block on, these readings are those without a force."""
+        self._chain = replace(self._chain, zero_v=volts)
+
     def take(self, recorder: Takes, has_reference: bool = False) -> Measured | None:
         """The next block, on its way to the disk, and what it says; None for a gap that the
         settings put up with.
@@ -140,6 +144,7 @@ class Intake:
             has_reference,
             (float(normal), float(shear)),
             age_s,
+            volts=volts,
         )
 
     def _look(self, look: _Look) -> None:

@@ -23,7 +23,7 @@ from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
 from app.effort import Effort, Product
-from app.engine.conclusions import attempt, hertz_radius_m, summarise
+from app.engine.conclusions import Conclusion, attempt, conclude, hertz_radius_m
 from app.engine.setup import grid_of, places_m
 from app.engine.tractions import Tractions, mask_radius_m
 from app.records import (
@@ -45,6 +45,8 @@ EFFORT = Effort()
 LOG = logging.getLogger(__name__)
 REGION = 1.2  # of the radius within which there is a traction: so far D needs displacements
 CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
+OUTER_RINGS = 4  # outside that radius, that an inversion needs to tell D
+SPARE_RINGS = 2  # further ones that are measured, as the block moves out of their places
 OUTSIDE = 1.3  # in contact radii: there the block moves as the drive does
 MOVED_PX = 0.1  # from which its direction is that of the block's motion, within a degree or so
 TURNED = math.radians(5.0)  # from which the angle of the drive is told
@@ -77,6 +79,7 @@ class Pipeline:
         self.contact: ContactResult | None = None
         self.reference_frame: int | None = None
         self.notes: list[str] = []
+        self.conclusion: Conclusion | None = None  # with the summary
         self._background: NDArray[np.generic] | None = None
         self._tracker: Tracker | None = None
         self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
@@ -94,8 +97,18 @@ class Pipeline:
         self._x_m, self._y_m = places_m(config, self._x_px, self._y_px)
 
     @property
+    def pictures(self) -> tuple[NDArray[np.generic] | None, NDArray[np.generic] | None]:
+        """The images of the reference and of the free block, as far as there are any."""
+        return self._reference[2] if self._reference else None, self._background
+
+    @property
     def _pixel_m(self) -> float:
         return self.config.camera.pixel
+
+    @property
+    def _ring_m(self) -> float:
+        """Width of a ring."""
+        return self.config.dic.step * self._pixel_m
 
     @property
     def _centre_m(self) -> tuple[float, float]:
@@ -136,7 +149,8 @@ class Pipeline:
 
     def summary(self, snapshots: list[Snapshot]) -> Summary:
         """What the experiment comes down to, from all its snapshots; once it is closed."""
-        return summarise(self.config, snapshots, self.contact, self.notes)
+        self.conclusion = conclude(self.config, snapshots, self.contact, self.notes)
+        return self.conclusion.summary
 
     def step(
         self,
@@ -183,7 +197,8 @@ class Pipeline:
         distance = np.hypot(self._x_m - x, self._y_m - y)
         self._outside = distance > OUTSIDE * radius
         if math.isfinite(hertz_m := held[1]):
-            self._region_m = REGION * mask_radius_m(self.config, hertz_m)
+            mask_m, ring_m = mask_radius_m(self.config, hertz_m), self._ring_m
+            self._region_m = max(REGION * mask_m, mask_m + (OUTER_RINGS + SPARE_RINGS) * ring_m)
             self._region = distance < self._region_m
         if self.config.stress.method != "none":
             self._prepare_tractions(now)
@@ -254,13 +269,13 @@ class Pipeline:
         y = self._y_m[here] + uy_m - centre_y - drive.y * lens_m
         r = np.hypot(x, y)
         sliding_ux = drive.along(ux_m, uy_m) - lens_m
-        width = self.config.dic.step * self._pixel_m
+        width = self._ring_m
         azimuth = np.arctan2(drive.across(x, y), drive.along(x, y))
-        furthest_m = self._whole_rings_m()
+        hertz_m = hertz_radius_m(self.config, now.normal_force_n)
+        furthest_m = self._furthest_m(hertz_m)
         if points is not None:  # which have moved since they were chosen
             furthest_m = min(furthest_m, self._region_m - float(np.nanmax(np.hypot(ux_m, uy_m))))
         rings = ring_means(r, sliding_ux, width, furthest_m, theta=azimuth)
-        hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         apparent_m = self.contact.apparent_radius_m
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
         stick, traction, stress, stress_field = None, None, None, None
@@ -286,7 +301,7 @@ class Pipeline:
             sliding_ux,
             inner_m,
             box=dic.averaging_box_px * self._pixel_m,
-            shared=max(1.0, (dic.box / dic.step) ** 2),
+            shared=max(1.0, (dic.noise_box_px / dic.step) ** 2),
         )
         return replace(
             snapshot,
@@ -332,7 +347,7 @@ class Pipeline:
     def _stick(self, rings: Rings, hertz_m: float) -> Stick | None:
         """The profile that fits the rings of a frame; None where none stands out of the noise."""
         box = self.config.dic.averaging_box_px * self._pixel_m
-        width = self.config.dic.step * self._pixel_m
+        width = self._ring_m
         fit = fit_stick_radius(
             rings.radius, rings.mean, rings.standard_error, hertz_m, box=box, width=width
         )
@@ -341,11 +356,15 @@ class Pipeline:
         full_slip_pa = full_slip_stress(self.config, fit.amplitude)
         return Stick(fit.stick_radius, fit.stick_radius_sd, full_slip_pa, fit.reduced_chi2)
 
-    def _whole_rings_m(self) -> float:
-        """Radius of the largest ring about the contact's centre that lies inside the grid: cut
-        rings would not average u_y's part out.
+    def _furthest_m(self, hertz_m: float) -> float:
+        """Radius of the largest ring about the contact's centre that lies inside the grid, or of
+        the few that a traction needs outside the contact if that is more: their harmonics are
+        fitted, so that a small gap does no harm.
         """
         assert self.contact is not None
         cx, cy = self.contact.centre_px
         x, y = self.grid.x_px, self.grid.y_px
-        return max(0.0, float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy))) * self._pixel_m
+        whole = max(0.0, float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy))) * self._pixel_m
+        if not (math.isfinite(hertz_m) and whole > hertz_m):
+            return whole
+        return max(whole, mask_radius_m(self.config, hertz_m) + OUTER_RINGS * self._ring_m)

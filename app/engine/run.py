@@ -27,16 +27,17 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from analysis.options import quantity
 from app import logs
 from app.engine.analyst import Analyst, FrameAnalysis
 from app.engine.channels import LatestChannel
+from app.engine.conduct import Conduct
 from app.engine.ending import Ending, sentence
-from app.engine.experiment import Experiment, ExperimentFailed, Measured
+from app.engine.experiment import Experiment, ExperimentFailed
 from app.engine.intake import BenchDevices, Intake
 from app.engine.quality import Quality
 from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
+from app.engine.sight import Sight
 from app.engine.stage import Stage
 from app.engine.usage import Usage
 from app.engine.watchdog import Watchdog
@@ -129,8 +130,20 @@ class Run(Watched):
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
             self._unhurried_depth, sender_waits=self._free_running
         )
+        self._sight = Sight(config, self._analysis.series.since)
+        self._conduct = Conduct(
+            self._experiment,
+            self._stage,
+            self._intake,
+            self._history,
+            self._ending,
+            self._ask,
+            lambda: bench.forces,
+            self._hurry,
+        )
         self._workers: _Workers | None = None
         self._progress = 0.0
+        self._left_s = math.nan, math.nan
         self._drives = False  # by the clock on the wall
 
     # ------------------------------------------------------------------ what others may call, from
@@ -155,6 +168,10 @@ class Run(Watched):
     def stop_motion(self) -> None:
         """Stop the actuator in the calling thread, then end the run."""
         self.request_stop("STOP MOTION was pressed")
+
+    def answer(self, text: str) -> None:
+        """Answer the question of the step under way."""
+        self._experiment.answer(text)
 
     def latest_image(self) -> NDArray[Any] | None:
         """The newest frame's image, not to be written to."""
@@ -186,6 +203,10 @@ class Run(Watched):
             uncertain=len(self._analysis.uncertain),
             shed=self._quality.shed,
             shed_why=self._quality.why,
+            step=self._experiment.text if under_way else "",
+            left_s=self._left_s[0],
+            all_left_s=self._left_s[1],
+            question=self._experiment.question if under_way else "",
         )
 
     # ------------------------------------------------------- the life of the run, in its thread
@@ -304,7 +325,7 @@ class Run(Watched):
         recording = [self._ending.spawn(name, work) for name, work in recorder.works()]
         others: list[threading.Thread] = []
         try:
-            self._begin_phase(workers, self._experiment.phase, 0)
+            self._conduct.carry_out(recorder, 0)
             for device in (self._bench.camera, self._bench.forces):
                 self._ask(device.name, partial(device.start, self._train), START_S)
             self._state = "running"
@@ -334,71 +355,42 @@ class Run(Watched):
                 time.sleep(PAUSE_S)  # recorded forces would run ahead of what is analysed
             if measured is None:
                 continue
-            before, leg = self._experiment.phase, self._experiment.leg
-            if before is Phase.REFERENCE and self._reference_is_due(measured):
+            if self._free_running and self._experiment.looks:
+                self._catch_up(workers)
+            if self._experiment.is_reference_due(measured):
                 measured = replace(
                     measured, has_reference=self._wait_for_reference(workers.analyst)
                 )
             try:
-                phase = self._experiment.advance(measured)
+                phase = self._experiment.advance(replace(measured, seen=self._sight.look))
             except ExperimentFailed:
                 if self._ending.is_called.is_set():
                     return  # the stage stands because somebody stopped it
                 raise
             self._progress = self._experiment.progress(measured)
-            if self._experiment.leg != leg:
-                self._turn(workers)
-            if phase is not before:
-                if phase is Phase.DRIVE:
-                    self._drive(workers)
-                else:
-                    self._begin_phase(
-                        workers,
-                        phase,
-                        self._now() if phase is Phase.END else measured.end_sample,
-                    )
-                if phase is Phase.END:
-                    self._ending.call(
-                        f"the drive of {quantity(self.config.run, 'travel')} is complete",
-                        failed=False,
-                    )
+            self._left_s = self._experiment.left_s(measured)
+            self._conduct.carry_out(workers.recorder, measured.end_sample)
+            if phase is Phase.END:
+                self._ending.call(self._experiment.completed, failed=False)
 
-    def _drive(self, workers: _Workers) -> None:
-        """Set the stage in motion.
+    def _catch_up(self, workers: _Workers) -> None:
+        """Wait until the frames that have come are analysed: a step looks at what they show."""
+        give_up = time.monotonic() + REFERENCE_WAIT_S
+        while (
+            workers.receiver.received > len(self._analysis.series) + self._to_analysis.skipped
+            and not self._ending.is_called.is_set()
+            and time.monotonic() < give_up
+        ):
+            time.sleep(PAUSE_S)
 
-        The phase begins on the board's newest sample, which may be ahead of those that were read.
-        """
+    def _hurry(self) -> None:
+        """Keep fewer frames for the analysis from now on, as the stage is to move."""
         if not self._free_running:
             patience_s = min(HURRIED_S, self._quality.patience_s)
             grace = 2 * self._unhurried_depth if patience_s == HURRIED_S else 0
             depth = max(1, round(patience_s * self.config.frame_rate_hz))
             self._to_analysis.narrow(depth, grace=grace)
-        self._ask(self._stage.name, self._stage.aim)
-        self._begin_phase(workers, Phase.DRIVE, self._now())
         self._watchdog.drives = self._drives = not self._free_running
-        if not self._ending.is_called.is_set():
-            self._ask(self._stage.name, self._stage.drive)
-        if self._ending.is_called.is_set():  # a stop that came between the two lines above wins
-            self._ask(self._stage.name, self._stage.stop)
-
-    def _turn(self, workers: _Workers) -> None:
-        """Let the stage turn back."""
-        leg = self._experiment.leg
-        workers.recorder.append(Event(self._now(), "reversal", f"leg {leg}"))
-        if not self._ending.is_called.is_set():
-            self._ask(self._stage.name, partial(self._stage.drive, leg))
-        if self._ending.is_called.is_set():
-            self._ask(self._stage.name, self._stage.stop)
-
-    def _now(self) -> int:
-        return self._ask(self._bench.forces.name, self._intake.now)
-
-    def _reference_is_due(self, measured: Measured) -> bool:
-        began = self._history.phase_start(Phase.REFERENCE)
-        return (
-            began is not None
-            and measured.end_sample - began >= self.config.run.reference_time * self.sample_rate_hz
-        )
 
     def _wait_for_reference(self, analyst: Analyst) -> bool:
         """Whether the reference is in place, after waiting for it as long as nothing is sampled
@@ -413,10 +405,6 @@ class Run(Watched):
             ):
                 return False
         return True
-
-    def _begin_phase(self, workers: _Workers, phase: Phase, sample: int) -> None:
-        self._history.begin(phase, sample)
-        workers.recorder.append(Event(sample, "phase", str(phase)))
 
     # ------------------------------------------------------------------ the end
 
@@ -443,7 +431,8 @@ class Run(Watched):
         workers.receiver.join(*others)
         self._wind_down_device(self._bench.camera.name, self._bench.camera.stop)
         if self._experiment.phase is not Phase.END:
-            attempt("recorder", lambda: self._begin_phase(workers, Phase.END, self._history.end))
+            begin, end = self._conduct.begin_phase, self._history.end
+            attempt("recorder", lambda: begin(workers.recorder, Phase.END, end))
         contact = self.contact()
         if contact is not None:
             attempt("recorder", lambda: workers.recorder.append(contact))
@@ -460,7 +449,7 @@ class Run(Watched):
         """Read what was sampled until now, and on until no exposure is open, so that the last
         trigger can have its frame.
         """
-        stood, problem = self._now(), None
+        stood, problem = self._conduct.now(), None
         while self._history.end < stood:
             before = self._history.end
             try:

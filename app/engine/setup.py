@@ -4,15 +4,20 @@ grid of boxes, and the header of the session. Light to import.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.calibration.forces import SensorChain
 from analysis.grid import Grid
+from analysis.options import as_written
 from analysis.undistorted import ideal_places
 from app.channels import Channels
 from app.config import to_toml
-from app.records import F64, Header
+from app.errors import UserError
+from app.records import F64, ZERO, Event, Header
 from app.settings import Config
 
 
@@ -26,6 +31,35 @@ def sensor_chain(config: Config) -> SensorChain:
         coupling=f.coupling,
         stiffness_std_n_per_m=f.stiffness_uncertainty,
     )
+
+
+def forces_of(config: Config, volts: F64, events: Iterable[Event]) -> F64:
+    """Forces (n, 2) of all readings of a recording from its first sample on, with the zeros that
+    its sensors were given on the way.
+
+    Raises
+    ------
+    UserError
+        An event says something else than two voltages.
+    """
+    chain = sensor_chain(config)
+    forces = chain.forces(volts)
+    for event in events:
+        if event.kind == ZERO:
+            forces[event.sample :] = zeroed(chain, event).forces(volts[event.sample :])
+    return forces
+
+
+def zeroed(chain: SensorChain, event: Event) -> SensorChain:
+    """The chain with the zeros of an event of the kind `ZERO`; UserError if that has none."""
+    try:
+        normal, shear = map(float, event.text.split())
+        return replace(chain, zero_v=(normal, shear))
+    except ValueError:
+        raise UserError(
+            f"event at sample {event.sample}: two readings without a force are needed, found"
+            f" '{event.text[:80]}'; somebody changed the session, use a copy of it if there is one"
+        ) from None
 
 
 def grid_of(config: Config) -> Grid:
@@ -55,6 +89,7 @@ def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) 
         pixel_m=config.camera.pixel,
         grid_x_px=grid.x_px,
         grid_y_px=grid.y_px,
+        **as_written(config.about),
         compression="gzip" if config.recording.compression == "gzip" else "none",
         auxiliary=Channels(
             tuple(channel.name for channel in config.forces.auxiliary_channels),

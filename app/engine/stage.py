@@ -1,4 +1,4 @@
-"""What a run asks of its actuator: to be ready before anything touches, and one move by what the
+"""What a run asks of its actuator: to be ready before anything touches, and moves by what the
 settings ask, from where the stage truly is.
 """
 
@@ -8,7 +8,9 @@ import math
 from typing import Protocol
 
 from analysis.options import quantity
+from app.engine.course import Go
 from app.settings import Config
+from app.steps import ROUNDING_M, Motion, Velocity, legs
 from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.protocols import Actuator
 
@@ -39,6 +41,7 @@ class Stage:
     def __init__(self, config: Config, bench: HasActuator) -> None:
         self.start_m = self.travel_m = 0.0
         self.has_failed = False
+        self._velocity = math.nan
         self._config, self._bench = config, bench
 
     @property
@@ -65,18 +68,35 @@ class Stage:
         # an actuator may have nothing to make ready
         getattr(actuator, "make_ready", lambda: None)()
         self.start_m = actuator.position_m()
-        low, high = actuator.travel_limits_m
-        target = self.start_m + self._config.run.travel
-        if not low <= target <= high:
+        steps, jumps = self._config.run.protocol, "can_change_velocity"
+        is_jump = [isinstance(step, Velocity) for step in steps]
+        if any(is_jump) and not getattr(actuator, jumps, False):
             raise OutOfLimits(
-                f"{actuator.name}: run.travel = {quantity(self._config.run, 'travel')} from"
-                f" {self.start_m * 1e3:.6g} mm, where the stage stands, ends at"
-                f" {target * 1e3:.6g} mm, and its travel is {low * 1e3:g} to {high * 1e3:g} mm; put"
-                " it where it has room"
+                f"{actuator.name}: step {is_jump.index(True) + 1} (velocity) asks for another"
+                " velocity while the stage moves, which it can not; use a drive, before which it"
+                " stops"
             )
+        low, high = actuator.travel_limits_m
+        for leg in legs(steps):
+            for place in leg.end:
+                if not low <= self.start_m + place <= high:
+                    raise OutOfLimits(self._no_room(leg.number, place))
+
+    def _no_room(self, number: int, place: float) -> str:
+        run, actuator = self._config.run, self._bench.actuator
+        low, high = actuator.travel_limits_m
+        what = f"run.travel = {quantity(run, 'travel')}"
+        if run.steps:
+            what = f"step {number} ({run.steps[number - 1].kind}), {place * 1e6:g} um"
+        return (
+            f"{actuator.name}: {what} from"
+            f" {self.start_m * 1e3:.6g} mm, where the stage stands, ends at"
+            f" {(self.start_m + place) * 1e3:.6g} mm, and its travel is {low * 1e3:g} to"
+            f" {high * 1e3:g} mm; put it where it has room"
+        )
 
     def aim(self) -> None:
-        """Set the velocity, and read afresh where the drive starts.
+        """Set the velocity of the first motion, and read afresh where it starts.
 
         Raises
         ------
@@ -84,7 +104,8 @@ class Stage:
             The stage moves, or two readings of its position do not agree.
         """
         actuator = self._bench.actuator
-        actuator.set_velocity(self._config.run.velocity)
+        first_motion = next(s for s in self._config.run.protocol if isinstance(s, Motion))
+        self._set_velocity(first_motion.velocity)
         first, moves, second = actuator.position_m(), actuator.is_moving(), actuator.position_m()
         if moves or not abs(second - first) <= AGREE_M:
             raise DeviceFault(
@@ -94,12 +115,31 @@ class Stage:
             )
         self.start_m, self.travel_m = second, 0.0
 
-    def drive(self, leg: int = 0) -> None:
-        """Set the stage in motion: by the travel of the settings from where `aim` has read it
-        or, on odd legs, back there.
+    def drive(self) -> None:
+        """Set the stage in motion, by ``run.travel`` from where `aim` has read it."""
+        self._bench.actuator.move_to(self.start_m + self._config.run.travel)
+
+    def go(self, order: Go) -> None:
+        """Send the stage on.
+
+        Raises
+        ------
+        OutOfLimits
+            The target is beyond the limit; nothing moves that did not.
         """
-        travel = 0.0 if leg % 2 else self._config.run.travel
-        self._bench.actuator.move_to(self.start_m + travel)
+        limits, actuator = self._config.limits, self._bench.actuator
+        if abs(order.target_m) > limits.travel + ROUNDING_M:
+            raise OutOfLimits(
+                f"{actuator.name}: {order.target_m * 1e6:.1f} um from the start of the drive were"
+                f" asked, limits.travel is {quantity(limits, 'travel')}"
+            )
+        self._set_velocity(order.velocity_m_s)
+        actuator.move_to(self.start_m + order.target_m)
+
+    def _set_velocity(self, velocity_m_s: float) -> None:
+        if velocity_m_s != self._velocity:
+            self._bench.actuator.set_velocity(velocity_m_s)
+            self._velocity = velocity_m_s
 
     def look(self) -> tuple[float, bool]:
         """Position, and whether it moves; NaN and False once it has failed."""

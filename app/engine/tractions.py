@@ -177,7 +177,7 @@ def radial_inversion(
 
     `averaging` is the side of the box over which u_x is averaged over that of the settings.
     """
-    sample, pixel_m = config.sample, config.camera.pixel
+    sample, dic, pixel_m = config.sample, config.dic, config.camera.pixel
     pitch = config.dic.step * pixel_m
     return AxisymmetricInversion(
         x_m,
@@ -187,7 +187,8 @@ def radial_inversion(
         sample.young_modulus,
         sample.poisson,
         edge=hertz_radius_m,
-        box=averaging * config.dic.averaging_box_px * pixel_m,
-        noise_box=config.dic.box * pixel_m,
+        box=averaging * (dic.box if dic.is_quadratic else dic.averaging_box_px) * pixel_m,
+        is_quadratic=dic.is_quadratic,
+        noise_box=config.dic.noise_box_px * pixel_m,
         thickness=sample.depth,
     )

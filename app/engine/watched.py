@@ -54,6 +54,9 @@ class Watched:
             self._thread.join()
         return self._outcome
 
+    def answer(self, text: str) -> None:
+        """Answer the question of the step under way; what is recorded asks none."""
+
     def outcome(self) -> Outcome | None:
         """How the experiment ended; None while it has not."""
         return self._outcome

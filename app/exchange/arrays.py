@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 
 from analysis.dic import Status
 from app.errors import UserError
-from app.numbers import NUMBERS
-from app.records import (
-    DisplacementField,
-)
+from app.exchange.tabular import Tables
+from app.records import DisplacementField
 from app.schema import columns_of
 from app.session.reader import SessionReader
+from app.session.tables import SESSION, AbsentError, of_frames, spelled
 
 MAT_BYTES = 2**31  # largest array of a MATLAB 5 file
 
 
 @dataclass(frozen=True, slots=True)
-class _Array:
+class Array:
     """An array to write: its name with the unit, and its values in consecutive blocks of the first
     axis.
     """
@@ -37,42 +36,48 @@ class _Array:
     blocks: Iterable[NDArray[Any]]
 
 
-def _arrays(
-    reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
-) -> Iterator[_Array]:
-    """Forces, stage, results and fields of these rows of results, each when it is its turn."""
-    header, samples, results = reader.header, reader.forces(), reader.results()[rows]
-    stage_sample, stage_m = reader.positions()
-    has_field = reader.have_fields()[rows]
-    further = {}
-    if header.auxiliary is not None and samples.auxiliary is not None:
-        named = zip(header.auxiliary.labels, samples.auxiliary.T, strict=True)
-        further = {f"auxiliary_{label}": values for label, values in named}
-    whole = {
-        "sample_rate_hz": header.sample_rate_hz,
-        "pixel_m": header.pixel_m,
-        "force_P_N": samples.forces[:, 0],
-        "force_Q_N": samples.forces[:, 1],
-        "normal_sensor_V": samples.volts[:, 0],
-        "shear_sensor_V": samples.volts[:, 1],
-        **further,
-        "stage_sample": stage_sample,
-        "stage_m": stage_m,
-        # through lists: the phases are texts, as long as the longest of them
-        **{f"result_{name}": results[name].tolist() for name in NUMBERS},
-        "field_frame": results["frame"][has_field],
-        "field_x_px": header.grid_x_px,
-        "field_y_px": header.grid_y_px,
-        "field_status_names": [status.label for status in Status],
-    }
-    for name, values in whole.items():
-        array = np.asarray(values)
-        yield _Array(name, array.shape, array.dtype, [array])
-    measured = [row for row, has in zip(rows, has_field, strict=True) if has]
-    shape = len(measured), len(header.grid_y_px), len(header.grid_x_px)
+def session_arrays(
+    reader: SessionReader, frames: range | None, tell: Callable[[str, float], None]
+) -> Iterator[Array]:
+    """The columns of every table, named ``TABLE_COLUMN``, those of profiles a row for each frame;
+    and the fields of these frames, each when it is its turn.
+    """
+    header = reader.header
+    for name, value in (("sample_rate_Hz", header.sample_rate_hz), ("pixel_m", header.pixel_m)):
+        yield _whole(name, value)
+    for what, table in SESSION.items():
+        columns = table.columns(reader)
+        for name, values in (columns if frames is None else of_frames(columns, frames)).items():
+            is_column = values.ndim == 2 and values.shape[1] == 1
+            yield _whole(f"{what}_{name}", values[:, 0] if is_column else values)
+    numbers = reader.analysed_frames()
+    wanted = [frames is None or number in frames for number in numbers]
+    rows = np.flatnonzero(wanted & reader.have_fields()).tolist()
+    yield _whole("fields_frame", np.array(numbers, np.int64)[rows])
+    yield _whole("fields_x_px", header.grid_x_px)
+    yield _whole("fields_y_px", header.grid_y_px)
+    yield _whole("fields_status_names", [status.label for status in Status])
+    shape = len(rows), len(header.grid_y_px), len(header.grid_x_px)
     for column in columns_of(DisplacementField):
-        planes = _planes(reader, measured, column.attribute, tell)
-        yield _Array(f"field_{column.attribute}", shape, np.dtype(column.dtype), planes)
+        planes = _planes(reader, rows, column.attribute, tell)
+        yield Array(f"fields_{spelled(column.attribute)}", shape, np.dtype(column.dtype), planes)
+
+
+def table_arrays(tables: Tables) -> Iterator[Array]:
+    """The columns of every table that has something in it, named ``TABLE_COLUMN``."""
+    for what in tables.names:
+        try:
+            columns = tables.make(what)
+        except AbsentError:
+            continue
+        tables.tell(what, 0.0)
+        for name, values in columns.items():
+            yield _whole(f"{what}_{name}", values)
+
+
+def _whole(name: str, values: Any) -> Array:
+    array = np.asarray(values)
+    return Array(name, array.shape, array.dtype, [array])
 
 
 def _planes(
@@ -83,16 +88,14 @@ def _planes(
         yield getattr(reader.snapshot(row).field, name)[np.newaxis]
 
 
-def write_npz(
-    path: Path, reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
-) -> int:
+def write_npz(path: Path, arrays: Iterable[Array]) -> int:
     """Write a file that ``numpy.load`` reads; the number of arrays.
 
-    Fields have the shape (field_frame, y, x); one is in memory at a time.
+    Fields have the shape (fields_frame, y, x); one is in memory at a time.
     """
     count = 0
     with zipfile.ZipFile(path, "x") as archive:
-        for array in _arrays(reader, rows, tell):
+        for array in arrays:
             count += 1
             header = {
                 "descr": np.lib.format.dtype_to_descr(array.dtype),
@@ -106,9 +109,7 @@ def write_npz(
     return count
 
 
-def write_mat(
-    path: Path, reader: SessionReader, rows: list[int], tell: Callable[[str, float], None]
-) -> int:
+def write_mat(path: Path, arrays: Iterable[Array]) -> int:
     """Write a file for MATLAB's ``load``; the number of arrays. One of them at a time is in memory.
 
     Raises
@@ -118,7 +119,7 @@ def write_mat(
     """
     count = 0
     with path.open("xb") as file:
-        for array in _arrays(reader, rows, tell):
+        for array in arrays:
             count += 1
             nbytes = math.prod(array.shape) * array.dtype.itemsize
             if nbytes >= MAT_BYTES:

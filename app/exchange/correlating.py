@@ -29,7 +29,11 @@ from app.outputs import check_output, new_file
 from app.session.fields import FieldsWriter
 
 ENDINGS = (".h5", ".csv", ".npz")
-PLANES = ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "status", "iterations")
+PLANES = {  # column -> attribute of a field
+    **{name: name for name in ("ux_px", "uy_px")},
+    **{"ux_sd_px": "ux_std_px", "uy_sd_px": "uy_std_px"},
+    **{name: name for name in ("zncc", "status", "iterations")},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +249,8 @@ def _writer(
         fields: list[Field] = []
         yield fields.append
         arrays: dict[str, Any] = {
-            name: np.stack([getattr(field, name) for field in fields]) for name in PLANES
+            name: np.stack([getattr(field, attribute) for field in fields])
+            for name, attribute in PLANES.items()
         }
         arrays |= {"x_px": grid.x_px, "y_px": grid.y_px, "status_names": labels, "images": images}
         arrays["settings"] = [(name, str(value)) for name, value in settings.items()]

@@ -1,4 +1,6 @@
-"""What a session holds, in the files of other programs: images, tables, arrays, ParaView."""
+"""What a session or a file of results holds, in the files of other programs: images, tables,
+arrays, ParaView.
+"""
 
 from __future__ import annotations
 
@@ -6,44 +8,53 @@ import csv
 import math
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from app.config import from_record, to_toml
+from app.engine.setup import sensor_chain, zeroed
 from app.errors import UserError
-from app.exchange.arrays import write_mat, write_npz
+from app.exchange.arrays import Array, session_arrays, table_arrays, write_mat, write_npz
 from app.exchange.fields import FieldTable
 from app.exchange.paraview import write_pvd
-from app.exchange.tables import cell_of
-from app.numbers import NUMBERS
-from app.outputs import check_output, check_output_folder, new_file, new_folder
+from app.exchange.tables import number_cell
+from app.exchange.tabular import Tables
+from app.outputs import cell_of, check_output, check_output_folder, new_file, new_folder
 from app.records import (
+    STEP,
+    ZERO,
     DisplacementField,
+    Event,
     Snapshot,
 )
+from app.session.fields import is_results
 from app.session.reader import SessionReader
+from app.session.result_tables import TABLES, results_table
+from app.session.results import ResultsReader
+from app.session.tables import SESSION, force_columns, session_table, stage_um
 
-KINDS = {  # ending -> what can be written so; the first is the default
-    "": ("images",),
-    ".csv": ("fields", "results", "forces"),
+KINDS = {  # of a session: ending -> what can be written so; the first is the default
+    "": ("images", "tables"),
+    ".csv": ("fields", *SESSION),
     ".npz": ("arrays",),
     ".mat": ("arrays",),
     ".pvd": ("paraview",),
 }
-FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last"
-FORCES = "sample,time_s,P_N,Q_N,normal_V,shear_V,stage_um"
-BLOCK = 8192  # samples of a forces table made at a time
+# the same of a file of results
+RESULTS = {"": ("tables",), ".csv": ("summary", *TABLES), ".npz": ("arrays",), ".mat": ("arrays",)}
+FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last,"
+FRAMES += "step,step_sample"
 # what an export writes into a folder
 _OURS = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
 
 
 def export(
-    session: Path,
+    held: Path,
     output: Path,
     what: str = "",
     *,
@@ -51,7 +62,7 @@ def export(
     overwrite: bool = False,
     on_progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> str:
-    """Write what a session holds; one sentence about what was written.
+    """Write what a session or a file of results holds; one sentence about what was written.
 
     Files appear only when they are complete; one frame at a time is in memory (but see
     `app.exchange.arrays.write_mat`).
@@ -59,9 +70,9 @@ def export(
     Parameters
     ----------
     output : Path
-        A folder (no ending), or a file whose ending is in `KINDS`.
+        A folder (no ending), or a file whose ending is in `KINDS`, or in `RESULTS`.
     what : str
-        One of `KINDS` for that ending; empty: the first.
+        One of those for that ending; empty: the first.
     frames : str
         Trigger numbers as ``first:end:step``, the end not included, or one number; empty: all.
 
@@ -71,33 +82,53 @@ def export(
         It can not be written so, the output exists, or there is nothing to write; nothing was
         written.
     """
-    kind = _kind(output, what)
-    if frames and kind == "forces":
-        raise UserError(
-            f"{output}: the forces are written sample by sample, not for frames {frames}; leave"
-            " --frames out"
-        )
-    wanted = frame_range(frames)
-    if kind == "images":
+    has_runs = is_results(held)
+    kind = _kind(output, what, RESULTS if has_runs else KINDS)
+    wanted = frame_range(frames) if frames else None
+    if kind in KINDS[""]:
         check_output_folder(output, overwrite)
     else:
-        check_output(output, overwrite, inputs={"session": [session]})
-    with SessionReader(session) as reader:
-        return _WRITERS[kind](_Chosen(reader, wanted, on_progress), output, overwrite)
+        name = "file of results" if has_runs else "session"
+        check_output(output, overwrite, inputs={name: [held]})
+    if has_runs:
+        with ResultsReader(held) as results:
+            return _write_results(results, kind, wanted, output, overwrite, on_progress)
+    with SessionReader(held) as reader:
+        chosen = _Chosen(reader, wanted, on_progress)
+        if kind in SESSION:
+            return chosen.tables.write(kind, output, overwrite)
+        return _WRITERS[kind](chosen, output, overwrite)
 
 
-def _kind(output: Path, what: str) -> str:
+def _kind(output: Path, what: str, kinds: Mapping[str, tuple[str, ...]]) -> str:
     ending = "" if output.is_dir() else output.suffix.lower()
-    if ending not in KINDS:
+    if ending not in kinds:
         raise UserError(
             f"{output}: the ending '{ending}' is not known; give a folder (no ending) or"
-            f" {', '.join(list(KINDS)[1:])}"
+            f" {', '.join(list(kinds)[1:])}"
         )
-    if what and what not in KINDS[ending]:
-        raise UserError(
-            f"{output}: {what} can not be written so; '{ending}' takes {' or '.join(KINDS[ending])}"
-        )
-    return what or KINDS[ending][0]
+    if what and what not in kinds[ending]:
+        able = ", ".join(dict.fromkeys(kinds[ending]))
+        raise UserError(f"{output}: {what} can not be written so; '{ending}' takes {able}")
+    return what or kinds[ending][0]
+
+
+def _write_results(
+    reader: ResultsReader,
+    kind: str,
+    frames: range | None,
+    output: Path,
+    overwrite: bool,
+    tell: Callable[[str, float], None],
+) -> str:
+    tables = Tables(
+        TABLES, lambda what: results_table(reader, what, frames), tell, frames is not None
+    )
+    if kind == "tables":
+        return tables.write_all(output, overwrite)
+    if kind == "arrays":
+        return _write_these(table_arrays(tables), output, overwrite)
+    return tables.write(kind, output, overwrite)
 
 
 def frame_range(text: str) -> range:
@@ -123,15 +154,24 @@ class _Chosen:
     """A session, and the frames of it that are to be written."""
 
     def __init__(
-        self, reader: SessionReader, wanted: range, tell: Callable[[str, float], None]
+        self, reader: SessionReader, frames: range | None, tell: Callable[[str, float], None]
     ) -> None:
-        self.reader, self.header, self.tell = reader, reader.header, tell
+        self.reader, self.header, self.tell, self.frames = reader, reader.header, tell, frames
+        wanted = frame_range("") if frames is None else frames
         triggers = reader.triggers()
         self.triggers = triggers[[int(index) in wanted for index in triggers["index"]]]
         # rows of results, and those of them that have a displacement field
         self.rows = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]
         has_field = reader.have_fields()
         self.measured = [i for i in self.rows if has_field[i]]
+        rate = f"{self.header.sample_rate_hz:.9g} samples a second"
+        self.tables = Tables(
+            tuple(SESSION),
+            lambda what: session_table(reader, what, frames),
+            tell,
+            frames is not None,
+            {"forces": f"{rate}; cells of missing samples are empty"},
+        )
 
     def fields(self) -> Iterator[tuple[Snapshot, DisplacementField]]:
         """The displacement field of each frame that has one.
@@ -168,14 +208,19 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make"
             " room or choose --frames"
         )
-    settings = to_toml(from_record(header.config_toml, f"{reader.path}: settings"))
+    config = from_record(header.config_toml, f"{reader.path}: settings")
+    for event in reader.events():
+        if event.kind == ZERO:
+            zero = zeroed(sensor_chain(config), event).zero_v
+            config = replace(config, forces=replace(config.forces, zero=zero))
+    settings = to_toml(config)
     with new_folder(output, overwrite, _OURS) as folder:
         exposures = _Exposures(reader)
         with _text(folder / "metadata.csv") as table:
             table.write(
                 "# sample: that of the forces on which the exposure began; time_s: from sample 0;"
                 " phase_sample: on which its phase did; first, last: triggers that may have taken"
-                " it;\n"
+                " it;\n# step, step_sample: of the protocol, and where it began;"
                 "# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is"
                 f" {header.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
             )
@@ -188,8 +233,9 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
                     # uncompressed; OpenCV itself opens only some paths on Windows
                     _, encoded = cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
                     (folder / name).write_bytes(encoded.tobytes())
-                cells.writerow([index, *exposures.cells(sample), name, cell_of(reason), *span])
-        _forces_table(chosen, folder / "forces.csv")
+                row = [index, *exposures.cells(sample), name, cell_of(reason), *span]
+                cells.writerow([*row, *exposures.step(sample)])
+        chosen.tables.write_to(folder / "forces.csv", "forces", force_columns(reader))
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (
         f"{output}: {received} images, {len(triggers) - received} lost frames, metadata.csv,"
@@ -202,86 +248,39 @@ class _Exposures:
 
     def __init__(self, reader: SessionReader) -> None:
         self._header, self._forces = reader.header, reader.forces().forces
-        self._stage_um = _stage_um(reader)
+        self._positions = reader.positions()
         self._phases = [event for event in reader.events() if event.kind == "phase"]
+        self._steps = [event for event in reader.events() if event.kind == STEP]
 
     def cells(self, sample: int) -> list[str]:
         """Cells sample, time_s, phase, phase_sample, P_N, Q_N, stage_um."""
         length = self._header.exposure_samples
         exposed = self._forces[sample : sample + length]
         forces = exposed.mean(axis=0) if len(exposed) else np.full(2, np.nan)
-        phase = next((event for event in reversed(self._phases) if event.sample <= sample), None)
-        numbers = [*forces.tolist(), float(self._stage_um(np.array([sample + length / 2]))[0])]
+        phase = _last(self._phases, sample)
+        stage = stage_um(*self._positions, np.array([sample + length / 2]))
+        numbers = [*forces.tolist(), *stage.tolist()]
         return [
             str(sample),
-            _cell(sample / self._header.sample_rate_hz),
+            number_cell(sample / self._header.sample_rate_hz),
             cell_of(phase.text) if phase else "",
             str(phase.sample) if phase else "",
-            *map(_cell, numbers),
+            *map(number_cell, numbers),
         ]
 
-
-def _stage_um(reader: SessionReader) -> Callable[[NDArray[Any]], NDArray[np.float64]]:
-    """A function that gives the position of the stage in um at samples.
-
-    Positions are linear between the readings, and NaN if there are none.
-    """
-    samples, metres = reader.positions()
-    known = np.isfinite(metres)
-    if not known.any():
-        return lambda at: np.full(len(at), np.nan)
-    return lambda at: np.interp(at, samples[known], metres[known] * 1e6)
+    def step(self, sample: int) -> list[str]:
+        """Cells step and step_sample; empty where no step is known."""
+        step = _last(self._steps, sample)
+        return [step.text.partition(" ")[0], str(step.sample)] if step else ["", ""]
 
 
-def _cell(value: float) -> str:
-    """The number with all its digits, so that reading it gives the same bits; nothing for NaN."""
-    return "" if math.isnan(value) else repr(value)
+def _last(events: list[Event], sample: int) -> Event | None:
+    """The last of some events at a sample."""
+    return next((event for event in reversed(events) if event.sample <= sample), None)
 
 
 def _text(path: Path) -> Any:
     return path.open("x", encoding="utf-8", newline="\n")
-
-
-def _write_forces(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    with new_file(output, overwrite) as path:
-        return f"{output}: {_forces_table(chosen, path)} samples"
-
-
-def _forces_table(chosen: _Chosen, path: Path) -> int:
-    """Write all samples, one a line; how many there are."""
-    rate = chosen.header.sample_rate_hz
-    held, stage_um = chosen.reader.forces(), _stage_um(chosen.reader)
-    count, channels = len(held.volts), chosen.header.auxiliary
-    further = channels.labels if channels else []
-    with _text(path) as table:
-        table.write(
-            f"# {rate:.9g} samples a second; cells of missing samples are empty\n"
-            f"{','.join([FORCES, *further])}\n"
-        )
-        for start in range(0, count, BLOCK):
-            chosen.tell("forces", start / count)
-            part, samples = slice(start, start + BLOCK), np.arange(start, min(start + BLOCK, count))
-            columns = [held.forces[part], held.volts[part], stage_um(samples)]
-            if held.auxiliary is not None:
-                columns.append(held.auxiliary[part])
-            rows = np.column_stack(columns)
-            for sample, row in zip(samples.tolist(), rows.tolist(), strict=True):
-                table.write(f"{sample},{sample / rate!r},{','.join(map(_cell, row))}\n")
-    return count
-
-
-def _write_results(chosen: _Chosen, output: Path, overwrite: bool) -> str:
-    if not chosen.rows:
-        raise UserError(
-            f"{chosen.reader.path}: none of these frames was analysed; `slipscope info` lists what"
-            " there is"
-        )
-    with new_file(output, overwrite) as path, _text(path) as table:
-        table.write(",".join(NUMBERS) + "\n")
-        for row in chosen.reader.results()[chosen.rows].tolist():
-            cells = (_cell(v) if isinstance(v, float) else cell_of(str(v)) for v in row)
-            table.write(",".join(cells) + "\n")
-    return f"{output}: results of {len(chosen.rows)} frames"
 
 
 def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
@@ -298,9 +297,14 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
 
 
 def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:
+    arrays = session_arrays(chosen.reader, chosen.frames, chosen.tell)
+    return _write_these(arrays, output, overwrite)
+
+
+def _write_these(arrays: Iterable[Array], output: Path, overwrite: bool) -> str:
     write = write_mat if output.suffix.lower() == ".mat" else write_npz
     with new_file(output, overwrite) as path:
-        return f"{output}: {write(path, chosen.reader, chosen.rows, chosen.tell)} arrays"
+        return f"{output}: {write(path, arrays)} arrays"
 
 
 def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
@@ -316,9 +320,8 @@ def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
 
 _WRITERS: dict[str, Callable[[_Chosen, Path, bool], str]] = {
     "images": _write_images,
+    "tables": lambda chosen, output, overwrite: chosen.tables.write_all(output, overwrite),
     "fields": _write_fields,
-    "results": _write_results,
-    "forces": _write_forces,
     "arrays": _write_arrays,
     "paraview": _write_paraview,
 }

@@ -26,7 +26,7 @@ from app.session.reader import SessionReader
 
 F64 = NDArray[np.float64]
 
-COLUMNS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_std_px,uy_std_px"
+COLUMNS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_sd_px,uy_sd_px"
 UNEVEN = 1e-3  # of a pitch: points of a regular grid may lie off by this
 
 _PLACE = LENGTH | {"px": 1.0}
@@ -185,7 +185,7 @@ def _from_session(path: Path, pixel_m: float | None) -> FieldSeries:
         tuple(results["frame"][rows].tolist()),
         fields,
         box_m=dic.averaging_box_px * pixel,
-        noise_box_m=dic.box * pixel,
+        noise_box_m=dic.noise_box_px * pixel,
         across=across,
         centre_m=centre,
         direction=direction,

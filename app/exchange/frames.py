@@ -49,7 +49,7 @@ class Sources:
 class ImportedTrigger:
     """A trigger of the camera: the file of its image, or the reason why there is none.
 
-    `sample` and `phase_sample` are -1 until they are known.
+    `sample`, `phase_sample` and `step_sample` are -1 until they are known.
     """
 
     index: int
@@ -58,6 +58,8 @@ class ImportedTrigger:
     reason: str = ""
     phase: str = ""
     phase_sample: int = -1
+    step: int = 0
+    step_sample: int = -1
 
 
 def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]:
@@ -143,14 +145,20 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Imported
         )
     nothing = [""] * table.rows
     reasons, phases = (table.texts.get(name, nothing) for name in ("reason", "phase"))
-    begins = np.nan_to_num(table.numbers.get("phase_sample", np.full(table.rows, -1.0)), nan=-1.0)
+    begins, steps, step_begins = (
+        np.nan_to_num(table.numbers.get(name, np.full(table.rows, -1.0)), nan=-1.0).tolist()
+        for name in ("phase_sample", "step", "step_sample")
+    )
     by_name = {path.name: path for path in files}
     triggers = []
-    for number, name, reason, phase, began in zip(
-        numbers, names, reasons, phases, begins, strict=True
+    for number, name, reason, phase, *begun in zip(
+        numbers, names, reasons, phases, begins, steps, step_begins, strict=True
     ):
         path = by_name.pop(name, None) or _named_beside(table.path, name)
-        trigger = ImportedTrigger(int(number), reason=reason, phase=phase, phase_sample=int(began))
+        began, step, step_began = map(int, begun)
+        trigger = ImportedTrigger(
+            int(number), -1, None, reason, phase, began, max(0, step), step_began
+        )
         if path is not None:
             trigger.path = path
         elif not reason:

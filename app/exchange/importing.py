@@ -26,7 +26,7 @@ from app.exchange.frames import (
     numbered,
     with_lost,
 )
-from app.exchange.phases import chosen_phases, listed_phases
+from app.exchange.phases import chosen_phases, listed_phases, listed_steps
 from app.exchange.tables import FORCES, FRAMES, Table, by_sample, clock_samples, read_table
 from app.offline.loop import Measurements, Trigger, record_analysis
 from app.records import Event, LostTrigger, Outcome, Phase, Position, ReceivedFrame
@@ -201,6 +201,7 @@ def _measurements(
             break
     gaps = _gaps(volts, int(LONGEST_GAP_S * rate))
     events = [Event(sample, "phase", str(phase)) for sample, phase in phases]
+    events += [] if has_options else listed_steps(frames)
     events += [
         Event(first, "gap", f"{count} samples lost: not among the imported forces")
         for first, count in gaps

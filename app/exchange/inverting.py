@@ -33,8 +33,8 @@ ENDINGS = (".csv", ".npz")
 # share of the bump that the contact makes in the field: the part above gives the contact's centre
 HALF = 0.5
 OBLIQUE = 0.1  # sine of the angle between drive and rows up to which a field is along x
-_PROFILE = "r_mm,sigma_kpa,sigma_sd_kpa"
-_WHOLE = "x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um"
+_PROFILE = "r_mm,sigma_kPa,sigma_sd_kPa"
+_WHOLE = "x_mm,y_mm,sigma_kPa,sigma_sd_kPa,residual_um"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ def _solver(
     """The function that inverts a field and its standard uncertainty."""
     pitch, E, nu = series.pitch_m, settings.modulus, settings.poisson
     drive = series.direction
-    more = {"box": series.box_m, "thickness": settings.depth}
+    more: dict[str, Any] = {"box": series.box_m, "thickness": settings.depth}
     if settings.method in ("cgls", "van-cittert"):
         problem = InversionProblem(np.hypot(x, y) < radius, pitch, E, nu, **more)
         iterate = conjugate_gradient if settings.method == "cgls" else van_cittert
@@ -242,11 +242,11 @@ def write_tractions(
 ) -> None:
     """Write the tractions as a table (.csv) or as arrays (.npz).
 
-    A CSV has the columns frame, r_mm, sigma_kpa, sigma_sd_kpa or, of methods that invert the whole
-    field, frame, x_mm, y_mm, sigma_kpa, sigma_sd_kpa, residual_um and, of both components,
-    sigma_across_kpa. An npz has frame, D_m, D_sd_m, Q_n, Q_sd_n, is_converged, stopped,
-    radius_m, profile_pa, profile_sd_pa and, of whole fields, x_m, y_m, sigma_pa, sigma_sd_pa,
-    residual_m, sigma_across_pa.
+    A CSV has the columns frame, r_mm, sigma_kPa, sigma_sd_kPa or, of methods that invert the whole
+    field, frame, x_mm, y_mm, sigma_kPa, sigma_sd_kPa, residual_um and, of both components,
+    sigma_across_kPa. An npz has frame, D_m, D_sd_m, Q_N, Q_sd_N, is_converged, stopped,
+    radius_m, profile_Pa, profile_sd_Pa and, of whole fields, x_m, y_m, sigma_Pa, sigma_sd_Pa,
+    residual_m, sigma_across_Pa.
     """
     is_whole = not isinstance(inverted[0].result, RadialInversion)
     with new_file(path, overwrite) as unfinished:
@@ -256,7 +256,7 @@ def write_tractions(
             return
         x, y = np.meshgrid(series.x_m, series.y_m)
         with unfinished.open("x", encoding="utf-8", newline="\n") as table:
-            both = ",sigma_across_kpa" if inverted[0].across is not None else ""
+            both = ",sigma_across_kPa" if inverted[0].across is not None else ""
             table.write(f"frame,{_WHOLE + both if is_whole else _PROFILE}\n")
             for one in inverted:
                 whole = [x, y, one.result.sigma, one.result.sigma_sd, one.result.residual]
@@ -275,17 +275,17 @@ def _arrays(series: FieldSeries, inverted: Sequence[Inverted], is_whole: bool) -
     arrays: dict[str, Any] = {
         "frame": np.array([one.number for one in inverted]),
         "radius_m": inverted[0].profile[0],
-        "profile_pa": np.array([one.profile[1] for one in inverted]),
-        "profile_sd_pa": np.array([one.profile[2] for one in inverted]),
+        "profile_Pa": np.array([one.profile[1] for one in inverted]),
+        "profile_sd_Pa": np.array([one.profile[2] for one in inverted]),
     }
     arrays["is_converged"] = np.array([one.result.is_converged for one in inverted])
     arrays["stopped"] = np.array([str(one.result.stopped) for one in inverted])
-    attributes = {"D_m": "D", "D_sd_m": "D_sd", "Q_n": "Q", "Q_sd_n": "Q_sd"}
+    attributes = {"D_m": "D", "D_sd_m": "D_sd", "Q_N": "Q", "Q_sd_N": "Q_sd"}
     if is_whole:
         arrays |= {"x_m": series.x_m, "y_m": series.y_m}
-        attributes |= {"sigma_pa": "sigma", "sigma_sd_pa": "sigma_sd", "residual_m": "residual"}
+        attributes |= {"sigma_Pa": "sigma", "sigma_sd_Pa": "sigma_sd", "residual_m": "residual"}
         if inverted[0].across is not None:
-            arrays["sigma_across_pa"] = np.array([one.across for one in inverted])
+            arrays["sigma_across_Pa"] = np.array([one.across for one in inverted])
     for name, attribute in attributes.items():
         arrays[name] = np.array([getattr(one.result, attribute) for one in inverted])
     return arrays

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from app.engine.setup import sensor_chain
 from app.errors import UserError
 from app.exchange.frames import ImportedTrigger, Sources
-from app.records import Phase
+from app.records import STEP, Event, Phase
 from app.settings import Config
 
 F64 = NDArray[np.float64]
@@ -40,6 +40,17 @@ def listed_phases(frames: list[ImportedTrigger]) -> list[tuple[int, Phase]]:
     if phases and Phase.REFERENCE not in [phase for _, phase in phases]:
         raise UserError("metadata: no frame is of phase reference; name one, or give --reference")
     return phases
+
+
+def listed_steps(frames: list[ImportedTrigger]) -> list[Event]:
+    """The beginnings of the steps of a protocol that the metadata name."""
+    begun: list[Event] = []
+    before = 0
+    for frame in frames:
+        if frame.step > before and frame.step < 1000 and 0 <= frame.step_sample <= frame.sample:
+            begun.append(Event(frame.step_sample, STEP, f"{frame.step} of an imported run"))
+            before = frame.step
+    return begun
 
 
 def chosen_phases(

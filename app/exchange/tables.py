@@ -1,20 +1,22 @@
-"""Tables in text files, from other benches and programs: the names in their headers say which
-quantity a column holds, and in which unit.
+"""Tables in text files, written, and read from other benches and programs: the names in their
+headers say which quantity a column holds, and in which unit.
 """
 
 from __future__ import annotations
 
 import csv
-import re
+import math
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
+from app.outputs import cell_of, text_of
 
 F64 = NDArray[np.float64]
 
@@ -31,6 +33,8 @@ FORCES = _ON_THE_CLOCK | {"p": FORCE, "q": FORCE, "normal": VOLTAGE, "shear": VO
 FRAMES = _ON_THE_CLOCK | {
     "frame": NUMBER,
     "phase_sample": NUMBER,
+    "step": NUMBER,
+    "step_sample": NUMBER,
     "phase": TEXT,
     "file": TEXT,
     "reason": TEXT,
@@ -43,18 +47,38 @@ LONGEST_S = 3600.0  # without a row
 SPARSEST, SPARE = 1000, 1 << 22
 
 
-# what a spreadsheet would run; it takes some wide characters for narrow ones
-_FORMULA = re.compile(r"'*\s*[=@+\-＝＠＋－\t\r\n]")
+BLOCK = 8192  # rows that are made at a time
 
 
-def cell_of(text: str) -> str:
-    """A text as a cell that no spreadsheet runs; `text_of` gives it back."""
-    return f"'{text}" if _FORMULA.match(text) else text
+def write_table(
+    file: TextIO, columns: Mapping[str, NDArray[Any]], tell: Callable[[float], None]
+) -> int:
+    """Write columns of one length below their names; the number of rows.
+
+    Numbers have all their digits, so that reading them gives the same bits; a cell is empty for
+    NaN. `tell` is called with the share done.
+    """
+    cells = csv.writer(file, lineterminator="\n")
+    cells.writerow(map(cell_of, columns))
+    rows = len(next(iter(columns.values())))
+    for start in range(0, rows, BLOCK):
+        tell(start / rows)
+        block = (_cells(values[start : start + BLOCK]) for values in columns.values())
+        cells.writerows(zip(*block, strict=True))
+    return rows
 
 
-def text_of(cell: str) -> str:
-    """The text in a cell that was written by `cell_of`, or by anybody else."""
-    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+def _cells(values: NDArray[Any]) -> list[str]:
+    if values.dtype.kind == "f":
+        return [number_cell(value) for value in values.tolist()]
+    if values.dtype.kind == "b":
+        values = values.astype(int)
+    return [cell_of(str(value)) if values.dtype.kind == "U" else str(value) for value in values]
+
+
+def number_cell(value: float) -> str:
+    """The number with all its digits; nothing for NaN."""
+    return "" if math.isnan(value) else repr(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,8 +87,12 @@ def operator_sentence(
             f"The disk is slower than the data: {queue_cell(health).value} s of data wait to be"
             " recorded; the run ends when the queue is full."
         )
+    if is_running and health.question:
+        return f"{health.question} (F8 answers yes; the step is {health.step[:24]})"
     if reason := (outcome or health).reason:
         return reason[0].upper() + reason[1:]
+    if is_running and run.steps and health.step:
+        return f"Step {health.doing}."
     match health.phase if is_running else health.state:
         case "idle":
             return "Ready. Start (F5) begins the run."

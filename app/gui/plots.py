@@ -18,6 +18,7 @@ from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import Panel, column, label
 from app.records import F64
+from app.steps import reach
 
 STRIP_STEP_S = 0.2  # the strips are redrawn for so much more: they take most of a redraw's time
 NOTHING: F64 = np.empty(0)
@@ -67,7 +68,9 @@ class CurvesView(QWidget):
         for line in (self.static_line, self.onset_line, self.apparent_line):
             line.hide()
         self.sticking.enableAutoRange(y=True)
-        self.loading.setXRange(0, abs(setup.config.run.travel) * 1e6, padding=0.03)
+        low, high = reach(setup.config.run.protocol)
+        furthest = max(high, -low)  # along the drive, as it is plotted
+        self.loading.setXRange(0, furthest * 1e6, padding=0.03)
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:

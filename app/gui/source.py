@@ -49,6 +49,9 @@ class RunSource(Protocol):
     def request_stop(self, reason: str) -> None:
         """Ask for an orderly end of the run; returns at once."""
 
+    def answer(self, text: str) -> None:
+        """Answer the question of the step under way."""
+
     def health(self) -> Health:
         """The state of the run at a glance."""
 

@@ -122,6 +122,10 @@ class MainWindow(QMainWindow):
         failed = "STOP MOTION FAILED, cut the actuator's power"
         self._in_background(failed, lambda source: source.stop_motion())
 
+    def answer(self) -> None:
+        """Answer the question of the run, if it has one."""
+        self._in_background("The answer could not be sent", lambda source: source.answer("yes"))
+
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close.
 
@@ -335,6 +339,7 @@ class MainWindow(QMainWindow):
         self.top.stop_motion.pressed.connect(self.stop_motion)
         self._shortcut(Qt.Key.Key_Escape, self.stop_motion)
         self._shortcut(Qt.Key.Key_F5, self.begin)
+        self._shortcut(Qt.Key.Key_F8, self.answer)
         self._shortcut("Ctrl+Q", self.close)
         self._shortcut(Qt.Key.Key_Space, self.playback.toggle)
         self._shortcut(Qt.Key.Key_Right, self.playback.go_forward, repeats=True)

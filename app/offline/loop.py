@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.calibration.forces import SensorChain
 from app.effort import Effort
 from app.engine.analyst import Analysis
 from app.engine.compiling import compile_analysis
 from app.engine.history import History
 from app.engine.quality import complete
 from app.engine.recorder import RecordSink
-from app.engine.setup import sensor_chain
+from app.engine.setup import forces_of
 from app.engine.usage import Usage
 from app.records import (
     RESTART,
+    STEP,
     Counts,
     Event,
     Header,
@@ -91,13 +91,14 @@ def analyse(
         Trigger number -> what is to be computed of that frame; else all that the settings name.
     """
     efforts, everything = efforts or {}, complete(analysis.config)
-    usage, chain = Usage(), sensor_chain(analysis.config)
+    usage = Usage()
     events = sorted(measured.events, key=lambda event: event.sample)
-    feed = _Feed(analysis.history, chain, measured, events)
+    forces = forces_of(analysis.config, measured.volts, events)
+    feed = _Feed(analysis.history, forces, measured, events)
     received = lost = 0
     with closing(analysis):
         compile_analysis(analysis.config)
-        for block in _samples(measured, chain):
+        for block in _samples(measured, forces):
             sink.append(block)
         for position in measured.positions:
             sink.append(position)
@@ -167,10 +168,9 @@ def record_analysis(
     return replace(outcome, resources=outcome.resources | {"receipt": str(receipt)})
 
 
-def _samples(measured: Measurements, chain: SensorChain) -> Iterator[Samples]:
+def _samples(measured: Measurements, forces: NDArray[np.float64]) -> Iterator[Samples]:
     """The readings between the gaps; an empty block between gaps that adjoin, and at the end."""
     volts, start = measured.volts, 0
-    forces = chain.forces(volts)
     for first, count in (*measured.gaps, (len(volts), 0)):
         yield Samples(start, volts[start:first], forces[start:first])
         start = first + count
@@ -182,11 +182,15 @@ class _Feed:
     """
 
     def __init__(
-        self, history: History, chain: SensorChain, measured: Measurements, events: list[Event]
+        self,
+        history: History,
+        forces: NDArray[np.float64],
+        measured: Measurements,
+        events: list[Event],
     ) -> None:
-        self._history, self._chain, self._volts = history, chain, measured.volts
+        self._history, self._forces = history, forces
         self._positions = iter(measured.positions)
-        self._phases = [event for event in events if event.kind == "phase"]
+        self._begins = [event for event in events if event.kind in ("phase", STEP)]
 
     def up_to(self, sample: int) -> None:
         """Give everything that was known when the exposure that began at `sample` had ended."""
@@ -195,9 +199,11 @@ class _Feed:
             position = next(self._positions, None)
             if position is None:
                 return
-            while self._phases and self._phases[0].sample <= history.end:
-                phase = self._phases.pop(0)
-                history.begin(Phase(phase.text), phase.sample)
+            while self._begins and self._begins[0].sample <= history.end:
+                event = self._begins.pop(0)
+                if event.kind == STEP:
+                    history.begin_step(int(event.text.partition(" ")[0]), event.sample)
+                else:
+                    history.begin(Phase(event.text), event.sample)
             begin, end = history.end, position.sample
-            forces = self._chain.forces(self._volts[begin:end])
-            history.append(begin, forces, position.position_m, end)
+            history.append(begin, self._forces[begin:end], position.position_m, end)

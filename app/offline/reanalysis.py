@@ -15,6 +15,7 @@ from zlib import crc32
 
 import numpy as np
 
+from analysis.options import as_written
 from app.config import to_toml
 from app.errors import UserError
 from app.offline.loop import Measurements, Trigger, record_analysis
@@ -93,6 +94,7 @@ class Reanalysis(Replay):
             grid_x_px=self.grid_x_px,
             grid_y_px=self.grid_y_px,
             started="",
+            **as_written(self.config.about),
             source=self.source,
             compression="none",
             auxiliary=None,  # they stay in the session

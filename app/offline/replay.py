@@ -21,7 +21,7 @@ from app.errors import UserError
 from app.offline.comparison import Comparison, difference
 from app.offline.loop import Measurements, Trigger, analyse
 from app.offline.playback import Browser, Playback
-from app.records import Counts, Health, Outcome, Phase, Position, ReceivedFrame, Snapshot
+from app.records import STEP, Counts, Health, Outcome, Phase, Position, ReceivedFrame, Snapshot
 from app.session.datasets import span_of
 from app.session.reader import SessionReader
 from app.settings import Config
@@ -48,7 +48,7 @@ class Replay(Watched):
     def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
             recorded = from_record(session.header.config_toml, f"{path}: settings")
-            _check_agree(session, recorded)
+            check_agree(session, recorded)
             config = revised(recorded, overrides)
             super().__init__(config, f"replay of {path.name}", Pipeline(config))
             self._recorded_counts = session.outcome.counts
@@ -189,13 +189,7 @@ class Replay(Watched):
         return analysed
 
     def _measurements(self, session: SessionReader) -> Measurements:
-        positions = zip(*(column.tolist() for column in session.positions()), strict=True)
-        return Measurements(
-            session.forces().volts,
-            session.gaps(),
-            [Position(*position) for position in positions],
-            session.events(),
-        )
+        return measurements_of(session)
 
     def _triggers(self, session: SessionReader) -> Iterator[Trigger]:
         """Each frame when it is its turn."""
@@ -218,13 +212,24 @@ class Replay(Watched):
         self._phase = str(self._analysis.history.phase_at(sample))
 
 
+def measurements_of(session: SessionReader) -> Measurements:
+    """What a session recorded beside its images."""
+    positions = zip(*(column.tolist() for column in session.positions()), strict=True)
+    return Measurements(
+        session.forces().volts,
+        session.gaps(),
+        [Position(*position) for position in positions],
+        session.events(),
+    )
+
+
 def _efforts(session: SessionReader) -> dict[int, Effort]:
     """What was computed of each frame, by its trigger number."""
     names = ["frame", *(one.name for one in fields(Effort))]
     return {frame: Effort(*held) for frame, *held in session.results()[names].tolist()}
 
 
-def _check_agree(session: SessionReader, config: Config) -> None:
+def check_agree(session: SessionReader, config: Config) -> None:
     """Refuse a session whose settings, clock, images and phases do not agree: it was changed after
     it was recorded, and could ask for more memory than there is.
 
@@ -251,3 +256,11 @@ def _check_agree(session: SessionReader, config: Config) -> None:
             f"{session.path}: its events name no phases, or others than an experiment has;"
             " somebody changed it, use a copy of it if there is one"
         )
+    steps = [event.text for event in session.events() if event.kind == STEP]
+    for text in steps:
+        number = text.partition(" ")[0]
+        if not (number.isdecimal() and len(number) < 4):
+            raise UserError(
+                f"{session.path}: an event of a step begins with its number, found '{text[:80]}';"
+                " somebody changed it, use a copy of it if there is one"
+            )

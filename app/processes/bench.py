@@ -115,6 +115,7 @@ class _Served:
             "start": run.start,
             "stop_motion": run.stop_motion,
             "request_stop": run.request_stop,
+            "answer": run.answer,
             "health": run.health,
             "outcome": run.outcome,
             "contact": run.contact,

@@ -27,7 +27,6 @@ from app.settings import Config
 LOG = logging.getLogger(__name__)
 POLL_S = 0.05
 POINTS = 4000  # of the forces that are kept once the run has ended
-STOP_S = 5.0
 
 
 class RemoteRun:
@@ -83,6 +82,11 @@ class RemoteRun:
         """End the run in good order; once the stop was sent."""
         if self._outcome is None:
             self._order("request_stop", reason)
+
+    def answer(self, text: str) -> None:
+        """Answer the question of the step under way."""
+        if self._outcome is None:
+            self._order("answer", text)
 
     # ------------------------------------------------------------------ reading
 

@@ -21,13 +21,11 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
 from analysis.mechanics import cattaneo_mindlin
-from app.legs import first_loading
+from app.legs import first_loading, numbered_instants
 from app.numbers import series_of
 from app.records import F64, ContactResult, Phase, Snapshot
 from app.summary import Summary
 
-# five instants on the way to t_s, and one in sliding or at the end, as multiples of t_s
-INSTANTS = (0.19, 0.38, 0.57, 0.76, 0.95, 1.4)
 RADII = (0.0, 0.5, 0.75, 1.0)  # multiples of a, as in the paper's Fig. 7
 RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")
 CUT_HALF_ROWS = 2  # the cut along y = 0 is the mean of this many rows on either side of it
@@ -42,27 +40,6 @@ STYLE = {
     "lines.linewidth": 1.0,
     "svg.fonttype": "none",
 }
-
-
-def numbered_instants(snapshots: Sequence[Snapshot], summary: Summary | None) -> list[int]:
-    """Positions in `snapshots` of the six instants that are shown.
-
-    Where t_s is not known, or not reached, the instants share the drive evenly. There are fewer
-    than six in a drive of fewer frames.
-    """
-    drive = [
-        (s.conditions.time_s, i)
-        for i, s in enumerate(snapshots)
-        if s.conditions.phase is Phase.DRIVE and math.isfinite(s.conditions.time_s)
-    ]
-    if not drive:
-        return []
-    last, onset = drive[-1][0], summary.onset_time_s if summary else math.nan
-    wanted = [last * k / 6 for k in range(1, 7)]
-    if 0 < onset < last:
-        wanted = [min(last, share * onset) for share in INSTANTS]
-    nearest = (min(drive, key=lambda item: abs(item[0] - t))[1] for t in wanted)
-    return sorted(set(nearest))
 
 
 def experiment_figure(
@@ -121,13 +98,14 @@ def experiment_figure(
         for number, (panel, shot) in enumerate(zip(panels, numbered, strict=False), 1):
             if shot.field and shot.motion:
                 ux_m = shot.field.ux_px * np.float64(pixel_m) - shot.motion.lens_m
-                _draw_field(panel, ux_m * 1e6, x_mm, y_mm, has_label=number % 3 == 0)
+                label = "$u_x$ (µm)" if number % 3 == 0 else ""
+                draw_field(panel, ux_m * 1e6, x_mm, y_mm, label=label)
             now = shot.conditions
             when = f"$t$ = {now.time_s:.1f} s,  $Q$ = {now.shear_force_n:.3f} N"
             panel.set_title(f"{number}:  {when}", pad=3)
-            _draw_circle(panel, apparent_m, ec="#ff5a4d", ls="--")
+            draw_circle(panel, apparent_m, ec="#ff5a4d", ls="--")
             if shot.traction or shot.stick:
-                _draw_circle(panel, shot.stick_radius, ec="white")
+                draw_circle(panel, shot.stick_radius, ec="white")
             panel.label_outer()
         if title:
             figure.suptitle(title, fontsize=8, color=GREY)
@@ -151,10 +129,9 @@ def _draw_force(
         axes.annotate(
             "$Q_s$", place, (0, 2), ("axes fraction", "data"), "offset points", color=GREY
         )
-    for number, shot in enumerate(numbered, 1):
-        x, y = shot.conditions.travel_m * 1e6, shot.conditions.shear_force_n
-        axes.plot([x], [y], "o", ms=8.5, mfc="white", mec=BLUE, mew=0.8, zorder=3)
-        axes.annotate(str(number), (x, y), ha="center", va="center_baseline", fontsize=6, zorder=4)
+    draw_numbers(
+        axes, [(s.conditions.travel_m * 1e6, s.conditions.shear_force_n) for s in numbered]
+    )
     axes.margins(y=0.12)
     axes.set(
         xlabel=r"stage displacement $\delta$ (µm)",
@@ -233,34 +210,58 @@ def _at_radius(shot: Snapshot, radius_m: float) -> float:
     return float(np.interp(radius_m, r, ux, left=math.nan, right=math.nan))
 
 
-def _draw_field(axes: Any, ux_um: F64, x_mm: F64, y_mm: F64, *, has_label: bool) -> None:
-    """Draw one u_x field with its cut along y = 0, which is read on the colour bar (Fig. 6a)."""
-    good = ux_um[np.isfinite(ux_um)]
+def draw_numbers(axes: Any, points: Sequence[tuple[float, float]], colour: Any = BLUE) -> None:
+    """Draw the numbered disks, 1 upwards."""
+    for number, point in enumerate(points, 1):
+        axes.plot(*point, "o", ms=8.5, mfc="white", mec=colour, mew=0.8, zorder=3)
+        axes.annotate(str(number), point, ha="center", va="center_baseline", fontsize=6, zorder=4)
+
+
+def draw_field(
+    axes: Any,
+    values: F64,
+    x_mm: F64,
+    y_mm: F64,
+    *,
+    label: str = "",
+    cut: str = "white",
+    cmap: str = "viridis",
+) -> None:
+    """Draw one field, with a colour bar of that label, and its cut along y = 0 in the colour `cut`,
+    which is read on the colour bar (Fig. 6a); a `cut` of "" draws none.
+    """
+    good = values[np.isfinite(values)]
     low, high = (float(v) for v in np.percentile(good, (0.5, 99.5))) if good.size else (0.0, 1.0)
     low, high = min(0.0, low), max(high, low + 0.1)
+    if not cut:  # a field of either sign
+        low, high = -max(-low, high), max(-low, high)
     half_x, half_y = abs(x_mm[1] - x_mm[0]) / 2, abs(y_mm[1] - y_mm[0]) / 2
     extent = (x_mm[0] - half_x, x_mm[-1] + half_x, y_mm[-1] + half_y, y_mm[0] - half_y)
     axes.set_facecolor("#d9d9d9")
     shown = axes.imshow(
-        ux_um, extent=extent, vmin=low, vmax=high, cmap="viridis", interpolation="nearest"
+        values, extent=extent, vmin=low, vmax=high, cmap=cmap, interpolation="nearest"
     )
     # the bar is as high as the panel, so that the cut can be read on it
     bar = axes.figure.colorbar(shown, cax=axes.inset_axes((1.03, 0, 0.05, 1)))
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(length=2)
-    if has_label:
-        bar.set_label("$u_x$ (µm)", labelpad=1)
-    middle = int(np.argmin(np.abs(y_mm)))
-    rows = np.ma.masked_invalid(ux_um[max(0, middle - CUT_HALF_ROWS) : middle + CUT_HALF_ROWS + 1])
-    cut = rows.mean(axis=0).filled(np.nan)
-    heights = extent[2] + (cut - low) / (high - low) * (extent[3] - extent[2])
-    edge = [withStroke(linewidth=2.0, foreground="black")]
-    axes.plot(x_mm, heights, color="white", lw=1.0, path_effects=edge, label="cut", zorder=4)
+    if label:
+        bar.set_label(label, labelpad=1)
+    if cut:
+        middle = int(np.argmin(np.abs(y_mm)))
+        rows = np.ma.masked_invalid(
+            values[max(0, middle - CUT_HALF_ROWS) : middle + CUT_HALF_ROWS + 1]
+        )
+        along = rows.mean(axis=0).filled(np.nan)
+        heights = extent[2] + (along - low) / (high - low) * (extent[3] - extent[2])
+        edge = [withStroke(linewidth=2.0, foreground="white" if cut == "black" else "black")]
+        axes.plot(x_mm, heights, color=cut, lw=1.0, path_effects=edge, label="cut", zorder=4)
     axes.set(xlim=extent[:2], ylim=extent[2:])
     axes.set_xlabel("$x$ (mm)")
     axes.set_ylabel("$y$ (mm)", labelpad=1)
 
 
-def _draw_circle(axes: Any, radius_m: float, **style: str) -> None:
+def draw_circle(axes: Any, radius_m: float, **style: str) -> None:
+    """Draw a circle about the contact's centre, if it has a radius."""
     if radius_m > 0:
         axes.add_patch(Circle((0, 0), radius_m * 1e3, fill=False, lw=1.1, zorder=3, **style))

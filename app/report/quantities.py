@@ -57,6 +57,12 @@ class Measurement:
         return replace(self, sd=sd, systematic=math.nan)
 
     @property
+    def in_unit(self) -> tuple[float, float, float]:
+        """Value and uncertainty, by noise and by the inputs, in `unit`."""
+        factor = UNITS[self.unit]
+        return self.value / factor, self.sd / factor, self.systematic / factor
+
+    @property
     def rounded(self) -> tuple[str, str]:
         """Value and uncertainty, as ``("2.205", "± 0.041")``, with that by the inputs too
         ``("2.205", "± 0.041 ± 0.012")``, or ``("0.930", "0.921 to 0.938")``.

@@ -28,7 +28,7 @@ def summary_rows(summary: Summary) -> list[Row]:
     if summary.calibration_sd > 0 and not summary.budget:
         share = f"± {100 * summary.calibration_sd:.1f} %"
         rows.append(Row("calibration, common to every mu", "u(mu)", share))
-    return rows + local_rows(summary) + budget_rows(summary)
+    return rows + local_rows(summary) + slide_rows(summary) + budget_rows(summary)
 
 
 CENTRAL = 3  # rings whose mean is told for the centre
@@ -53,6 +53,28 @@ def local_rows(summary: Summary) -> list[Row]:
     if s.masing:
         worst = 100 * max(s.masing)
         rows.append(Row("from Masing's rule, at most", "", f"{worst:.2g} % of the greatest Q"))
+    return rows
+
+
+def slide_rows(summary: Summary) -> list[Row]:
+    """What each slide of a protocol gave, and how the contact ages while it is held."""
+    s, rows = summary, []
+
+    def told(value: float, sd: float) -> str:
+        return f"{value:.4f} ± {sd:.4f}" if math.isfinite(value) else "-"
+
+    for i, step in enumerate(s.slide_step):
+        after = f" after {s.slide_hold_s[i]:.4g} s" if s.slide_hold_s[i] > 0 else ""
+        speed = f"{1e6 * s.slide_velocity_m_s[i]:.3g} um/s"
+        peak = told(s.slide_peak[i], s.slide_peak_sd[i])
+        words = f"peak {peak}, mu_d {told(s.slide_mu_d[i], s.slide_mu_d_sd[i])}"
+        if math.isfinite(s.slide_rise[i]):
+            words += f", rise {told(s.slide_rise[i], s.slide_rise_sd[i])}"
+        rows.append(Row(f"step {step}: {speed}{after}", "Q/P", words))
+    if math.isfinite(s.ageing_rate):
+        rate = f"{told(s.ageing_rate, s.ageing_rate_sd)} per e-fold of the hold"
+        rows.append(Row("ageing of mu_s", "beta", rate))
+        rows.append(Row("time from which it ages", "t_0", f"{s.ageing_time_s:.2g} s"))
     return rows
 
 

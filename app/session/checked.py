@@ -65,10 +65,14 @@ class CheckedFile:
         """Let go of the file. May be called twice."""
         self._file.close()
 
+    def format(self, attribute: str) -> int | None:
+        """Which format it says it has in that attribute; None where it says nothing."""
+        return self._contents.formats.get(attribute)
+
     @property
-    def format(self) -> int | None:
-        """Which format of a session it says it has; None where it says nothing."""
-        return self._contents.format
+    def groups(self) -> tuple[str, ...]:
+        """Paths of the groups that are in the file."""
+        return self._contents.groups
 
     def has(self, path: str) -> bool:
         """Whether a group or dataset is in the file."""

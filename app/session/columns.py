@@ -127,13 +127,7 @@ def make_group(
     `header` is needed where the group has images or fields.
     """
     group = next(group for group in layout.GROUPS if group.path == path)
-    made = file.require_group(path)
-    made.attrs["NX_class"] = group.nx_class
-    if group.signal:
-        made.attrs["signal"] = group.signal
-        made.attrs["axes"] = group.axes
-    if group.auxiliary_signals:
-        made.attrs["auxiliary_signals"] = group.auxiliary_signals
+    mark(file.require_group(path), group)
     for column in layout.columns_in(path):
         if column.dtype == IMAGE and column.path in file:
             dataset = file[column.path]  # images that lay there already
@@ -146,6 +140,16 @@ def make_group(
             dataset.attrs["units"] = column.unit
         if column.dtype == IMAGE:
             dataset.attrs["interpretation"] = "image"
+
+
+def mark(made: h5py.Group, group: layout.Group) -> None:
+    """Say of a group what it is to a NeXus program."""
+    made.attrs["NX_class"] = group.nx_class
+    if group.signal:
+        made.attrs["signal"] = group.signal
+        made.attrs["axes"] = group.axes
+    if group.auxiliary_signals:
+        made.attrs["auxiliary_signals"] = group.auxiliary_signals
 
 
 def _make_filled(file: h5py.File, column: Column, value: Any) -> h5py.Dataset:

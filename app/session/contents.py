@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from app.schema import TEXT
-from app.session import layout
+from app.session import layout, results_layout
 
 _ANOTHER, COPY = "give a {} that SlipScope wrote", "use a copy of it if there is one"
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
@@ -51,9 +51,11 @@ class Held(msgspec.Struct, frozen=True):
 
 
 class Contents(msgspec.Struct, frozen=True):
-    """The datasets of a file by their paths, its groups, and which format it says it has."""
+    """The datasets of a file by their paths, its groups, and which format it says it has, by the
+    names of the attributes that say so.
+    """
 
-    format: int | None
+    formats: dict[str, int]
     groups: tuple[str, ...]
     datasets: dict[str, Held]
 
@@ -69,31 +71,43 @@ def contents_of(path: Path) -> Contents:
     with _opened(path) as file:
         if file.userblock_size or file.id.get_create_plist().get_sizes() != (8, 8):
             raise Refused("HDF5, but not as SlipScope writes it", _ANOTHER)
+        formats = _formats(file)
+        named, paths = [group.path for group in layout.GROUPS], [*layout.BY_PATH]
+        if results_layout.RESULTS_ATTRIBUTE in formats:
+            paths = [*results_layout.datasets_of(file)]
+            inner = dict.fromkeys(path.rpartition("/")[0] for path in paths)
+            named = [*inner, *filter(None, dict.fromkeys(g.rpartition("/")[0] for g in inner))]
         groups, datasets = [], {}
-        for group in layout.GROUPS:
+        for group in named:
             try:
-                place = _inside(file, group.path)
+                place = _inside(file, group)
             except Exception as error:  # whatever HDF5 throws while it reads damaged bytes
-                datasets[group.path] = Held(fault=_said(error))
+                datasets[group] = Held(fault=_said(error))
                 continue
             if isinstance(place, h5py.Group):
-                groups.append(group.path)
-        for dataset in layout.BY_PATH:
+                groups.append(group)
+        for dataset in paths:
             try:
                 if (place := _inside(file, dataset)) is not None:
                     datasets[dataset] = _held(place)
             except Exception as error:
                 datasets[dataset] = Held(fault=_said(error))
-        return Contents(_format(file), tuple(groups), datasets)
+        return Contents(formats, tuple(groups), datasets)
 
 
-def _format(file: h5py.File) -> int | None:
-    if layout.FORMAT_ATTRIBUTE not in file.attrs:
-        return None
-    about = file.attrs.get_id(layout.FORMAT_ATTRIBUTE)
-    if about.shape != () or about.dtype.kind not in "iu":
-        return None
-    return int(file.attrs[layout.FORMAT_ATTRIBUTE])
+def _formats(file: h5py.File) -> dict[str, int]:
+    found = {}
+    for name in (
+        layout.FORMAT_ATTRIBUTE,
+        results_layout.RESULTS_ATTRIBUTE,
+        results_layout.RECORDS_ATTRIBUTE,
+    ):
+        if name not in file.attrs:
+            continue
+        about = file.attrs.get_id(name)
+        if about.shape == () and about.dtype.kind in "iu":
+            found[name] = int(file.attrs[name])
+    return found
 
 
 def _inside(file: h5py.File, path: str) -> Any:

@@ -17,6 +17,8 @@ from app.errors import UserError
 from app.records import DisplacementField
 from app.schema import columns_of
 from app.session.checked import NUMBER, CheckedFile
+from app.session.layout import FORMAT_ATTRIBUTE
+from app.session.results_layout import RESULTS_ATTRIBUTE
 
 _COLUMNS = {  # dataset -> attribute of a field, type, unit, meaning
     **{c.name: (c.attribute, c.dtype, c.unit, c.meaning) for c in columns_of(DisplacementField)},
@@ -149,8 +151,17 @@ def read_fields_file(path: Path) -> FieldsHeld:
 
 def is_session(path: Path) -> bool:
     """Whether a file is a SlipScope session; False where it can not be read."""
+    return _says(path, FORMAT_ATTRIBUTE)
+
+
+def is_results(path: Path) -> bool:
+    """Whether a file holds results of `slipscope analyze`; False where it can not be read."""
+    return _says(path, RESULTS_ATTRIBUTE)
+
+
+def _says(path: Path, attribute: str) -> bool:
     try:
         with closing(CheckedFile(path, "session")) as file:
-            return file.format is not None
+            return file.format(attribute) is not None
     except UserError:
         return False

@@ -15,7 +15,7 @@ from app.records import ContactResult, Counts, Event, Gap, Header, Position, Sam
 from app.schema import Column, column, columns_of, record
 from app.summary import Summary
 
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 FORMAT_ATTRIBUTE = "slipscope_format"
 
 IMAGE = "image"  # the camera's own type
@@ -43,6 +43,9 @@ GROUPS = (
     Group("/entry/run"),
     Group("/entry/settings"),
     Group("/entry/versions"),
+    Group("/entry/sample", "NXsample"),
+    Group("/entry/user", "NXuser"),
+    Group("/entry/notes", "NXnote"),
     Group("/entry/source"),  # only in a further analysis of a session
     Group("/entry/clock"),
     Group("/entry/instrument", "NXinstrument"),

@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.records import F64, ContactResult, Event, Phase, Source
+from app.records import F64, ContactResult, Counts, Event, Phase, Source
+from app.results import RingSeries
 from app.session.analyses import analyses_of
 from app.session.reader import SessionReader
+from app.session.tables import Columns, in_units, rings_of, rows_of, session_table
 from app.summary import Summary
 from app.toml import parse_toml
 
@@ -63,6 +65,31 @@ class FieldInMetres(NamedTuple):
     uy_sd_m: F64
     zncc: NDArray[np.float32]
     lens_m: float
+
+    def table(self) -> Columns:
+        """A row for each point: x_mm, y_mm, ux_um, uy_um, ux_sd_um, uy_sd_um, zncc; for
+        ``pandas.DataFrame``.
+        """
+        return rows_of(
+            in_units(
+                x_mm=self.x_m,
+                y_mm=self.y_m[:, None],
+                ux_um=self.ux_m,
+                uy_um=self.uy_m,
+                ux_sd_um=self.ux_sd_m,
+                uy_sd_um=self.uy_sd_m,
+                zncc=self.zncc,
+            )
+        )
+
+
+class Stage(NamedTuple):
+    """The readings of the stage, both of shape (readings,); `time_s` counts as in `forces`, the
+    position is in the stage's own coordinate, NaN where it could not be read.
+    """
+
+    time_s: F64
+    position_m: F64
 
 
 class Frames:
@@ -220,6 +247,33 @@ class Session:
         return self._reader.results()
 
     @cached_property
+    def rings(self) -> RingSeries:
+        """The ring means of u_x (`radius_m`, `ux_m`, `ux_sd_m`) and of the shear traction
+        (`stress_radius_m`, `stress_pa`, `stress_sd_pa`) about the contact's centre, each of shape
+        (results, rings): row n belongs to ``results[n]``; NaN where nothing was measured.
+        """
+        return rings_of(self._reader)
+
+    def table(self, what: str, frames: range | None = None) -> Columns:
+        """A table as ``slipscope export --what`` writes it: column -> array, all of one length, for
+        ``pandas.DataFrame(...)`` or ``xarray.Dataset``.
+
+        Parameters
+        ----------
+        what : str
+            ``"results"``, ``"rings"``, ``"stress"``, ``"pressure"``, ``"summary"``, ``"budget"``,
+            ``"forces"``, ... : those of `app.session.tables.SESSION`.
+        frames : range, optional
+            Only rows of frames with these numbers.
+
+        Raises
+        ------
+        UserError
+            There is no such table, or the session has nothing for it.
+        """
+        return session_table(self._reader, what, frames)
+
+    @cached_property
     def drive_start_s(self) -> float:
         """When the drive began, in the time of `forces`; NaN if it did not.
 
@@ -265,9 +319,35 @@ class Session:
         return self._reader.gaps()
 
     @cached_property
+    def stage(self) -> Stage:
+        """The readings of the stage."""
+        samples, metres = self._reader.positions()
+        return Stage(samples / self.sample_rate_hz, metres)
+
+    @property
+    def counts(self) -> Counts:
+        """What became of every trigger and every sample."""
+        return self._reader.outcome.counts
+
+    @cached_property
     def lost_frames(self) -> list[tuple[int, int, str]]:
         """Trigger number, sample and reason of each frame that was lost."""
         return self._reader.lost_frames()
+
+    @property
+    def sample(self) -> str:
+        """Name of the sample; empty where it was not given."""
+        return self._reader.header.sample
+
+    @property
+    def operator(self) -> str:
+        """Who ran the experiment; empty where it was not given."""
+        return self._reader.header.operator
+
+    @property
+    def note(self) -> str:
+        """What the operator noted."""
+        return self._reader.header.note
 
     @property
     def versions(self) -> dict[str, str]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from app.channels import Channels
 from app.errors import UserError
-from app.numbers import NUMBERS, snapshot_of
+from app.numbers import NUMBERS, ROW, snapshot_of
 from app.records import (
     ContactResult,
     Counts,
@@ -47,6 +47,7 @@ from app.session import layout
 from app.session.checked import CheckedFile
 from app.session.datasets import samples_of, span_of
 from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
+from app.session.results_layout import RESULTS_ATTRIBUTE
 from app.session.stored import Dataset
 from app.summary import Summary
 
@@ -273,14 +274,11 @@ class SessionReader:
         """The numbers of every snapshot, in order, by their names; NaN where this session is too
         old to have them.
         """
-        kinds = [(c.attribute, "U16" if c.kind is Phase else c.dtype) for c in NUMBERS.values()]
-        rows = np.empty(len(self._results["frame"]), dtype=kinds)
-        for column in NUMBERS.values():
+        rows = np.empty(len(self._results["frame"]), ROW)
+        for name, column in NUMBERS.items():
             held: Any = self._results.get(column.name, column.default)
-            if column.kind is Phase:
-                with self.file.reading(column.path):
-                    held = [column.restored(place) for place in held]
-            rows[column.attribute] = held
+            with self.file.reading(column.path):
+                rows[name] = [*map(column.restored, held)] if column.kind is Phase else held
         return rows
 
     def have_fields(self) -> NDArray[np.bool_]:
@@ -444,10 +442,12 @@ class SessionReader:
         return column.since <= self.format and is_there
 
     def _checked_format(self) -> int:
-        version = self.file.format
+        version = self.file.format(layout.FORMAT_ATTRIBUTE)
         if version is None or version < 1:
+            is_results = self.file.format(RESULTS_ATTRIBUTE) is not None
+            found = "results of `slipscope analyze`" if is_results else "an HDF5 file"
             raise UserError(
-                f"{self.path}: an HDF5 file, but not a SlipScope session; give a file that"
+                f"{self.path}: {found}, but not a SlipScope session; give a file that"
                 " `slipscope run` wrote"
             )
         if version > FORMAT_VERSION:

@@ -91,12 +91,8 @@ def repair(
         raise UserError(f"{session}: there is no such session; check the name")
     check_not_recorded(session)
     check_new_session(output, overwrite, read=[session], has_picture=False)
-    if not (is_recorded and images_of(session).exists()):
-        with suppress(UserError), SessionReader(session) as reader:
-            if reader.outcome.state != UNFINISHED or not is_recorded:
-                receipt = verify(session, account_of(session))
-                found = Found(frames=receipt.frames, results=len(reader.analysed_frames()))
-                return Repaired(session, None, "", found, receipt)
+    if repaired := whole(session):
+        return repaired
     found, source = Found(), "journal" if is_recorded else "file"
     try:
         with new_session(output, overwrite) as unfinished:
@@ -110,6 +106,20 @@ def repair(
             f"{session}: what its {source} holds makes no session: {error}; use a copy of it if"
             " there is one"
         ) from error
+
+
+def whole(session: Path) -> Repaired | None:
+    """What a session holds that is read back whole, whatever lies beside it; None where there is
+    something to repair.
+    """
+    is_recorded = has_journal(session)
+    if not (is_recorded and images_of(session).exists()):
+        with suppress(UserError), SessionReader(session) as reader:
+            if reader.outcome.state != UNFINISHED or not is_recorded:
+                receipt = verify(session, account_of(session))
+                found = Found(frames=receipt.frames, results=len(reader.analysed_frames()))
+                return Repaired(session, None, "", found, receipt)
+    return None
 
 
 def _from_journal(

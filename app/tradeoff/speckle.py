@@ -9,6 +9,7 @@ are used here.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -184,9 +185,14 @@ class Pattern:
         over the points compares with that of a measurement. The gradients are those of the exact
         picture (differences over 0.02 px of blobs moved exactly: good to 1e-4).
         """
-        h = 0.01
-        gx = (self.grey(Motion.uniform(-h)) - self.grey(Motion.uniform(h))) / (2 * h)
-        gy = (self.grey(AT_REST, -h) - self.grey(AT_REST, h)) / (2 * h)
+        gx, gy = self._gradient
         weight = 1 / (2 * np.broadcast_to(np.asarray(variance, np.float64), gx.shape))
         xx, xy, yy = (grid.box_sums(weight * a) for a in (gx * gx, gx * gy, gy * gy))
         return np.asarray(np.sqrt(yy / (xx * yy - xy**2)))
+
+    @cached_property
+    def _gradient(self) -> Pair:
+        h = 0.01
+        gx = (self.grey(Motion.uniform(-h)) - self.grey(Motion.uniform(h))) / (2 * h)
+        gy = (self.grey(AT_REST, -h) - self.grey(AT_REST, h)) / (2 * h)
+        return gx, gy

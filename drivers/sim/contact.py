@@ -20,13 +20,16 @@ from scipy.interpolate import CubicHermiteSpline
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.mechanics.interface import TabulatedLaw
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
+from drivers.sim.ageing import Aged, Law, Rest
 from drivers.sim.scenario import Scenario
 
 F64 = NDArray[np.float64]
 
 Turns = tuple[float, ...]  # driven distances, metres
+Rests = tuple[Rest, ...]  # since the last turn
 
 STATES, RETURNED = 400, 160  # of a first loading, and of one that comes back
+SLIDING = 0.98  # share of mu P from which a contact that is held ages
 LONGEST_TABLE = 1 << 20
 
 
@@ -70,14 +73,24 @@ class Contact(Protocol):
     onset: float
     has_memory: bool
 
-    def shear_force(self, driven: F64, turns: Turns = ()) -> F64:
-        """Q in newtons after a drive to `driven` metres that turned back at `turns`; 0 for a first
-        drive below 0.
+    def shear_force(self, driven: F64, turns: Turns = (), rests: Rests = ()) -> F64:
+        """Q in newtons after a drive to `driven` metres that turned back at `turns` and was held at
+        `rests`; 0 for a first drive below 0.
         """
         ...
 
-    def sheared(self, driven: float, turns: Turns = ()) -> Sheared:
+    def sheared(self, driven: float, turns: Turns = (), rests: Rests = ()) -> Sheared:
         """The contact after that drive."""
+        ...
+
+    def peak(self, turns: Turns, rests: Rests) -> float:
+        """Greatest Q (N) of the slide after the last of these holds.
+
+        Raises
+        ------
+        ValueError
+            The contact would jump.
+        """
         ...
 
 
@@ -96,13 +109,17 @@ class CattaneoMindlin:
         self._model = s.mu, s.normal_force, self.radius, block.young_modulus, block.poisson
         self.onset = cattaneo_mindlin.full_shift(*self._model) + self._compliance * self.limit
 
-    def shear_force(self, driven: F64, turns: Turns = ()) -> F64:
+    def shear_force(self, driven: F64, turns: Turns = (), rests: Rests = ()) -> F64:
         """See `Contact`."""
         return cattaneo_mindlin.driven_shear_force(driven, self._compliance, *self._model)
 
-    def sheared(self, driven: float, turns: Turns = ()) -> Sheared:
+    def sheared(self, driven: float, turns: Turns = (), rests: Rests = ()) -> Sheared:
         """See `Contact`."""
         return _Sheared(self, float(self.shear_force(np.asarray(driven))))
+
+    def peak(self, turns: Turns, rests: Rests) -> float:
+        """See `Contact`."""
+        return self.limit
 
 
 class _Sheared:
@@ -146,14 +163,48 @@ class ElastoPlastic:
         # in steady sliding the centre moves like the block, behind it by the deformation under the
         # full traction; this line is extrapolated back to where the centre had not moved
         self.onset = float(last.displacement(0.0)[0]) + self._compliance * self.limit
+        self._law = Law(s.sim.ageing, s.sim.ageing_time, s.sim.ageing_slip, s.mu * L)
+        self._ages: dict[tuple[Turns, Rests], Aged | None] = {}
+        if s.longest_hold:  # a hold that can not be had is refused before anything moves
+            Aged(self._law, s.longest_hold, 0.0, 0.0, self.onset, 1.0)
 
-    def shear_force(self, driven: F64, turns: Turns = ()) -> F64:
+    def shear_force(self, driven: F64, turns: Turns = (), rests: Rests = ()) -> F64:
         """See `Contact`."""
-        return self._branch(turns).shear_force(driven)
+        aged = self._aged(turns, rests)
+        if aged is None:
+            return self._branch(turns).shear_force(driven)
+        base, extra = aged.at(driven)
+        return np.asarray((1 + extra) * self._branch(turns).shear_force(base))
 
-    def sheared(self, driven: float, turns: Turns = ()) -> Sheared:
+    def sheared(self, driven: float, turns: Turns = (), rests: Rests = ()) -> Sheared:
         """See `Contact`."""
-        return _Yielding(self._state(driven, turns))
+        aged = self._aged(turns, rests)
+        if aged is None:
+            return _Yielding(self._state(driven, turns))
+        base, extra = aged.at(np.asarray(driven))
+        return _Yielding(self._state(float(base), turns), 1 + float(extra))
+
+    def peak(self, turns: Turns, rests: Rests) -> float:
+        """See `Contact`."""
+        aged = self._aged(turns, rests)
+        return self.limit * (1 + (aged.peak if aged else 0.0))
+
+    def _aged(self, turns: Turns, rests: Rests) -> Aged | None:
+        """The contact since it was last held while it slid; None where it never was."""
+        if not (rests and self._law.rate):
+            return None
+        key = turns, rests
+        if key not in self._ages:
+            before, (driven, hold_s) = self._aged(turns, rests[:-1]), rests[-1]
+            base, left = before.at(np.asarray(driven)) if before else (driven, 0.0)
+            way = -1.0 if len(turns) % 2 else 1.0
+            slides = way * self._branch(turns).shear_force(np.asarray(base)) >= SLIDING * self.limit
+            self._ages[key] = (
+                Aged(self._law, hold_s, float(base), float(left), self.onset, way)
+                if slides
+                else before
+            )
+        return self._ages[key]
 
     def _state(self, driven: float, turns: Turns) -> LoadingState:
         branch = self._branch(turns)
@@ -203,18 +254,19 @@ class _Branch:
 
 
 class _Yielding:
-    def __init__(self, state: LoadingState) -> None:
-        self._state = state
+    def __init__(self, state: LoadingState, scale: float = 1.0) -> None:
+        self._state, self._scale = state, scale
 
     @property
     def stick_radius(self) -> float:
         return self._state.peak_radius
 
     def radial(self, r: ArrayLike) -> tuple[F64, F64]:
-        return self._state.displacement(r)
+        g0, g2 = self._state.displacement(r)
+        return self._scale * g0, self._scale * g2
 
     def traction(self, r: ArrayLike) -> F64:
-        return self._state.traction(r)
+        return self._scale * self._state.traction(r)
 
 
 def read_law(path: str) -> tuple[F64, F64]:
@@ -259,6 +311,11 @@ def sheared_contact(scenario: Scenario) -> Contact:
     ValueError
         The law can not be had with the other settings, or its table can not be used.
     """
+    if scenario.sim.ageing and scenario.sim.law != "elasto-plastic":
+        raise ValueError(
+            f"simulated world: the law '{scenario.sim.law}' has no memory and can not age"
+            f" (sim.ageing = {scenario.sim.ageing:g}); use 'elasto-plastic'"
+        )
     if scenario.sim.law != "cattaneo-mindlin":
         return ElastoPlastic(scenario)
     for name, is_asked in (

@@ -225,6 +225,7 @@ class SimActuator:
     name = "simulated actuator"
     travel_limits_m = (0.0, TRAVEL_M)
     velocity_limit_m_s = 1e-3
+    can_change_velocity = True
 
     def __init__(self, world: World) -> None:
         self._world = world

@@ -32,6 +32,8 @@ class Scenario:
         That the contact is pressed to, newtons.
     press_samples : int, optional
         How long the pressing takes; None: one second.
+    longest_hold : float
+        For how long the stage will be held at most, seconds.
     """
 
     sim: SimSettings = field(default_factory=SimSettings)
@@ -40,6 +42,7 @@ class Scenario:
     camera: CameraSettings = field(default_factory=CameraSettings)
     normal_force: float = 0.5
     press_samples: int | None = None
+    longest_hold: float = 0.0
 
     @classmethod
     def of(
@@ -51,6 +54,7 @@ class Scenario:
         camera: CameraSettings,
         normal_force: float,
         press_samples: int | None = None,
+        longest_hold: float = 0.0,
     ) -> Scenario:
         """The world behind a bench's settings, with the errors that `sim.errors` puts into them."""
         sections: dict[str, Any] = {"sample": sample, "forces": forces, "camera": camera}
@@ -58,7 +62,13 @@ class Scenario:
             section, name, factor = parse_error(text)
             given = sections[section]
             sections[section] = replace(given, **{name: factor * getattr(given, name)})
-        return cls(sim=sim, normal_force=normal_force, press_samples=press_samples, **sections)
+        return cls(
+            sim=sim,
+            normal_force=normal_force,
+            press_samples=press_samples,
+            longest_hold=longest_hold,
+            **sections,
+        )
 
     @property
     def mu(self) -> float:

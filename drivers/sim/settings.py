@@ -54,6 +54,17 @@ class SimSettings(Section):
         0.0, "mu falls with the normal force like its power of minus this", ge=0, le=1
     )
     slip_length: float = option(0.8, "Length L of the elasto-plastic law", "um", gt=0, le=100)
+    ageing: float = option(
+        0.0,
+        "Growth beta of the static friction after a hold in sliding, as a share of mu: beta ln(1 +"
+        " t/ageing_time) (elasto-plastic)",
+        ge=0,
+        le=0.2,
+    )
+    ageing_time: float = option(1.0, "Time from which a hold ages the contact", "s", gt=0, le=1000)
+    ageing_slip: float = option(
+        3.0, "Length D_c over which the contact forgets it as it slides", "um", gt=0, le=1000
+    )
     law_table: str = option(
         "",
         "CSV file for law = 'table': slip (um) and shear traction as a share of mu p, two columns",

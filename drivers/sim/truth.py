@@ -139,6 +139,9 @@ class Truth:
         The state at another sample.
     lens : Lens
         Of the camera.
+    peaks : tuple of (float, float)
+        Of each hold so far after which the stage went on the same way: its duration (s), and the
+        greatest Q/P of the slide after it.
     """
 
     state: State
@@ -147,6 +150,7 @@ class Truth:
     onset_sample: int | None
     state_at: Callable[[int], State]
     lens: Lens = IDEAL
+    peaks: tuple[tuple[float, float], ...] = ()
 
     def displacement_px(
         self, x_px: ArrayLike, y_px: ArrayLike, reference_sample: int

@@ -25,6 +25,7 @@ from analysis.mechanics import hertz
 from analysis.mechanics.greenwood_tripp import ROUGHEST, RoughContact, rough_contact
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock, TriggerTrain
+from drivers.sim.ageing import Rest
 from drivers.sim.contact import sheared_contact
 from drivers.sim.faults import Fault, Faults
 from drivers.sim.optics import Lens
@@ -90,6 +91,7 @@ class World:
         )
         self._way = 1.0
         self._turns: list[tuple[int, float]] = []  # sample and driven distance
+        self._rests: list[tuple[int, Rest]] = []  # sample on which each ended
         self._began = 0.0
         self._train: TriggerTrain | None = None
         self._frames_read = 0
@@ -256,9 +258,11 @@ class World:
                         f" contact, which the law '{s.sim.law}' does not know; use"
                         " 'elasto-plastic', or make a new bench for another run"
                     )
+                driven = self._driven_at(self.now)
                 if way * self._way < 0:
-                    driven = self._driven(np.asarray(self.now), np.asarray(here))
-                    self._turns.append((self.now, float(driven)))
+                    self._turns.append((self.now, driven))
+                elif way:
+                    self._end_rest(driven)
                 self._way = math.copysign(1.0, way) if way else self._way
             elif way and self.now + abs(way) / per_sample > s.press_sample:
                 raise OutOfLimits(
@@ -269,6 +273,26 @@ class World:
             self._target_m = target_m
             goal = target_m if self._wall is None else min(target_m, max(here, self._wall.place_m))
             self._moves.append(_Move(self.now, here, goal, math.copysign(per_sample, way)))
+
+    def _end_rest(self, driven: float) -> None:
+        """Note that the stage goes on the same way, after a hold if it stood."""
+        following = self.now
+        for move in reversed(self._moves):
+            if move.target_m != move.start_m:
+                arrives = move.sample + math.ceil((move.target_m - move.start_m) / move.speed)
+                held = self.now - min(arrives, following)
+                break
+            following = move.sample
+        else:
+            return
+        if held <= 0:
+            return
+        rest = Rest(driven, held / self.scenario.forces.sample_rate)
+        try:
+            self._contact.peak(self._turned(self.now), (*self._rested(self.now), rest))
+        except ValueError as error:
+            raise OutOfLimits(f"simulated stage: {error}") from None
+        self._rests.append((self.now, rest))
 
     def follow(self, stage_m: float) -> None:
         """Put the stage where a real one is now, `stage_m` (travel since sample 0); in contact it
@@ -314,7 +338,7 @@ class World:
         s = self.scenario
         P = s.normal_force * self._pressed(samples)
         driven = self._driven(samples, self._moves[-1].at(samples))
-        Q = self._contact.shear_force(driven, self._turned(self.now))
+        Q = self._contact.shear_force(driven, *self._past(self.now))
         noise = s.sim.force_noise * self._noise(samples)
         step, top = s.volts_per_step, 2 ** (ADC_BITS - 1)
         codes = np.empty((len(samples), 2))
@@ -370,10 +394,10 @@ class World:
                     f"simulated world: there is no state at sample {sample} yet, it knows 0 to"
                     f" {self.now}"
                 )
-            at, stage, turns = np.asarray(sample), self._stage(sample), self._turned(sample)
+            at, stage, past = np.asarray(sample), self._stage(sample), self._past(sample)
             contact, driven = self._stage(s.settled_sample), self._driven_at(sample)
         pressed = float(self._pressed(at))
-        P, Q = s.normal_force * pressed, float(self._contact.shear_force(np.asarray(driven), turns))
+        P, Q = s.normal_force * pressed, float(self._contact.shear_force(np.asarray(driven), *past))
         is_settled = sample >= s.settled_sample
         block = driven - Q / s.forces.stiffness_shear if is_settled else 0.0
         lens, pixel_m = s.sample.lens_compliance * Q, s.camera.pixel
@@ -400,7 +424,7 @@ class World:
             friction=s.mu,
             rough=self._rough(P),
             drive=s.drive,
-            contact=self._contact.sheared(driven, turns) if Q > 0 or turns else None,
+            contact=self._contact.sheared(driven, *past) if Q > 0 or past[0] else None,
         )
 
     @lru_cache(maxsize=4)  # noqa: B019 - a world is made for one run
@@ -426,6 +450,22 @@ class World:
         """Where the drive has turned back by a sample."""
         return tuple(driven for at, driven in self._turns if at <= sample)
 
+    def _rested(self, sample: int) -> tuple[Rest, ...]:
+        """The holds that have ended by a sample since the last turn before it."""
+        last = max((at for at, _ in self._turns if at <= sample), default=-1)
+        return tuple(rest for at, rest in self._rests if last < at <= sample)
+
+    def _past(self, sample: int) -> tuple[tuple[float, ...], tuple[Rest, ...]]:
+        return self._turned(sample), self._rested(sample)
+
+    def peaks(self) -> tuple[tuple[float, float], ...]:
+        """See `Truth.peaks`."""
+        with self._changed:
+            return tuple(
+                (rest.hold_s, self._contact.peak(*self._past(at)) / self.scenario.normal_force)
+                for at, rest in self._rests
+            )
+
     def _driven_at(self, sample: int) -> float:
         return float(self._driven(np.asarray(sample), np.asarray(self._stage(sample))))
 
@@ -441,6 +481,7 @@ class World:
         s, slides = self.scenario, np.asarray(self._contact.onset)
         mu_s = float(self._contact.shear_force(slides)) / s.normal_force
         lens = Lens.of(s.sim.distortion, s.camera.shape)
+        onset = self.onset_sample()
         return Truth(
-            self.state(sample), s.camera.pixel, mu_s, self.onset_sample(), self.state, lens
+            self.state(sample), s.camera.pixel, mu_s, onset, self.state, lens, self.peaks()
         )

@@ -14,10 +14,12 @@ from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
+from short_run import SHORT
 from typer.testing import Result
 
 from analysis.dic import Correlation
@@ -171,6 +173,24 @@ def test_info_tells_what_the_session_holds(
         assert words in text
 
 
+def test_what_the_operator_says_is_in_the_report_of_a_run_and_in_info(slipscope: Command) -> None:
+    said = {"sample": "PDMS-7", "operator": "Élise", "note": "dusty\tglass"}
+    settings = [*SHORT, *(f"about.{name}={text}" for name, text in said.items())]
+    given = [part for setting in settings for part in ("--set", setting)]
+    ran = slipscope("run", "--headless", "--pace", "max", "-o", "a.h5", *given)
+    assert ran.exit_code == 0
+    text = slipscope("info", "a.h5").stdout
+    for words in ("PDMS-7", "Élise", "dusty"):
+        assert words in ran.stdout
+        assert words in text
+    assert json.loads(slipscope("info", "a.h5", "--json").stdout)["about"] == said
+    with h5py.File("a.h5") as file:
+        held = [file[f"entry/{p}"] for p in ("sample/name", "user/name", "notes/description")]
+        assert [dataset.asstr()[()] for dataset in held] == list(said.values())
+        kinds = [dataset.parent.attrs["NX_class"] for dataset in held]
+    assert kinds == ["NXsample", "NXuser", "NXnote"]
+
+
 def test_config_prints_the_settings_file(slipscope: Command) -> None:
     result = slipscope("config")
     assert result.stdout == default_toml()
@@ -273,14 +293,14 @@ class Interrupted:
 
 def test_one_interrupt_stops_in_good_order() -> None:
     source = Interrupted(1)
-    assert experiment._follow(source, True).state == "done"
+    assert experiment._follow(source, True, []).state == "done"
     assert source.calls == ["start", "Ctrl-C was pressed"]
 
 
 def test_a_second_interrupt_stops_the_motion_again_and_leaves() -> None:
     source = Interrupted(2)
     with pytest.raises(KeyboardInterrupt):
-        experiment._follow(source, True)
+        experiment._follow(source, True, [])
     assert source.calls == ["start", *["Ctrl-C was pressed"] * 2, "stop motion"]
 
 

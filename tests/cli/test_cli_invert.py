@@ -124,7 +124,7 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
     assert said.exit_code == 0, said.output
     assert "2 fields" in said.stdout
     table = np.genfromtxt(tmp_path / "profile.csv", delimiter=",", names=True)
-    assert table.dtype.names == ("frame", "r_mm", "sigma_kpa", "sigma_sd_kpa")
+    assert table.dtype.names == ("frame", "r_mm", "sigma_kPa", "sigma_sd_kPa")
     assert (
         slipscope(
             "invert", path, *MATERIAL, "--pixel", 7.04, "--method", "cgls", "-o", "field.npz"
@@ -133,9 +133,9 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
     )
     with np.load(tmp_path / "field.npz") as arrays:
         pitch = arrays["x_m"][1] - arrays["x_m"][0]
-        np.testing.assert_allclose(arrays["sigma_pa"].sum(axis=(1, 2)) * pitch**2, arrays["Q_n"])
+        np.testing.assert_allclose(arrays["sigma_Pa"].sum(axis=(1, 2)) * pitch**2, arrays["Q_N"])
         assert np.isnan(arrays["residual_m"][0, 3, 5])
-        assert arrays["is_converged"].shape == arrays["stopped"].shape == arrays["Q_n"].shape
+        assert arrays["is_converged"].shape == arrays["stopped"].shape == arrays["Q_N"].shape
         assert set(arrays["stopped"].tolist()) <= {ending.value for ending in Stopped}
     assert (
         slipscope(
@@ -146,7 +146,7 @@ def test_results_go_to_a_table_and_to_arrays(slipscope: Command, tmp_path: Path)
     assert (
         (tmp_path / "field.csv")
         .read_text()
-        .startswith("frame,x_mm,y_mm,sigma_kpa,sigma_sd_kpa,residual_um\n1,0.0704,0.0704,0,")
+        .startswith("frame,x_mm,y_mm,sigma_kPa,sigma_sd_kPa,residual_um\n1,0.0704,0.0704,0,")
     )
     assert not list(tmp_path.glob("*.part*"))
 
@@ -165,8 +165,8 @@ def test_both_components_of_a_session(slipscope: Command, session: Path, tmp_pat
     said = slipscope("invert", session, *more)
     assert said.exit_code == 0, said.output
     with np.load(tmp_path / "both.npz") as found:
-        along, across = found["sigma_pa"][-1], found["sigma_across_pa"][-1]
-        assert found["Q_n"][-1] == pytest.approx(0.93 * 0.03, rel=0.1)
+        along, across = found["sigma_Pa"][-1], found["sigma_across_Pa"][-1]
+        assert found["Q_N"][-1] == pytest.approx(0.93 * 0.03, rel=0.1)
         # friction acts along the drive
         assert abs(across.sum()) < 0.05 * along.sum()
         assert np.abs(across).max() < 0.5 * along.max()

@@ -76,24 +76,24 @@ def test_the_curves_agree_with_the_numbers_and_with_each_other(
     r = columns["r_mm"]
     ring = 2 * np.pi * r * 1e-6
     for name, force in (
-        ("p_kpa", 0.5),
-        ("p_rough_kpa", 0.5),
-        ("sigma_kpa", found["shear_force_n"]),
-        ("sigma_cm_kpa", found["shear_force_n"]),
+        ("p_kPa", 0.5),
+        ("p_rough_kPa", 0.5),
+        ("sigma_kPa", found["shear_force_n"]),
+        ("sigma_cm_kPa", found["shear_force_n"]),
     ):
         assert np.trapezoid(ring * columns[name] * 1e3, r) == pytest.approx(force, rel=2e-3)
-    assert (columns["sigma_kpa"] <= 0.93 * columns["p_kpa"] + 1e-9).all()
+    assert (columns["sigma_kPa"] <= 0.93 * columns["p_kPa"] + 1e-9).all()
     assert np.interp(
-        found["block_shift_m"] * 1e6, columns["delta_um"], columns["q_n"]
+        found["block_shift_m"] * 1e6, columns["delta_um"], columns["Q_N"]
     ) == pytest.approx(found["shear_force_n"], rel=1e-4)
     stuck = r < found["stick_radius_m"] * 1e3
     assert np.abs(columns["ux_cm_um"][stuck]).max() < 1e-9
     assert columns["ux_um"][0] == pytest.approx(found["centre_slip_m"] * 1e6)
     assert (np.diff(columns["ux_um"]) > 0).all()
-    assert r[np.argmax(columns["sigma_cm_kpa"])] == pytest.approx(
+    assert r[np.argmax(columns["sigma_cm_kPa"])] == pytest.approx(
         found["stick_radius_m"] * 1e3, rel=1e-6
     )
-    assert r[np.argmax(columns["sigma_kpa"])] == pytest.approx(
+    assert r[np.argmax(columns["sigma_kPa"])] == pytest.approx(
         found["peak_radius_m"] * 1e3, abs=0.03
     )
     assert any("mu P: 0.465 N" in line for line in header)
@@ -105,12 +105,12 @@ def test_a_rough_interface_of_no_length_is_cattaneo_mindlin(
 ) -> None:
     slipscope("model", "--length", 0, "--share", 1, "-o", "smooth.csv")
     _, smooth = table(tmp_path / "smooth.csv")
-    for name, unit in (("sigma", "kpa"), ("ux", "um"), ("q", "n")):
+    for name, unit in (("sigma", "kPa"), ("ux", "um"), ("Q", "N")):
         np.testing.assert_array_equal(smooth[f"{name}_{unit}"], smooth[f"{name}_cm_{unit}"])
-    np.testing.assert_allclose(smooth["sigma_kpa"], 0.93 * smooth["p_kpa"], rtol=1e-8)
+    np.testing.assert_allclose(smooth["sigma_kPa"], 0.93 * smooth["p_kPa"], rtol=1e-8)
     slipscope("model", "--length", 0.05, "--shear-force", 0.3, "-o", "nearly.csv")
     _, nearly = table(tmp_path / "nearly.csv")
-    np.testing.assert_allclose(nearly["q_n"], nearly["q_cm_n"], atol=1e-3)
+    np.testing.assert_allclose(nearly["Q_N"], nearly["Q_cm_N"], atol=1e-3)
 
 
 def test_a_layer_moves_less_for_the_same_force(slipscope: Command) -> None:

@@ -117,5 +117,5 @@ def test_a_terminal_that_fails_is_named_as_the_reason():
 
     source = Source()
     with pytest.raises(ValueError, match="no such colour"):
-        _follow(source, as_json=True)
+        _follow(source, as_json=True, signals=[])
     assert source.reasons[0] == "the terminal failed (ValueError: no such colour)"

@@ -80,3 +80,10 @@ class Speckle:
             size=self.shape
         )
         return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def way(method: str) -> dict[str, str | int]:
+    """The settings of a method; "quadratic" is that of passes over the whole image with a quadratic
+    displacement within each box.
+    """
+    return {"method": "shared", "order": 2} if method == "quadratic" else {"method": method}

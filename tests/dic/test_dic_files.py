@@ -103,7 +103,7 @@ def test_table_hdf5_and_arrays_hold_the_same_fields(pictures, tmp_path):
     assert progress[-1] == ("done", 1.0)
     assert ("image 2.png", 0.5) in progress
     frames, x, y = read_table(tmp_path / "a.csv")
-    header = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_std_px,uy_std_px,iterations"
+    header = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_sd_px,uy_sd_px,iterations"
     assert (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()[0] == header
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         arrays = dict(file)
@@ -162,8 +162,8 @@ def test_the_account_is_that_of_the_fields(pictures, tmp_path):
     )
     assert summary.statuses["low_contrast"] > 20
     for value, name in [
-        (summary.ux_std_px, "ux_std_px"),
-        (summary.uy_std_px, "uy_std_px"),
+        (summary.ux_std_px, "ux_sd_px"),
+        (summary.uy_std_px, "uy_sd_px"),
         (summary.zncc, "zncc"),
     ]:
         assert value == pytest.approx(
@@ -187,7 +187,7 @@ def test_the_reference_is_updated_on_request_and_the_drift_reported(pictures, tm
         assert np.nanmedian(file["ux_px"], axis=(1, 2)) == pytest.approx(
             [1.2, 2.4, 1.2, 2.4], abs=0.03
         )
-        assert np.nanmedian(file["ux_std_px"][2]) > 1.2 * np.nanmedian(file["ux_std_px"][0])
+        assert np.nanmedian(file["ux_sd_px"][2]) > 1.2 * np.nanmedian(file["ux_sd_px"][0])
 
 
 @pytest.mark.parametrize("method", ["shared", "icgn"])

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blobs import Speckle
+from blobs import Speckle, way
 
 from analysis.dic import Correlation, Status, open_tracker
 from analysis.dic.neighbours import filled
 
 SPECKLE = Speckle((240, 320))
 REFERENCE = SPECKLE.image(noise=2, seed=1)
-METHODS = ("shared", "icgn")
+METHODS = ("shared", "quadratic", "icgn")
 rng = np.random.default_rng(7)
 
 
@@ -39,7 +39,7 @@ def misses(field, ux):
 def test_a_cold_start_and_a_jump_of_40_px_find_the_whole_field(method: str) -> None:
     pattern = Speckle((400, 520), seed=3)
     reference, image = pattern.image(noise=2, seed=1), pattern.image(40.3, -21.6, noise=2, seed=2)
-    tracker = open_tracker(Correlation(method=method, threads=1), reference)
+    tracker = open_tracker(Correlation(**way(method), threads=1), reference)
     for begin in ("cold", "jump"):
         field = tracker.track(image)
         x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
@@ -68,8 +68,8 @@ def test_light_level_and_contrast_are_no_displacement(
     )
     changed = np.clip(np.rint(gain * image.astype(float) + offset), 0, 255).astype(np.uint8)
     same, other = (
-        tracker_at_rest(reference, method=method),
-        tracker_at_rest(reference, method=method),
+        tracker_at_rest(reference, **way(method)),
+        tracker_at_rest(reference, **way(method)),
     )
     same.track(first)
     other.track(first)
@@ -107,7 +107,7 @@ def test_dust_on_a_twentieth_of_every_box_pulls_little() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_covered_point_is_lost_by_name_and_comes_back_by_itself(method: str) -> None:
-    tracker = tracker_at_rest(method=method)
+    tracker = tracker_at_rest(**way(method))
     covered = SPECKLE.image(0.3, noise=2, seed=2)
     covered[100:160, 120:200] = 30
     field = tracker.track(covered)
@@ -134,7 +134,7 @@ def test_after_a_dark_image_all_points_are_found_where_they_have_gone() -> None:
 def test_another_surface_is_not_recognised(method: str) -> None:
     found = total = 0
     for seed in range(4):
-        tracker = tracker_at_rest(method=method)
+        tracker = tracker_at_rest(**way(method))
         field = tracker.track(Speckle(SPECKLE.shape, seed=100 + seed).image(noise=2, seed=seed))
         found, total = found + int((field.status == Status.OK).sum()), total + field.status.size
     assert found <= 1e-3 * total
@@ -156,8 +156,8 @@ def test_threads_and_regions_change_no_bit(method: str) -> None:
     images = [SPECKLE.image(0.3 * n, 0.1 * n, noise=2, seed=n) for n in range(1, 4)]
     images[1][50:90, 50:120] = 20
     region = (150, 110, 270, 200)
-    trackers = [tracker_at_rest(method=method, threads=n) for n in (1, 2, 3)] + [
-        tracker_at_rest(method=method, roi=region)
+    trackers = [tracker_at_rest(**way(method), threads=n) for n in (1, 2, 3)] + [
+        tracker_at_rest(**way(method), roi=region)
     ]
     for image in images:
         first, *others, part = [tracker.track(image) for tracker in trackers]
@@ -190,7 +190,7 @@ def test_masked_pixels_are_not_looked_at(method: str) -> None:
     def spoilt(image):
         return np.where(usable, image, 255).astype(np.uint8)
 
-    tracker = tracker_at_rest(spoilt(REFERENCE), usable, method=method)
+    tracker = tracker_at_rest(spoilt(REFERENCE), usable, **way(method))
     x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
     field = tracker.track(SPECKLE.image(0.3, noise=2, seed=2))
     assert (field.status[(x > 108) & (x < 152) & (y > 88) & (y < 112)] == Status.MASKED).all()
@@ -213,7 +213,7 @@ def test_wrong_points_are_not_called_right(
         pattern.image(ux, noise=noise, seed=n, contrast=contrast, level=90)
         for n, ux in enumerate((0, 0.7))
     )
-    tracker = tracker_at_rest(reference, method=method)
+    tracker = tracker_at_rest(reference, **way(method))
     for field in (
         tracker.track(image),
         tracker.track(pattern.image(1.4, noise=noise, seed=9, contrast=contrast, level=90)),
@@ -281,7 +281,7 @@ def test_tiny_and_narrow_images_are_correlated(method: str, shape: tuple[int, in
     pattern = Speckle(shape, seed=4)
     box = min(20, min(shape) - 2)
     tracker = open_tracker(
-        Correlation(method=method, box=box, step=5, threads=1), pattern.image(noise=1)
+        Correlation(**way(method), box=box, step=5, threads=1), pattern.image(noise=1)
     )
     field = tracker.track(pattern.image(0.2, noise=1, seed=1))
     ok = field.status == Status.OK
@@ -293,7 +293,7 @@ def test_tiny_and_narrow_images_are_correlated(method: str, shape: tuple[int, in
 
 @pytest.mark.parametrize("method", [*METHODS, "direct"])
 def test_absurd_starts_do_no_harm(method: str) -> None:
-    tracker = open_tracker(Correlation(method=method, threads=1), REFERENCE)
+    tracker = open_tracker(Correlation(**way(method), threads=1), REFERENCE)
     for start in (1e30, -np.inf, 5000.0):
         tracker.start_from(*np.full((2, *tracker.grid.shape), start))
         tracker.track(SPECKLE.image(0.3, noise=2, seed=2))

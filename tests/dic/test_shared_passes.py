@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from blobs import Speckle
 
-from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, strips
+from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, quadratic, strips
 from analysis.dic.passes import SharedPasses
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.threads import Threads
@@ -60,10 +60,13 @@ def test_without_noise_little_but_rounding_is_left(ux: float) -> None:
     assert np.sqrt(np.mean((inner(field.uy_px) + 0.2) ** 2)) < 0.0012
 
 
-def by_hand(reference, image, grid, u):
+def by_hand(reference, image, grid, u, order):
     """Displacements after one linear step from a uniform prediction u: box by box, tap by tap, by
-    numpy's least squares.
+    numpy's least squares; with order 2 of a quadratic.
     """
+    place = (np.arange(grid.box_px) - (grid.box_px - 1) / 2) / (grid.box_px / 2)
+    y, x = (axis.ravel() for axis in np.meshgrid(place, place, indexing="ij"))
+    terms = np.stack([x**0, x, y, x * x, x * y, y * y][: 6 if order == 2 else 1], axis=1)
     grain = texture(reference.astype(np.float32))
     across, down = interpolation(grain.power_x), interpolation(grain.power_y)
     f = reference.astype(float)
@@ -90,24 +93,25 @@ def by_hand(reference, image, grid, u):
     for i, top in enumerate(grid.top):
         for j, left in enumerate(grid.left):
             box = np.s_[top : top + grid.box_px, left : left + grid.box_px]
-            columns = np.stack(
+            columns = np.hstack(
                 [
-                    np.ones(grid.box_px**2),
-                    f[box].ravel(),
-                    slope_x[box].ravel(),
-                    slope_y[box].ravel(),
-                ],
-                axis=1,
+                    np.ones((grid.box_px**2, 1)),
+                    f[box].reshape(-1, 1),
+                    slope_x[box].reshape(-1, 1) * terms,
+                    slope_y[box].reshape(-1, 1) * terms,
+                ]
             )
-            _, gain, px, py = np.linalg.lstsq(columns, read[box].ravel(), rcond=None)[0]
+            solved = np.linalg.lstsq(columns, read[box].ravel(), rcond=None)[0]
+            gain, px, py = solved[[1, 2, 2 + terms.shape[1]]]
             out[:, i, j] = u[0] - px / gain, u[1] - py / gain
     return out
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("box", "step"), [(20, 10), (21, 10), (9, 5), (16, 30), (34, 17)])
 @pytest.mark.parametrize("u", [(0.3, -0.2), (2.0, 1.45)])
 def test_one_pass_is_what_least_squares_gives_box_by_box(
-    box: int, step: int, u: tuple[float, float]
+    box: int, step: int, u: tuple[float, float], order: int
 ) -> None:
     reference, image = (
         SPECKLE.image(noise=2, seed=1),
@@ -115,22 +119,26 @@ def test_one_pass_is_what_least_squares_gives_box_by_box(
     )
     grid = Grid.cover(reference.shape, box, step)
     prepared = Reference(reference, grid, Threads(1))
-    passes = SharedPasses(prepared, texture(reference.astype(np.float32)), max_passes=1)
+    grain = texture(reference.astype(np.float32))
+    passes = SharedPasses(prepared, grain, max_passes=1, is_quadratic=order == 2)
     start = np.broadcast_to(np.array(u)[:, None, None], (2, *grid.shape)).copy()
     found = passes.refine(image, start, np.ones(grid.shape, bool)).u
-    expected = by_hand(reference, image, grid, u)
+    expected = by_hand(reference, image, grid, u, order)
     margin = -(-8 // step)
     # 8-bit gradients, single precision
-    assert np.abs(inner(found, margin) - inner(expected, margin)).max() < 4e-4 * (20 / box) ** 2
+    most = 4e-4 * (20 / box) ** 2 * (3 if order == 2 else 1)
+    assert np.abs(inner(found, margin) - inner(expected, margin)).max() < most
 
 
-def test_kernels_give_the_same_without_the_compiler() -> None:
+@pytest.mark.parametrize("order", [1, 2])
+def test_kernels_give_the_same_without_the_compiler(order: int) -> None:
     code = """
 import json, numpy as np
 from analysis.dic import Correlation, open_tracker
 from blobs import Speckle
 speckle = Speckle((52, 60))
-tracker = open_tracker(Correlation(box=16, step=8, threads=1), speckle.image(noise=1, seed=1))
+settings = Correlation(box=16, step=8, threads=1, order=ORDER)
+tracker = open_tracker(settings, speckle.image(noise=1, seed=1))
 tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
 field = tracker.track(speckle.image(0.4, 0.2, noise=1, seed=2))
 print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tolist()]))
@@ -142,7 +150,7 @@ print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tol
             "PYTHONPATH": os.pathsep.join([".", str(Path(__file__).parent)]),
         }
         done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", code],
+            [sys.executable, "-W", "ignore", "-c", code.replace("ORDER", str(order))],
             env=env,
             capture_output=True,
             text=True,
@@ -180,11 +188,14 @@ def test_noise_is_not_amplified_where_the_field_is_graded() -> None:
     assert outside < 0.0064
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
     ("box", "step", "noise"),
     [(10, 10, 1), (20, 10, 2), (20, 5, 4), (21, 10, 2), (40, 10, 2), (24, 30, 1)],
 )
-def test_stated_uncertainties_have_unit_variance(box: int, step: int, noise: float) -> None:
+def test_stated_uncertainties_have_unit_variance(
+    box: int, step: int, noise: float, order: int
+) -> None:
     errors = []
     for n in range(4):
         ux, uy = 0.37 + 0.2 * n, -0.61
@@ -192,7 +203,7 @@ def test_stated_uncertainties_have_unit_variance(box: int, step: int, noise: flo
             SPECKLE.image(noise=noise, seed=10 * n),
             SPECKLE.image(ux, uy, noise=noise, seed=10 * n + 1),
         )
-        _, field = track(reference, image, box=box, step=step)
+        _, field = track(reference, image, box=box, step=step, order=order)
         keep = -(-6 // step)
         errors += [
             inner((field.ux_px - ux) / field.ux_std_px, keep),
@@ -237,12 +248,14 @@ def test_boxes_from_4_to_200_px(box: int, step: int) -> None:
     assert np.median(np.abs(field.ux_px[ok] - 0.3)) < 0.02 / box + 0.0005
 
 
-def test_no_image_makes_a_kernel_compile_during_a_run() -> None:
-    compile_kernels()
-    compiled = {kernel: len(kernel.signatures) for kernel in (strips.load_rows, strips.sum_cells)}
+@pytest.mark.parametrize("order", [1, 2])
+def test_no_image_makes_a_kernel_compile_during_a_run(order: int) -> None:
+    compile_kernels(Correlation(order=order))
+    kernels = strips.load_rows, strips.sum_cells, quadratic.solve_quadratics
+    compiled = {kernel: len(kernel.signatures) for kernel in kernels}
     image = SPECKLE.image()
     locked = image.copy()
     locked.flags.writeable = False
     for target in (image, locked, np.asfortranarray(image), np.pad(image, 4)[4:-4, 4:-4]):
-        track(locked, target)
+        track(locked, target, order=order)
     assert {kernel: len(kernel.signatures) for kernel in compiled} == compiled

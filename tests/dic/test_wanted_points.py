@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from blobs import Speckle
+from blobs import Speckle, way
 
 from analysis.dic import Correlation, Status, open_tracker
 
@@ -17,23 +17,23 @@ def tracker_of(**options):
     return tracker, np.hypot(x - 240, y - 180) < 110
 
 
-@pytest.mark.parametrize("method", ["shared", "icgn", "direct"])
+@pytest.mark.parametrize("method", ["shared", "quadratic", "icgn", "direct"])
 def test_wanted_points_are_measured_as_in_a_whole_field_and_others_are_masked(method):
-    (whole, _), (part, wanted) = tracker_of(method=method), tracker_of(method=method)
+    (whole, _), (part, wanted) = tracker_of(**way(method)), tracker_of(**way(method))
     for n, image in enumerate(MOVED[1:], 1):
         all_points, some = whole.track(image), part.track(image, wanted)
         assert (some.status[~wanted] == Status.MASKED).all()
         assert np.isnan(some.ux_px[~wanted]).all()
         assert (some.status[wanted] == Status.OK).all()
         miss = some.ux_px[wanted] - 0.35 * n
-        assert np.sqrt(np.mean(miss**2)) < (0.03 if method == "direct" else 0.01)
+        assert np.sqrt(np.mean(miss**2)) < {"direct": 0.03, "quadratic": 0.015}.get(method, 0.01)
         change = (some.ux_px - all_points.ux_px)[wanted] / all_points.ux_std_px[wanted]
         assert np.sqrt(np.mean(change**2)) < 0.15
 
 
-@pytest.mark.parametrize("method", ["shared", "icgn"])
+@pytest.mark.parametrize("method", ["shared", "quadratic", "icgn"])
 def test_the_rest_is_found_again_when_it_is_wanted_again(method):
-    tracker, wanted = tracker_of(method=method)
+    tracker, wanted = tracker_of(**way(method))
     for image in MOVED[1:8]:
         tracker.track(image, wanted)
     field = tracker.track(MOVED[8])
@@ -42,9 +42,9 @@ def test_the_rest_is_found_again_when_it_is_wanted_again(method):
     assert np.abs(field.ux_px[inside] - 0.35 * 8).max() < 0.1
 
 
-@pytest.mark.parametrize("method", ["shared", "icgn"])
+@pytest.mark.parametrize("method", ["shared", "quadratic", "icgn"])
 def test_one_pass_is_one_pass_of_the_shared_method(method):
-    tracker, wanted = tracker_of(method=method, quality="auto")
+    tracker, wanted = tracker_of(**way(method), quality="auto")
     for n, image in enumerate(MOVED[1:], 1):
         field = tracker.track(image, wanted, 1)
         assert set(np.unique(field.iterations[wanted])) == {1}

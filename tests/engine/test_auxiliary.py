@@ -57,7 +57,7 @@ def test_the_values_are_recorded_in_their_units(session):
         np.testing.assert_allclose(s.auxiliary["lvdt"].values, volts[:, 1])
     with h5py.File(session) as file:
         assert file["/entry/auxiliary/value"].shape == (n, 2)
-        assert file.attrs["slipscope_format"] == 6
+        assert file.attrs["slipscope_format"] == 7
 
 
 def test_they_are_exported_and_shown(session, tmp_path, capsys):
@@ -68,7 +68,7 @@ def test_they_are_exported_and_shown(session, tmp_path, capsys):
     assert float(rows[0]["lvdt_mm"]) == 1.5
     export(session, tmp_path / "arrays.npz")
     with np.load(tmp_path / "arrays.npz") as arrays:
-        assert arrays["auxiliary_temperature_degC"].shape == (len(rows),)
+        assert arrays["forces_temperature_degC"].shape == (len(rows),)
     info(session, as_json=False, verify=True)
     said = capsys.readouterr().out
     assert "temperature (degC), lvdt (mm)" in said

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.config import Config
-from app.engine.conclusions import summarise
+from app.engine.conclusions import conclude
 from app.engine.setup import grid_of
 from app.records import ContactResult
 from app.report.summary import budget_data, budget_rows, summary_rows
@@ -36,7 +36,7 @@ def concluded(**errors: float) -> Summary:
     centre = float(grid.x_px.mean()) - 3.3, float(grid.y_px.mean()) + 2.1
     nothing = np.empty(0)
     contact = ContactResult(centre, math.nan, math.nan, (0.0, 0.0), nothing, nothing)
-    return summarise(config, world.snapshots(rng, 5e-9), contact, [])
+    return conclude(config, world.snapshots(rng, 5e-9), contact, []).summary
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_lens_holder_that_is_not_known_costs_the_length_most() -> None:
 
 def test_the_budget_of_a_run_without_sliding_is_empty() -> None:
     config = Config()
-    s = summarise(config, [], None, [])
+    s = conclude(config, [], None, []).summary
     assert s.budget == s.budget_inputs == s.budget_quantities == ()
     assert math.isnan(s.systematic("law_mu"))
     assert budget_rows(s) == []

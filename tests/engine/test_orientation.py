@@ -8,7 +8,7 @@ import short_run
 
 from analysis.contact.orientation import Direction, drive_direction
 from app import config, live
-from app.engine.conclusions import summarise
+from app.engine.conclusions import conclude
 from app.engine.pipeline import Pipeline
 from app.records import Phase
 from app.session.reader import SessionReader
@@ -92,7 +92,7 @@ def test_an_angle_that_is_given_is_not_measured(upright):
     snapshots, summary = analysed(given, frames)
     assert {s.motion.drive_angle_rad for s in snapshots if s.motion} == {math.pi}
     assert math.isnan(summary.onset_time_s)  # this picture is upright
-    plain = summarise(used, snapshots[:4], None, [])
+    plain = conclude(used, snapshots[:4], None, []).summary
     assert math.isnan(plain.mu_s)
 
 

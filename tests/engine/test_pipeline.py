@@ -7,7 +7,7 @@ import pytest
 import short_run
 
 from app import config, live
-from app.engine.conclusions import summarise
+from app.engine.conclusions import conclude
 from app.engine.pipeline import Pipeline
 from app.offline.replay import difference
 from app.records import Phase
@@ -100,7 +100,7 @@ def test_without_a_background_a_is_nan_and_a_note_says_so(recorded):
     assert math.isnan(pipeline.contact.apparent_radius_m)
     assert "no background image" in pipeline.notes[0]
     assert pipeline.contact.centre_px == ((480 - 1) / 2, (360 - 1) / 2)
-    summary = summarise(used, list(snapshots.values()), pipeline.contact, pipeline.notes)
+    summary = conclude(used, list(snapshots.values()), pipeline.contact, pipeline.notes).summary
     assert math.isnan(summary.apparent_radius_m)
     assert pipeline.notes[0] in summary.notes
     assert summary.mu_s == pytest.approx(0.93, rel=0.02)
@@ -110,7 +110,7 @@ def test_a_run_that_never_slid_has_no_onset_and_says_why(recorded):
     used, frames = recorded
     early = [f for f in frames if not f[3].time_s > 4]
     snapshots, pipeline = analysed(used, early)
-    summary = summarise(used, list(snapshots.values()), pipeline.contact, pipeline.notes)
+    summary = conclude(used, list(snapshots.values()), pipeline.contact, pipeline.notes).summary
     assert math.isnan(summary.onset_time_s)
     assert math.isnan(summary.mu_s)
     assert any("onset" in note for note in summary.notes)

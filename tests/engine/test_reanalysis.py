@@ -128,6 +128,15 @@ def test_other_settings_make_another_set_of_results_that_says_how_it_came_about(
     assert comparison.frames == outcome.counts.frames_analysed
 
 
+def test_what_the_operator_said_can_be_put_right(session):
+    _, path = analysed(session, "named.h5", "about.sample=PDMS-7", "about.note=dusty, far left")
+    with h5py.File(path) as file:
+        said = [file[f"entry/{name}"][()] for name in ("sample/name", "notes/description")]
+    assert said == [b"PDMS-7", b"dusty, far left"]
+    with SessionReader(session) as old, SessionReader(path) as new:
+        assert (old.header.sample, new.header.sample, new.header.operator) == ("", "PDMS-7", "")
+
+
 def test_forces_follow_the_constants_of_the_sensors(session):
     with SessionReader(session) as old:
         forces = config.from_record(old.header.config_toml, "").forces

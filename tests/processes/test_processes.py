@@ -18,6 +18,7 @@ from processes.launched import (
 from short_run import SMALL
 
 from app import config
+from app.commands import experiment as commands
 from app.errors import UserError
 from app.offline.replay import Replay
 from app.processes import launch
@@ -25,6 +26,7 @@ from app.processes.client import LaunchedRun
 from app.processes.folder import root, running
 from app.processes.starting import ProcessFailed, hello_of, started
 from app.records import RESTART
+from app.session.reader import SessionReader
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -153,6 +155,33 @@ def test_a_stop_comes_from_any_process(tmp_path):
         launch.attached(run.bench.name).stop_motion()
         outcome = run.wait(PATIENT_S)
     assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
+
+
+def test_a_question_is_answered_from_any_process(tmp_path, capfd):
+    question = '{do="ask", question="Is the block clean?", timeout=900}'
+    steps = f'{question}, {{do="approach"}}, {{do="reference"}}, {{do="drive", travel=8}}'
+    path = tmp_path / "a.h5"
+    with launched(path, f"run.steps=[{steps}]", "sim.press_time=0.1", pace=5.0) as run:
+        run.start()
+        health = wait_until(lambda: (h := run.health()).question and h, "the question")
+        assert health.step == "1 of 4: ask: Is the block clean?"
+        assert health.left_s != health.left_s  # nobody knows
+        assert health.all_left_s == pytest.approx(2.0)
+        assert commands.answer("quite", str(path)) == 0
+        assert "Is the block clean? quite" in capfd.readouterr().err
+        outcome = run.wait(PATIENT_S)
+        assert outcome.reason == "all 4 steps are complete"
+    with SessionReader(path) as reader:
+        assert [e.text for e in reader.events() if e.kind == "answer"] == ["quite"]
+
+
+def test_a_run_that_asks_nothing_takes_no_answer(tmp_path):
+    with launched(tmp_path / "a.h5") as run:
+        run.start()
+        with pytest.raises(UserError, match="asks nothing now; nothing was sent"):
+            commands.answer("yes", str(tmp_path / "a.h5"))
+        run.request_stop("enough")
+        run.wait(PATIENT_S)
 
 
 @posix

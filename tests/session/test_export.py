@@ -22,8 +22,9 @@ from app.commands import files
 from app.errors import UserError
 from app.exchange.exporting import export, frame_range
 from app.exchange.fields import read_fields
-from app.exchange.tables import FRAMES, cell_of, read_table, text_of
+from app.exchange.tables import FRAMES, read_table
 from app.numbers import numbers_of, series_of
+from app.outputs import cell_of, text_of
 from app.records import LostTrigger, ReceivedFrame
 
 PIXEL = 7.04e-6
@@ -170,7 +171,7 @@ def test_fields_as_a_table_that_invert_reads(session: Session, tmp_path: Path) -
         str(GRID_Y[0]),
         status,
     )
-    assert float(first["uy_std_px"]) == pytest.approx(
+    assert float(first["uy_sd_px"]) == pytest.approx(
         float(measured[0].field.uy_std_px[0, 2]), abs=1e-6
     )
 
@@ -180,8 +181,12 @@ def test_results_as_a_table(session: Session, tmp_path: Path) -> None:
     rows = rows_of(tmp_path / "results.csv")
     for row, snapshot in zip(rows, session.snapshots, strict=True):
         assert (int(row["frame"]), row["phase"]) == (snapshot.frame, snapshot.conditions.phase)
-        for name in ("stick_radius_m", "shear_force_n", "lens_m"):
-            assert_array_equal(number(row[name]), numbers_of(snapshot)[name])
+        for column, name, unit in (
+            ("stick_radius_mm", "stick_radius_m", 1e-3),
+            ("Q_N", "shear_force_n", 1),
+            ("lens_um", "lens_m", 1e-6),
+        ):
+            assert_array_equal(number(row[column]), numbers_of(snapshot)[name] / unit)
 
 
 def load_mat(path: Path) -> dict[str, Any]:
@@ -196,16 +201,19 @@ def test_arrays(session: Session, tmp_path: Path, ending: str, load: Any) -> Non
     measured = [snapshot for snapshot in session.snapshots if snapshot.field]
     for name in ("ux_px", "uy_px", "ux_std_px", "uy_std_px", "zncc", "status"):
         assert_array_equal(
-            found[f"field_{name}"], np.stack([getattr(s.field, name) for s in measured])
+            found[f"fields_{name.replace('std', 'sd')}"],
+            np.stack([getattr(s.field, name) for s in measured]),
         )
-    assert_array_equal(found["field_frame"], [s.frame for s in measured])
-    assert_array_equal(found["field_x_px"], GRID_X)
-    assert_array_equal(found["force_P_N"], session.forces[:, 0])
-    assert_array_equal(found["shear_sensor_V"], session.volts[:, 1])
-    assert_array_equal(found["stage_m"], [metres for _, metres in session.positions])
-    assert_array_equal(found["result_frame"], [s.frame for s in session.snapshots])
-    assert_array_equal(found["result_centre_ux_m"], series_of(session.snapshots, "centre_ux_m"))
-    assert (float(found["pixel_m"]), float(found["sample_rate_hz"])) == (PIXEL, 1000.0)
+    assert_array_equal(found["fields_frame"], [s.frame for s in measured])
+    assert_array_equal(found["fields_x_px"], GRID_X)
+    assert_array_equal(found["forces_P_N"], session.forces[:, 0])
+    assert_array_equal(found["forces_shear_V"], session.volts[:, 1])
+    metres = np.array([metres for _, metres in session.positions])
+    assert_array_equal(found["stage_stage_um"], metres / 1e-6)
+    assert_array_equal(found["results_frame"], [s.frame for s in session.snapshots])
+    centre = series_of(session.snapshots, "centre_ux_m")
+    assert_array_equal(found["results_centre_ux_um"], centre / 1e-6)
+    assert (float(found["pixel_m"]), float(found["sample_rate_Hz"])) == (PIXEL, 1000.0)
 
 
 def read_vti(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:

@@ -47,7 +47,7 @@ def assert_laid_out(path: Path, without: tuple[str, ...]) -> None:
 
     with h5py.File(path, "r") as file:
         file.visititems(look)
-        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 6
+        assert file.attrs[layout.FORMAT_ATTRIBUTE] == layout.FORMAT_VERSION == 7
     kinds = {TEXT: "O", layout.IMAGE: "u"}
     expected = {
         i.path: (len(i.shape), kinds.get(i.dtype) or np.dtype(i.dtype).kind, i.unit, i.meaning)
@@ -69,7 +69,7 @@ def test_every_number_has_a_unit_and_no_text_has() -> None:
 def test_uncertainties_are_beside_what_they_belong_to() -> None:
     paths = {item.path: item for item in layout.COLUMNS}
     errors = [path for path in paths if path.endswith("_errors")]
-    assert len(errors) == 20
+    assert len(errors) == 25
     for path in errors:
         base = paths[path.removesuffix("_errors")]
         assert (paths[path].shape, paths[path].unit) == (base.shape, base.unit)

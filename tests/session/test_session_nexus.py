@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import h5py
 import pytest
+from nexus_definitions import faults
 from nexusformat import nexus
 from session_material import Session
 from silx.io import nxdata
@@ -13,6 +14,16 @@ from silx.io import nxdata
 from app.session import layout
 
 PLOTS = {group.path: group for group in layout.GROUPS if group.signal}
+
+
+def test_the_definitions_of_nexus_are_kept(session: Session) -> None:
+    assert faults(session.path) == []
+
+
+def test_what_the_definitions_forbid_is_found(session: Session) -> None:
+    with h5py.File(session.path, "r+") as file:
+        file.create_group("odd").attrs["NX_class"] = "NXcollection"
+    assert faults(session.path) == ["NXcollection is an invalid class in NXroot"]
 
 
 def test_the_defaults_lead_to_the_load_curve(session: Session) -> None:

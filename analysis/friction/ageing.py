@@ -1,0 +1,131 @@
+"""Ageing of a contact at rest: the peak of the friction after a hold, and how it grows with the
+duration of the hold.
+
+References
+----------
+Dieterich 1979, J. Geophys. Res. 84 (slide-hold-slide; beta ln t); Baumberger and Caroli 2006, Adv.
+Phys. 55, section 5 (creep of the micro-contacts, the length D_c).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from analysis.arrays import F64
+from analysis.robust import white_noise
+
+WINDOW = 7  # frames of the parabola whose top is the peak
+FEWEST = 2 * WINDOW  # frames of a slide
+FEWEST_HOLDS = 3
+STEADY = 0.03  # share by which the friction may change over its last third
+SHORTEST, LONGEST = 1e-3, 10.0  # t0, in the shortest and the longest hold
+
+
+@dataclass(frozen=True, slots=True)
+class Slide:
+    """The friction of one slide. Numbers are NaN where they can not be told.
+
+    Attributes
+    ----------
+    peak, peak_sd : float
+        Greatest Q/P.
+    mu_d, mu_d_sd : float
+        Mean Q/P of the last third, if it is steady.
+    """
+
+    peak: float = math.nan
+    peak_sd: float = math.nan
+    mu_d: float = math.nan
+    mu_d_sd: float = math.nan
+
+
+def slide_friction(ratio: ArrayLike) -> Slide:
+    """The friction of a slide from Q/P of its frames, evenly spaced, shape (n,).
+
+    The peak is the greatest value of the parabolas through seven frames in a row: the greatest
+    single value would be that of the noise.
+    """
+    q = np.asarray(ratio, dtype=np.float64)
+    q = q[np.isfinite(q)]
+    if len(q) < FEWEST:
+        return Slide()
+    noise, last = float(white_noise(q)), q[-(len(q) // 3) :]
+    x = np.arange(WINDOW) - WINDOW // 2
+    weights = np.linalg.pinv(np.vander(x, 3))[2]  # of the value in the middle
+    peak = float(np.convolve(q, weights[::-1], "valid").max())
+    peak_sd = noise * float(np.sqrt(weights @ weights))
+    mean = float(last.mean())
+    change = np.polyfit(np.linspace(0.0, 1.0, len(last)), last, 1)[0]
+    if abs(change) > STEADY * abs(mean):
+        return Slide(peak, peak_sd)
+    return Slide(peak, peak_sd, mean, float(last.std()) / math.sqrt(len(last)))
+
+
+@dataclass(frozen=True, slots=True)
+class Ageing:
+    """How the static friction grows with a hold: ``beta ln(1 + t/t0)``. Numbers are NaN where the
+    holds do not tell them, for the reason in `notes`.
+
+    Attributes
+    ----------
+    rate, rate_sd : float
+        beta, per e-fold of the duration.
+    time, time_sd : float
+        t0, s.
+    notes : tuple of str
+    """
+
+    rate: float = math.nan
+    rate_sd: float = math.nan
+    time: float = math.nan
+    time_sd: float = math.nan
+    notes: tuple[str, ...] = ()
+
+
+def fit_ageing(hold: ArrayLike, rise: ArrayLike, rise_sd: ArrayLike) -> Ageing:
+    """The law of ageing that fits what friction rose by.
+
+    Parameters
+    ----------
+    hold, rise, rise_sd : array_like, shape (n,)
+        Duration of each hold (s), peak above the friction before it, its standard uncertainty.
+    """
+    t, y, sd = (np.asarray(v, dtype=np.float64) for v in (hold, rise, rise_sd))
+    known = (t > 0) & np.isfinite(y) & (sd > 0)
+    t, y, sd = t[known], y[known], sd[known]
+    if len(np.unique(t.round(6))) < FEWEST_HOLDS:
+        why = (
+            f"ageing: {len(t)} slides after a hold in sliding were measured; {FEWEST_HOLDS} or more"
+            " after holds of different length are needed for beta"
+        )
+        return Ageing(notes=(why,))
+
+    def grown(p: F64) -> F64:
+        return np.asarray(p[0] * np.log1p(t * math.exp(-p[1])))
+
+    low, high = math.log(SHORTEST * t.min()), math.log(LONGEST * t.max())
+    start = np.log1p(t)
+    first = [float(start @ y / (start @ start)), 0.0 if low < 0 < high else (low + high) / 2]
+    found = least_squares(
+        lambda p: (grown(p) - y) / sd, first, bounds=([-np.inf, low], [np.inf, high]), x_scale="jac"
+    )
+    rate, log_time = found.x
+    scatter = max(1.0, 2 * found.cost / max(len(t) - 2, 1))
+    at_end = min(log_time - low, high - log_time) < 1e-3 * (high - low)
+    information = found.jac.T @ found.jac
+    if at_end or np.linalg.cond(information) > 1e12:
+        why = "ageing: the holds do not tell t0, and so not beta; add shorter and longer ones"
+        return Ageing(notes=(why,))
+    variances = np.diag(np.linalg.inv(information)) * scatter
+    time = math.exp(log_time)
+    return Ageing(
+        float(rate),
+        float(np.sqrt(variances[0])),
+        time,
+        time * float(np.sqrt(variances[1])),
+    )

@@ -1,0 +1,271 @@
+"""The report of an analysis of sessions: the same content as a page that needs nothing else (HTML),
+and as Markdown beside its pictures.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from analysis.options import UNITS
+from app.report.findings import Finding, Findings
+from app.report.paper.collection import FIGURES
+from app.results import Results
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1c1c1c; --paper: #fff; --line: #d5d5d5; --soft: #666; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e6e6e6; --paper: #16181b; --line: #3a3d42; --soft: #a0a4aa; }
+}
+body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
+  max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+table { border-collapse: collapse; margin: 0.6rem 0 1.2rem; font-size: 0.86rem; display: block;
+  overflow-x: auto; }
+th, td { border-bottom: 1px solid var(--line); padding: 0.22rem 0.6rem; text-align: left;
+  vertical-align: top; }
+td { font-variant-numeric: tabular-nums; }
+thead th { border-bottom: 2px solid var(--line); }
+figure { margin: 1.4rem 0; }
+figure img { max-width: 100%; background: #fff; border: 1px solid var(--line); }
+figcaption, .soft { color: var(--soft); font-size: 0.86rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; } h3 { font-size: 1rem; }
+summary { cursor: pointer; }
+""".strip()
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading; 1 is that of the whole."""
+
+    level: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table; every row has as many cells as the header."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that was drawn, or why there is none.
+
+    Attributes
+    ----------
+    png : bytes
+        Empty where it was left out, for the reason in `caption`.
+    files : tuple of str
+        Names of its files, pictures first.
+    """
+
+    name: str
+    caption: str
+    png: bytes = b""
+    files: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Its number in the paper, if it has one, and what it shows."""
+        title = FIGURES[self.name][0]
+        return f"Fig. {self.name}: {title}" if self.name[0].isdigit() else title
+
+
+Block = Heading | Grid | Picture | str
+
+
+def blocks(
+    results: Results,
+    found: Findings,
+    practice: Sequence[tuple[str, str, str]],
+    pictures: Sequence[Picture],
+) -> Iterator[Block]:
+    """The content of the report, in order."""
+    yield Heading(1, "From sessions to results")
+    yield (
+        "Beside each number stand two standard uncertainties, by the noise of images and forces and"
+        " by what the operator stated of the inputs (value ± noise ± inputs), and what Prevost et"
+        " al., Eur. Phys. J. E 36, 17 (2013), state."
+    )
+    made = tuple((name, text) for name, text in sorted(results.made_with.items()))
+    yield Grid(("made with", ""), made)
+    yield Heading(2, "All loads together")
+    yield Grid(("quantity", "", "result", "paper"), tuple(_rows(found.joint)))
+    yield from found.notes
+    yield Heading(2, "Each run")
+    yield from _runs(found)
+    yield Heading(2, "What the results rest on")
+    yield Grid(("input", "", "value and its uncertainty", "paper"), tuple(_rows(found.inputs)))
+    for key, values in found.differing.items():
+        yield f"Not the same in all runs: {key} is {', '.join(values)}, in the order of the loads."
+    yield Heading(2, "Figures")
+    yield from pictures
+    yield Heading(2, "What each input costs")
+    yield (
+        "Relative change of each result in per cent by one standard uncertainty of each input, with"
+        " its sign; the last column has all inputs together."
+    )
+    yield from _budgets(found)
+    yield Heading(2, "Image correlation, as the Good Practices Guide asks")
+    yield (
+        "Items of the International Digital Image Correlation Society's guide (2018, doi"
+        " 10.32720/idics/gpg.ed1) for two-dimensional measurements."
+    )
+    yield Grid(("part", "item", "value"), tuple(practice))
+
+
+def _rows(numbers: Sequence[Finding]) -> Iterator[tuple[str, ...]]:
+    for one in numbers:
+        measured = one.measured
+        yield measured.name, measured.symbol, f"{_cell(one)} {measured.unit}", paper_text(one)
+
+
+def paper_text(one: Finding) -> str:
+    """What the paper states of a number; empty where it says nothing."""
+    told = one.paper
+    if told is None:
+        return ""
+    unit = one.measured.unit
+    value, sd = (f"{v / UNITS[unit]:.4g}" for v in (told.value, told.sd))
+    stated = f"{value} ± {sd} {unit}" if math.isfinite(told.sd) else f"{value} {unit}"
+    load = f", at {told.load:g} N" if math.isfinite(told.load) else ""
+    return f"{stated.rstrip()} ({told.where}{load})"
+
+
+def _runs(found: Findings) -> Iterator[Block]:
+    """All runs side by side, and what their analyses noted."""
+    if not found.runs:
+        return
+    keys = dict.fromkeys(n.key for run in found.runs for n in run.numbers)
+    by_key = [{n.key: n for n in run.numbers} for run in found.runs]
+    sessions = tuple(run.session for run in found.runs)
+    rows = []
+    for key in keys:
+        here = [numbers[key] for numbers in by_key if key in numbers]
+        first = here[0].measured
+        label = f"{first.name} {first.symbol}".strip() + (f" ({first.unit})" if first.unit else "")
+        cells = [_cell(numbers.get(key)) for numbers in by_key]
+        paper = dict.fromkeys(filter(None, map(paper_text, here)))
+        rows.append((label, *cells, "; ".join(paper)))
+    yield Grid(("quantity", *sessions, "paper"), tuple(rows))
+    for run in found.runs:
+        yield Heading(3, run.session)
+        told = (f"{name}: {text}" for name, text in run.about.items() if text)
+        yield "; ".join(told) + "."
+        yield from run.notes
+
+
+def _cell(one: Finding | None) -> str:
+    """A value with its uncertainties, empty where it was not measured."""
+    if one is None:
+        return ""
+    value, spread = one.measured.rounded
+    if spread and not one.measured.sd > 0 and "to" not in spread:
+        spread = f"({spread} by inputs)"
+    return f"{value} {spread}".rstrip()
+
+
+def percent(share: float) -> str:
+    """A relative share as a signed number of per cent, 0 below 0.0005 %."""
+    if not math.isfinite(share):
+        return ""
+    return f"{100 * share:+.3f}" if abs(share) >= 5e-6 else "0"
+
+
+def _budgets(found: Findings) -> Iterator[Block]:
+    for run in found.runs:
+        spent = [n for n in run.numbers if n.budget]
+        if not spent:
+            continue
+        inputs = tuple(spent[0].budget)
+        yield Heading(3, run.session)
+        yield Grid(
+            ("", *inputs, "all"),
+            tuple(
+                (
+                    one.measured.symbol,
+                    *(percent(share) for share in one.budget.values()),
+                    percent(math.hypot(*one.budget.values())).lstrip("+"),
+                )
+                for one in spent
+            ),
+        )
+
+
+# ------------------------------------------------------------------------------ as HTML
+
+
+def as_html(content: Sequence[Block]) -> str:
+    """The whole page; pictures are in it."""
+    body = "\n".join(_html(block) for block in content)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>SlipScope: results</title>\n<style>\n{STYLE}\n</style>\n</head>\n<body>\n{body}\n"
+        "</body>\n</html>\n"
+    )
+
+
+def _html(block: Block) -> str:
+    if isinstance(block, str):
+        return f"<p>{_safe(block)}</p>"
+    if isinstance(block, Heading):
+        return f"<h{block.level}>{_safe(block.text)}</h{block.level}>"
+    if isinstance(block, Grid):
+        head = "".join(f"<th>{_safe(cell)}</th>" for cell in block.header)
+        lines = [
+            "<tr>" + "".join(f"<td>{_safe(cell)}</td>" for cell in row) + "</tr>"
+            for row in block.rows
+        ]
+        return f"<table>\n<thead><tr>{head}</tr></thead>\n" + "\n".join(lines) + "\n</table>"
+    title = f"<h3>{_safe(block.title)}</h3>"
+    if not block.png:
+        return f'{title}\n<p class="soft">Left out: {_safe(block.caption)}.</p>'
+    image = base64.b64encode(block.png).decode("ascii")
+    return (
+        f'{title}\n<figure>\n<img alt="{_safe(block.title)}" src="data:image/png;base64,{image}">\n'
+        f"<figcaption>{_safe(block.caption)} Files: {_safe(', '.join(block.files))}.</figcaption>\n"
+        "</figure>"
+    )
+
+
+def _safe(text: str) -> str:
+    return html.escape(text)
+
+
+# -------------------------------------------------------------------------- as Markdown
+
+
+def as_markdown(content: Sequence[Block]) -> str:
+    """The same with links to the pictures beside it."""
+    return "\n\n".join(_markdown(block) for block in content) + "\n"
+
+
+def _markdown(block: Block) -> str:
+    if isinstance(block, str):
+        return _plain(block)
+    if isinstance(block, Heading):
+        return f"{'#' * block.level} {_plain(block.text)}"
+    if isinstance(block, Grid):
+        lines = [block.header, tuple("---" for _ in block.header), *block.rows]
+        return "\n".join("| " + " | ".join(map(_plain, line)) + " |" for line in lines)
+    title = f"### {_plain(block.title)}"
+    if not block.png:
+        return f"{title}\n\nLeft out: {_plain(block.caption)}."
+    picture = block.files[0]
+    shown = f"![{_plain(block.title)}]({picture})\n\n" if picture[-4:] in (".png", ".svg") else ""
+    return f"{title}\n\n{shown}{_plain(block.caption)} Files: {', '.join(block.files)}."
+
+
+_MARKUP = re.compile(r"([\\`*_|<>#\[\]])")
+
+
+def _plain(text: str) -> str:
+    """A text that Markdown shows as it is, in one line."""
+    return _MARKUP.sub(r"\\\1", " ".join(text.split())) if text != "---" else text

@@ -1,0 +1,103 @@
+"""Fields at the numbered instants: Figs 6a, 6b and 10.
+
+References
+----------
+Prevost et al. 2013, sections 3 and 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from app.report.figures import draw_circle, draw_field
+from app.report.paper.published import FIELDS_AT
+from app.report.paper.runs import Experiment, load_text, nearest
+from app.report.paper.style import WIDE, Drawn, NotDrawn, Table, new_figure
+
+DASHED = {"ec": "#ff5a4d", "ls": "--"}  # the apparent contact
+
+
+def ux_fields(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 6a: u_x at the numbered instants."""
+    run = _shown(runs)
+    return _drawn(
+        run,
+        np.float64(1e6) * run.run.instants.ux_m,
+        "ux_um",
+        "$u_x$ (µm)",
+        f"(a) u_x displacement fields at {load_text(run, FIELDS_AT)}, at the instants numbered in"
+        " Fig. 5; x is that of the picture. Dashed: the apparent contact of radius a. Yellow curves"
+        " (black in 6): cuts along y = 0, means of five rows, read on the colour bar. Each field"
+        " has its own scale.",
+    )
+
+
+def uy_fields(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 6b: u_y at the numbered instants."""
+    run = _shown(runs)
+    return _drawn(
+        run,
+        np.float64(1e6) * run.run.instants.uy_m,
+        "uy_um",
+        "$u_y$ (µm)",
+        f"(b) u_y displacement fields at {load_text(run, FIELDS_AT)}, at the instants numbered in"
+        " Fig. 5. Dashed: the apparent contact of radius a. Each field has its own scale.",
+    )
+
+
+def stress_fields(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 10: sigma_xz at the numbered instants."""
+    run = _shown(runs)
+    return _drawn(
+        run,
+        np.float64(1e-3) * run.run.instants.stress_pa,
+        "sigma_kPa",
+        r"$\sigma_{xz}$ (kPa)",
+        f"Stress fields sigma_xz at {load_text(run, FIELDS_AT)}, at the instants numbered in Fig."
+        f" 5, with the modulus of the run, E = {run.E * 1e-6:.3f} MPa. Dashed: the apparent"
+        " contact. Yellow curves: cuts along y = 0, means of five rows, read on the colour bar.",
+    )
+
+
+def _shown(runs: Sequence[Experiment]) -> Experiment:
+    with_fields = [run for run in runs if len(run.run.instants.frame)]
+    if not with_fields:
+        raise NotDrawn("no run has fields at numbered instants")
+    return nearest(with_fields, FIELDS_AT)
+
+
+def _drawn(run: Experiment, fields: np.ndarray, key: str, label: str, caption: str) -> Drawn:
+    instants = run.run.instants
+    if not np.isfinite(fields).any():
+        raise NotDrawn(f"{run.run.origin.session} holds no such field")
+    x_mm, y_mm = instants.x_m * 1e3, instants.y_m * 1e3
+    count = len(instants.frame)
+    rows, columns = (2, 3) if count > 3 else (1, count)
+    figure = new_figure(WIDE, 0.3 + 1.65 * rows)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for panel in panels[count:]:
+        panel.set_visible(False)
+    frames = run.run.frames
+    for number, (panel, values, frame) in enumerate(
+        zip(panels, fields, instants.frame, strict=False), 1
+    ):
+        cut = "black" if key == "ux_um" and number == 6 else "#ffe14d"
+        is_signed = key == "uy_um"
+        draw_field(
+            panel, values, x_mm, y_mm,
+            label=label if number % columns == 0 or number == count else "",
+            cut="" if is_signed else cut, cmap="RdBu_r" if is_signed else "viridis",
+        )  # fmt: skip
+        draw_circle(panel, run.apparent_radius, **DASHED)
+        for now in frames[frames["frame"] == frame]:
+            title = f"{number}:  $t$ = {now['time_s']:.1f} s,  $Q$ = {now['shear_force_n']:.3f} N"
+            panel.set_title(title, pad=3)
+        panel.label_outer()
+    return Drawn(figure, {"": _table(fields, x_mm, y_mm, key)}, caption)
+
+
+def _table(fields: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray, key: str) -> Table:
+    instant, y, x = np.meshgrid(np.arange(1, len(fields) + 1), y_mm, x_mm, indexing="ij")
+    return {"instant": instant.ravel(), "x_mm": x.ravel(), "y_mm": y.ravel(), key: fields.ravel()}

@@ -1,0 +1,160 @@
+"""Forces, the onset of sliding and friction coefficients: Figs 5, 7 and 8.
+
+References
+----------
+Prevost et al. 2013, section 3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from app.report.figures import GREY, RADII, RADII_COLOURS, RED, draw_numbers
+from app.report.paper.published import FIELDS_AT
+from app.report.paper.runs import Experiment, load_text, nearest
+from app.report.paper.style import SINGLE, Drawn, NotDrawn, new_figure, stacked
+
+
+def shear_forces(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 5: Q over the displacement, all loads."""
+    driven = [run for run in runs if len(run.rows)]
+    if not driven:
+        raise NotDrawn("no run was driven")
+    figure = new_figure(SINGLE, 3.5)
+    axes = figure.subplots()
+    for run in driven:
+        axes.plot(run.series("travel_m") * 1e6, run.Q, color=run.colour, label=run.name)
+    shown = nearest(driven, FIELDS_AT)
+    frames, numbered = shown.run.frames, shown.run.instants.frame
+    rows = [int(i) for n in numbered for i in np.flatnonzero(frames["frame"] == n)]
+    places = [(frames["travel_m"][i] * 1e6, frames["shear_force_n"][i]) for i in rows]
+    draw_numbers(axes, places, shown.colour)
+    axes.set(xlabel=r"$\delta$ (µm)", ylabel="shear force $Q$ (N)")
+    axes.set_ylim(bottom=0)
+    axes.set_xlim(left=0)
+    axes.legend(title="$P$", loc="upper right", bbox_to_anchor=(1.0, 0.62))
+    table = stacked(
+        [
+            {
+                "P_N": run.P,
+                "time_s": run.time,
+                "delta_um": run.series("travel_m") * 1e6,
+                "Q_N": run.Q,
+                "instant": _numbers(run, run is shown),
+            }
+            for run in driven
+        ]
+    )
+    return Drawn(
+        figure,
+        {"": table},
+        "Shear force Q against the displacement delta of the stage, for the loads"
+        f" {', '.join(run.name for run in driven)} (bottom to top), first loading. Disks: the"
+        " instants at which the fields of Figs 6 and 10 are shown, at"
+        f" {load_text(shown, FIELDS_AT)}.",
+    )
+
+
+def _numbers(run: Experiment, is_shown: bool) -> np.ndarray:
+    """The number of the instant of each frame, 0 for none."""
+    frame = run.run.frames["frame"][run.rows]
+    of = {int(n): k for k, n in enumerate(run.run.instants.frame, 1)} if is_shown else {}
+    return np.array([of.get(int(n), 0) for n in frame], np.int64)
+
+
+def ring_displacements(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 7: u_x(r) in time at four radii, and the construction of t_s."""
+    run = nearest([r for r in runs if len(r.rows)], FIELDS_AT)
+    s, time = run.summary, run.time
+    a = run.apparent_radius
+    at = run.ux_at(np.array(RADII) * a) * 1e6
+    at[:, 0] = run.series("centre_ux_m") * 1e6
+    figure = new_figure(SINGLE, 3.5)
+    axes = figure.subplots()
+    axes.axhline(0, color="black", ls=":", lw=0.9)
+    names = ("$r = 0$", "$r = 0.5a$", "$r = 0.75a$", "$r = a$")
+    for values, name, colour in zip(at.T, names, RADII_COLOURS, strict=True):
+        axes.plot(time, values, color=colour, label=name)
+    slope = ""
+    if math.isfinite(s.onset_time_s * s.sliding_velocity_m_s):
+        end = float(time[-1])
+        slid = s.sliding_velocity_m_s * (end - s.onset_time_s) * 1e6
+        axes.plot([s.onset_time_s, end], [0, slid], "-.", color=GREY, lw=1.2, zorder=3)
+        low = -0.16 * float(np.nanmax(at))
+        axes.annotate(
+            "$t_s$", (s.onset_time_s, 0), (s.onset_time_s, low), ha="center", va="bottom",
+            arrowprops={"arrowstyle": "->", "lw": 0.9},
+        )  # fmt: skip
+        axes.set_ylim(bottom=1.2 * low)
+        velocity = s.sliding_velocity_m_s * 1e6
+        told = rf"$\Delta u_x/\Delta t$ = {velocity:.3g} µm/s"
+        axes.text(0.98, 0.23, told, transform=axes.transAxes, fontsize=7, ha="right")
+        slope = (
+            f" Dash-dotted: linear fit of u_x(r = 0) at long times, slope {velocity:.3g} µm/s; its"
+            f" intersection with u_x = 0 (arrow) is t_s = {s.onset_time_s:.2f} s."
+        )
+    axes.set(xlabel="time $t$ (s)", ylabel="$u_x(r)$ (µm)")
+    axes.set_xlim(0, float(time[-1]))
+    axes.legend(loc="upper left")
+    table = {"time_s": time, "Q_N": run.Q}
+    keys = ("ux_0_um", "ux_0.5a_um", "ux_0.75a_um", "ux_a_um")
+    return Drawn(
+        figure,
+        {"": table | dict(zip(keys, at.T, strict=True))},
+        f"Angularly averaged displacement u_x(r) for r = 0, 0.5a, 0.75a and a = {a * 1e3:.3f} mm at"
+        f" {load_text(run, FIELDS_AT)}. Dotted: u_x = 0.{slope}",
+    )
+
+
+def friction_coefficients(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 8: mu_s and mu_d over the load, with Q_s(P) as an inset."""
+    slid = [run for run in runs if math.isfinite(run.summary.mu_s + run.summary.mu_d)]
+    if not slid:
+        raise NotDrawn("no run reached steady sliding, so that there is no mu_s and no mu_d")
+    figure = new_figure(SINGLE, 3.5)
+    axes = figure.subplots()
+    P = np.array([run.P for run in slid])
+    columns = ("mu_s", "mu_s_sd", "mu_d", "mu_d_sd", "static_force_n", "static_force_sd_n")
+    mu_s, mu_s_sd, mu_d, mu_d_sd, Q_s, Q_s_sd = (
+        np.array([getattr(run.summary, name) for run in slid]) for name in columns
+    )
+    low, high = np.array([run.summary.mu_d_range for run in slid]).T
+    bars = np.where(np.isfinite([mu_d - low, high - mu_d]), [mu_d - low, high - mu_d], 0.0)
+    axes.errorbar(P, mu_d, np.maximum(bars, 0), fmt="o", color="black", ms=4, elinewidth=0.8,
+                  capsize=2, label=r"$\mu_d$")  # fmt: skip
+    axes.errorbar(P, mu_s, np.nan_to_num(mu_s_sd), fmt="o", color=RED, ms=4, elinewidth=0.8,
+                  capsize=2, label=r"$\mu_s$")  # fmt: skip
+    bottom, top = axes.get_ylim()
+    axes.set(xlabel="normal load $P$ (N)", ylabel=r"friction coefficients $\mu_s$, $\mu_d$")
+    axes.set_xlim(0, 1.08 * P[-1])
+    axes.set_ylim(bottom - 0.1 * (top - bottom), top + 0.75 * (top - bottom))
+    axes.legend(loc="lower left")
+    inset = axes.inset_axes((0.53, 0.63, 0.44, 0.34))
+    inset.errorbar(P, Q_s, np.nan_to_num(Q_s_sd), fmt="o", color=RED, ms=3)
+    inset.set(xlim=(0, 1.08 * P[-1]), ylim=(0, 1.12 * float(Q_s.max())))
+    inset.set_xlabel("$P$ (N)", fontsize=7, labelpad=2)
+    inset.set_ylabel("$Q_s$ (N)", fontsize=7, labelpad=3)
+    inset.tick_params(labelsize=6)
+    table = {
+        "P_N": P,
+        "mu_s": mu_s,
+        "mu_s_sd": mu_s_sd,
+        "mu_s_sd_inputs": mu_s * [r.summary.systematic("mu_s") for r in slid],
+        "mu_d": mu_d,
+        "mu_d_least": low,
+        "mu_d_greatest": high,
+        "mu_d_sd": mu_d_sd,
+        "mu_d_sd_inputs": mu_d * [r.summary.systematic("mu_d") for r in slid],
+        "Q_s_N": Q_s,
+        "Q_s_sd_N": Q_s_sd,
+    }
+    return Drawn(
+        figure,
+        {"": table},
+        "Friction coefficients mu_s (red disks) and mu_d (black disks) against P. mu_s = Q_s/P with"
+        " its standard uncertainty by noise, Q_s (inset) being the force at t_s of Fig. 7; mu_d is"
+        " the mean of Q/P in sliding, its error bars the least and greatest Q/P there.",
+    )

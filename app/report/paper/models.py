@@ -1,0 +1,209 @@
+"""Displacements and stick radii beside Cattaneo and Mindlin's: Figs 11, 12 and 14.
+
+References
+----------
+Prevost et al. 2013, section 4; Johnson, Contact Mechanics, section 3.7.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from analysis.mechanics import cattaneo_mindlin, hertz
+from app.records import F64
+from app.report.paper.published import MODELS_AT, STRESSES_AT
+from app.report.paper.runs import (
+    Experiment,
+    box_mean,
+    load_text,
+    loads_text,
+    nearest,
+    nearest_of,
+)
+from app.report.paper.style import (
+    SINGLE,
+    WIDE,
+    Drawn,
+    NotDrawn,
+    Table,
+    blue_to_red,
+    new_figure,
+    stacked,
+)
+
+EVERY_S = 1.0  # a profile: one image of 8 at 8 frames/s (Fig. 12)
+MARKERS = (
+    ("o", "$r \\approx 0$"),
+    ("s", "$r = 0.5a_H$"),
+    ("x", "$r = a_H$"),
+    ("+", "$r = 1.5a_H$"),
+)
+SHARES = (0.0, 0.5, 1.0, 1.5)
+
+
+def sliding_displacements(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 11: the displacement in steady sliding, all loads on one curve."""
+    known = [run for run in runs if run.slides.any() and np.isfinite(_elastic(run)).any()]
+    if not known:
+        raise NotDrawn("no run slides, so that there is no profile of steady sliding")
+    figure = new_figure(SINGLE, 3.5)
+    axes = figure.subplots()
+    tables: list[Table] = []
+    for run in known:
+        unit = run.mu * run.hertz_radius**2
+        share = run.radius / run.hertz_radius
+        measured, model = _elastic(run) / unit, johnson(run, run.radius) / unit
+        axes.plot(share, measured, "o", ms=2.2, color=run.colour, label=run.name)
+        tables.append(
+            {"P_N": run.P, "r_mm": run.radius * 1e3, "r_over_a_H": share,
+             "ux_over_mu_aH2_per_m": measured, "johnson_over_mu_aH2_per_m": model}
+        )  # fmt: skip
+    middle = known[len(known) // 2]
+    fine = np.linspace(0, max(float(t["r_over_a_H"].max()) for t in tables), 200)
+    curve = johnson(middle, fine * middle.hertz_radius) / (middle.mu * middle.hertz_radius**2)
+    axes.plot(fine, curve, "--", color="black", lw=1.2, label="Johnson")
+    axes.set(xlabel="$r/a_H$", ylabel=r"$u_x/(\mu a_H^2)$  (m$^{-1}$)", xlim=(0, fine[-1]))
+    axes.set_ylim(bottom=0)
+    axes.legend(title="$P$")
+    E = middle.config.sample.young_modulus
+    return Drawn(
+        figure,
+        {"": stacked(tables)},
+        "u_x/(mu a_H^2) in steady sliding against r/a_H at all loads, mean of all frames from t_s"
+        " on. u_x is counted from the block far away: the picture shows D - u_x, and D is fitted in"
+        f" each frame. Dashed: Johnson's prediction with E = {E * 1e-6:.3g} MPa, averaged over the"
+        f" box of the correlation at {middle.name}. mu is the mean of Q/P from t_s on.",
+    )
+
+
+def _elastic(run: Experiment) -> F64:
+    """Mean elastic displacement D - u_x of the frames that slide, at the rings."""
+    if not run.slides.any():
+        return np.full(len(run.radius), np.nan)
+    bent = run.series("block_m")[:, None] - run.ux_at(run.radius)
+    kept = bent[run.slides & np.isfinite(run.series("block_m"))]
+    return kept.mean(axis=0) if len(kept) else np.full(len(run.radius), np.nan)
+
+
+def johnson(run: Experiment, r: F64) -> F64:
+    """Displacement under mu times Hertz's pressure with the modulus of the settings, as the
+    correlation sees it, metres.
+    """
+    sample, a = run.config.sample, run.hertz_radius
+    G = hertz.shear_modulus(sample.young_modulus, sample.poisson)
+    scale = hertz.peak_pressure(run.mu * run.P, a) / (2 * math.pi * G) * (1 - sample.poisson / 2)
+    return box_mean(lambda at: scale * cattaneo_mindlin.phi0(at, a), r, run.box)
+
+
+def loading_displacements(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 12: the displacement while the contact is loaded, and how far it is from the model."""
+    known = [run for run in runs if run.radius.size and len(run.every(EVERY_S))]
+    if not known:
+        raise NotDrawn("no run has ring means of u_x before it slides")
+    run = nearest(known, MODELS_AT)
+    figure = new_figure(WIDE, 3.9)
+    left, right = figure.subplots(1, 2)
+    top = run.mu * run.P
+    tables = {"a": _draw_shifted(left, run, top), "b": _draw_deviations(right, run, top)}
+    return Drawn(
+        figure,
+        tables,
+        "(a) u_x/a_H against r/a_H during the loading phase at"
+        f" {load_text(run, MODELS_AT)} (a_H = {run.hertz_radius * 1e3:.3f} mm), every {EVERY_S:g}"
+        " s. Points: measured; lines: Cattaneo and Mindlin's prediction with E ="
+        f" {run.config.sample.young_modulus * 1e-6:.3g} MPa, nothing adjusted. Each curve is"
+        " shifted upwards by the same amount from the one before. (b) Deviation of the measured"
+        " u_x(r) from the prediction against Q at four radii. Colours: Q, from blue to red.",
+    )
+
+
+def _draw_shifted(axes: Any, run: Experiment, top: float) -> Table:
+    a, rows = run.hertz_radius, run.every(EVERY_S)
+    r = run.radius
+    tall = float(np.nanmax(run.ux[rows][:, : len(r)])) / a
+    step = 1.3 * tall / max(len(rows), 6)
+    tables = []
+    for n, row in enumerate(rows):
+        Q, colour = float(run.Q[row]), blue_to_red(run.Q[row] / top)
+        measured = run.ux[row, : len(r)] / a
+        model = run.cattaneo_mindlin_ux(r, Q) / a
+        axes.plot(r / a, measured + n * step, ".", ms=1.8, color=colour)
+        axes.plot(r / a, model + n * step, color=colour, lw=0.7)
+        tables.append(
+            {"time_s": run.time[row], "Q_N": Q, "r_over_a_H": r / a, "ux_over_a_H": measured,
+             "ux_CM_over_a_H": model, "shift": n * step}
+        )  # fmt: skip
+    axes.set(xlabel="$r/a_H$", ylabel="$u_x/a_H$, shifted", xlim=(0, float(r[-1] / a)))
+    axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
+    axes.set_title(f"(a)  $P$ = {run.P:.3g} N", loc="left")
+    return stacked(tables)
+
+
+def _draw_deviations(axes: Any, run: Experiment, top: float) -> Table:
+    radii = np.array(SHARES) * run.hertz_radius
+    radii[0] = run.radius[0]
+    rows = np.flatnonzero(run.loading)
+    Q = run.Q[rows]
+    model = np.array([run.cattaneo_mindlin_ux(radii, float(q)) for q in Q]).reshape(-1, len(radii))
+    off = (run.ux_at(radii)[rows] - model) * 1e6
+    colours = blue_to_red(Q / top)
+    axes.axhline(0, color="black", lw=0.6)
+    for k, (marker, name) in enumerate(MARKERS):
+        filled = "none" if marker == "s" else colours
+        strokes = (
+            {"edgecolors": colours, "facecolors": filled} if marker in "os" else {"c": colours}
+        )
+        axes.scatter(Q, off[:, k], s=14, marker=marker, linewidths=0.8, **strokes)
+        axes.plot([], [], marker, ms=4, mew=0.8, ls="", color="black",
+                  mfc="none" if marker == "s" else "black", label=name)  # fmt: skip
+    axes.set(xlabel="shear force $Q$ (N)", ylabel=r"$\Delta u_x$ (µm)")
+    axes.set_title("(b)", loc="left")
+    axes.legend()
+    keys = ("dux_0_um", "dux_0.5a_H_um", "dux_a_H_um", "dux_1.5a_H_um")
+    return {"time_s": run.time[rows], "Q_N": Q} | dict(zip(keys, off.T, strict=True))
+
+
+def stick_radii(runs: Sequence[Experiment]) -> Drawn:
+    """Fig. 14: the stick radius over Q, at two loads."""
+    known = [r for r in runs if np.isfinite(r.series("peak_radius_m")[r.loading]).any()]
+    if not known:
+        raise NotDrawn("no run has a stick radius c from its shear traction")
+    shown = nearest_of(known, STRESSES_AT)
+    figure = new_figure(SINGLE, 3.4)
+    axes = figure.subplots()
+    tables = []
+    for run in shown:
+        rows = run.loading & np.isfinite(run.series("peak_radius_m"))
+        Q, c, sd = (
+            run.series(name)[rows]
+            for name in ("shear_force_n", "peak_radius_m", "peak_radius_sd_m")
+        )
+        limit = run.mu * run.P
+        fine = limit * (1 - np.linspace(1, 0, 200) ** 3)
+        axes.plot(
+            fine, cattaneo_mindlin.stick_radius(fine, limit, run.hertz_radius) * 1e3,
+            color=run.colour, lw=0.9,
+        )  # fmt: skip
+        axes.errorbar(Q, c * 1e3, np.nan_to_num(sd) * 1e3, fmt="o", ms=2.8, color=run.colour,
+                      elinewidth=0.5, label=run.name)  # fmt: skip
+        tables.append(
+            {"P_N": run.P, "Q_N": Q, "c_mm": c * 1e3, "c_sd_mm": sd * 1e3,
+             "c_CM_mm": cattaneo_mindlin.stick_radius(Q, limit, run.hertz_radius) * 1e3}
+        )  # fmt: skip
+    axes.plot([], [], color="black", lw=0.9, label=r"$a_H(1-Q/\mu P)^{1/3}$")
+    axes.set(xlabel="shear force $Q$ (N)", ylabel="stick radius $c$ (mm)")
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    axes.legend(title="$P$")
+    return Drawn(
+        figure,
+        {"": stacked(tables)},
+        f"Stick radius c against Q at {loads_text(shown, STRESSES_AT)}. Disks: the radius of the"
+        " largest shear traction, between rings by a polynomial through its maximum, with its"
+        " standard uncertainty. Lines: c = a_H (1 - Q/(mu P))^(1/3) of Cattaneo and"
+        " Mindlin, with <mu_d>.",
+    )

@@ -1,0 +1,66 @@
+"""All numbers of an analysis of sessions as plain data for `summary.json`: SI units, named in the
+keys; null where nothing was measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from app.report.document import Picture
+from app.report.findings import Finding, Findings
+from app.report.summary import plain
+from app.results import Results
+
+
+def summary_data(
+    results: Results,
+    found: Findings,
+    practice: Sequence[tuple[str, str, str]],
+    pictures: Sequence[Picture],
+) -> dict[str, Any]:
+    """The document, in a fixed order."""
+    data: dict[str, Any] = plain(
+        {
+            "made_with": dict(sorted(results.made_with.items())),
+            "inputs": _numbers(found.inputs),
+            "inputs_that_differ": {key: list(texts) for key, texts in found.differing.items()},
+            "joint": {"numbers": _numbers(found.joint), "notes": list(found.notes)},
+            "runs": [
+                {
+                    "session": run.session,
+                    **run.about,
+                    "numbers": _numbers(run.numbers),
+                    "notes": list(run.notes),
+                }
+                for run in found.runs
+            ],
+            "correlation": {item: value for _, item, value in practice},
+            "figures": {one.name: _figure(one) for one in pictures},
+        }
+    )
+    return data
+
+
+def _numbers(found: Sequence[Finding]) -> dict[str, Any]:
+    numbers = {}
+    for one in found:
+        measured, told = one.measured, one.paper
+        number: dict[str, Any] = {
+            "name": measured.name,
+            "value": measured.value,
+            "sd_noise": measured.sd,
+            "sd_inputs": measured.systematic,
+        }
+        if one.budget:
+            number["budget"] = one.budget
+        if told is not None:
+            number["paper"] = {"value": told.value, "sd": told.sd, "where": told.where}
+        numbers[one.key] = number
+    return numbers
+
+
+def _figure(one: Picture) -> dict[str, Any]:
+    if not one.png:
+        return {"title": one.title, "left_out": one.caption}
+    return {"title": one.title, "caption": one.caption, "files": list(one.files)}

@@ -1,0 +1,295 @@
+"""Writes and reads the results of `slipscope analyze` (`app.results`); see
+`app.session.results_layout` for what lies where.
+
+The same results are the same bytes. A file may come from anywhere: what it says is checked, as that
+of a session is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import MISSING, fields
+from pathlib import Path
+from types import NoneType
+from typing import Any, Self, TypeVar, get_args, get_type_hints
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from app.disk import SparedFile
+from app.errors import UserError
+from app.numbers import NUMBERS, ROW
+from app.outputs import new_file
+from app.records import Phase
+from app.results import Joint, Results, RunResult
+from app.schema import TEXT, Column, build, columns_of, values
+from app.session import trust
+from app.session.checked import CheckedFile
+from app.session.columns import storable
+from app.session.layout import FORMAT_ATTRIBUTE
+from app.session.results_layout import (
+    COMMON_PARTS,
+    FRAMES,
+    MADE_WITH,
+    RECORDS_ATTRIBUTE,
+    RECORDS_VERSION,
+    RESULTS_ATTRIBUTE,
+    RESULTS_VERSION,
+    RUN,
+    RUN_PARTS,
+    is_later,
+    place_of,
+    run_group,
+)
+from app.session.results_nexus import describe
+
+T = TypeVar("T")
+_LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark
+_PHASES = list(Phase)
+
+
+def write_results(path: Path, results: Results, *, overwrite: bool = False) -> None:
+    """Write results as a file, which appears when it is complete.
+
+    Raises
+    ------
+    UserError
+        It can not be written there, or a file of that name exists and may not be overwritten.
+    """
+    write_runs(path, results.runs, results.joint, results.made_with, overwrite=overwrite)
+
+
+def write_runs(
+    path: Path,
+    runs: Iterable[RunResult],
+    joint: Joint,
+    made_with: Mapping[str, str],
+    *,
+    overwrite: bool = False,
+) -> None:
+    """As `write_results`, of runs that are taken one at a time."""
+    with new_file(path, overwrite) as unfinished:
+        unfinished.touch()
+        disk = SparedFile(unfinished, is_blank=True)
+        file = None
+        try:
+            file = h5py.File(disk, "w", libver=_LIBVER)
+            root = {"NX_class": "NXroot", "creator": "SlipScope"}
+            versions = {RESULTS_ATTRIBUTE: RESULTS_VERSION, RECORDS_ATTRIBUTE: RECORDS_VERSION}
+            file.attrs.update(root | versions)
+            for n, run in enumerate(runs, 1):
+                _write_run(file, run_group(n), run)
+                disk.check()
+            _write_record(file, joint)
+            for place, texts in zip(MADE_WITH, (made_with, made_with.values()), strict=True):
+                _write(file, place, tuple(texts), TEXT)
+            describe(file)
+            file.close()
+            disk.sync()
+        finally:
+            disk.spare()
+            with suppress(Exception):
+                if file is not None:
+                    file.close()
+            disk.close()
+    trust.remember(path, "")  # our own, which needs no second look
+
+
+def _write_run(file: h5py.File, group: str, run: RunResult) -> None:
+    for name in RUN_PARTS:
+        if (part := getattr(run, name)) is not None:
+            _write_record(file, part, group)
+    for name, column in NUMBERS.items():
+        held = run.frames[name]
+        if column.kind is Phase:
+            held = np.array([_PHASES.index(Phase(phase)) for phase in held.tolist()])
+        _write_column(file, column, held, group)
+
+
+def _write_record(file: h5py.File, record: Any, group: str = "") -> None:
+    for column, value in values(record):
+        _write_column(file, column, value, group)
+
+
+def _write_column(file: h5py.File, column: Column, value: Any, group: str) -> None:
+    dataset = _write(file, place_of(column, group), value, column.dtype)
+    dataset.attrs["long_name"] = column.meaning
+    if column.unit:
+        dataset.attrs["units"] = column.unit
+
+
+def _write(file: h5py.File, place: str, value: Any, dtype: str) -> h5py.Dataset:
+    if dtype == TEXT:
+        kind = h5py.string_dtype()
+        if isinstance(value, str):
+            return file.create_dataset(place, data=storable(value), dtype=kind)
+        return file.create_dataset(place, data=np.array([*map(storable, value)], kind), dtype=kind)
+    array = np.asarray(value, dtype)
+    checked: dict[str, Any] = {}
+    if array.ndim and array.size:
+        checked = {"chunks": array.shape, "fletcher32": True}
+    return file.create_dataset(place, data=array, **checked)
+
+
+# ---------------------------------------------------------------------------------------- reading
+
+
+class ResultsReader:
+    """A file of results on disk, of which each run is read when it is asked for; use it in a
+    ``with`` statement.
+
+    Raises
+    ------
+    UserError
+        From here and from every method: no such file, not results, damaged, or written by a newer
+        SlipScope.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._file = CheckedFile(self.path, "file of results")
+        try:
+            self._version, self._records = self._checked_versions()
+        except BaseException:
+            self._file.close()
+            raise
+        self._runs = sorted(
+            group for group in self._file.groups if RUN.fullmatch(group.lstrip("/"))
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return len(self._runs)
+
+    def close(self) -> None:
+        """Let go of the file. May be called twice."""
+        self._file.close()
+
+    def run(self, n: int) -> RunResult:
+        """The n-th run, counted from 0."""
+        group = self._runs[n]
+        parts = self._parts(RunResult, RUN_PARTS, group)
+        return RunResult(frames=self._frames(group), **parts)
+
+    def part(self, kind: type[T], n: int) -> T:
+        """A record of the n-th run by its type, without the rest of the run."""
+        name = next(name for name, held in RUN_PARTS.items() if held is kind)
+        part: T = self._parts(RunResult, {name: kind}, self._runs[n])[name]
+        return part
+
+    @property
+    def joint(self) -> Joint:
+        """What the runs have in common."""
+        joint: Joint = self._parts(Results, COMMON_PARTS, "")["joint"]
+        return joint
+
+    @property
+    def made_with(self) -> dict[str, str]:
+        """Name -> what made the results."""
+        names, held = (
+            self._file.read(self._file.dataset(place, ("made_with",), TEXT)).tolist()
+            for place in MADE_WITH
+        )
+        if len(names) != len(held):
+            raise self._file.damaged(MADE_WITH[1], f"{len(held)} values for {len(names)} names")
+        return dict(zip(names, held, strict=True))
+
+    def _checked_versions(self) -> tuple[int, int]:
+        version, records = map(self._file.format, (RESULTS_ATTRIBUTE, RECORDS_ATTRIBUTE))
+        if version is None or records is None or min(version, records) < 1:
+            is_session = self._file.format(FORMAT_ATTRIBUTE) is not None
+            found = "a session" if is_session else "an HDF5 file"
+            raise UserError(
+                f"{self.path}: {found}, but not a file of results; give one that `slipscope"
+                " analyze` wrote"
+            )
+        if version > RESULTS_VERSION or records > RECORDS_VERSION:
+            raise UserError(
+                f"{self.path}: written by a newer SlipScope (format {version} of results, this one"
+                f" reads {RESULTS_VERSION}); bring SlipScope up to date"
+            )
+        return version, records
+
+    def _parts(self, whole: type, kinds: Mapping[str, type], group: str) -> dict[str, Any]:
+        """The records of a dataclass by the names of its fields; their defaults, or None where the
+        field can be None, for those that are not there.
+        """
+        hints, found = get_type_hints(whole), {}
+        defaults = {f.name: f.default for f in fields(whole)}
+        for name, kind in kinds.items():
+            is_there = any(self._file.has(place_of(c, group)) for c in columns_of(kind))
+            may_lack = NoneType in get_args(hints[name]) or defaults[name] is not MISSING
+            if may_lack and not is_there:
+                found[name] = None if defaults[name] is MISSING else defaults[name]
+            else:
+                found[name] = self._record(kind, group)
+        return found
+
+    def _record(self, kind: type[T], group: str) -> T:
+        sides: dict[str, int] = {}
+
+        def value_of(column: Column) -> Any:
+            if is_later(column, self._version, self._records):
+                return None
+            place = place_of(column, group)
+            values = self._read(column, place, column.shape)
+            with self._file.reading(place):
+                if isinstance(held := column.restored(values), np.ndarray):
+                    for side, length in zip(column.shape, held.shape, strict=True):
+                        if sides.setdefault(str(side), length) != length:
+                            raise ValueError(f"its shape is {held.shape}, others of it differ")
+                return held
+
+        record = build(kind, value_of)
+        if "frames" in sides and sides["frames"] != self._count(group):
+            raise self._file.damaged(
+                f"{group}/{FRAMES}", f"{self._count(group)} frames, other tables have more or less"
+            )
+        return record
+
+    def _count(self, group: str) -> int:
+        column = NUMBERS["frame"]
+        place = place_of(column, group)
+        return self._file.dataset(place, ("frames",), column.dtype).shape[0]
+
+    def _frames(self, group: str) -> NDArray[np.void]:
+        rows = np.empty(self._count(group), ROW)
+        for name, column in NUMBERS.items():
+            if is_later(column, self._version, self._records):
+                rows[name] = column.default
+                continue
+            place = place_of(column, group)
+            held = self._read(column, place, (len(rows),))
+            with self._file.reading(place):
+                rows[name] = [column.restored(p) for p in held] if column.kind is Phase else held
+        return rows
+
+    def _read(self, column: Column, place: str, shape: tuple[str | int, ...]) -> Any:
+        values = self._file.read(self._file.dataset(place, shape, column.dtype))
+        with self._file.reading(place):
+            column.check(values)
+        return values
+
+
+def read_results(path: Path) -> Results:
+    """All of a file of results.
+
+    Raises
+    ------
+    UserError
+        No such file, not results, damaged, or written by a newer SlipScope.
+    """
+    with ResultsReader(path) as file:
+        return Results(
+            runs=tuple(file.run(n) for n in range(len(file))),
+            joint=file.joint,
+            made_with=file.made_with,
+        )

@@ -1,0 +1,100 @@
+"""The layout of a file of results: which records lie in which group.
+
+A file of results is HDF5. Each run is a group ``/run_000001`` ..., by normal force, with the
+records of `app.results.RunResult`; what the runs have in common is in ``/joint``, what made the
+results in ``/made_with``. What a record holds says itself where it is stored (`app.schema`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any, get_args, get_type_hints
+
+from app.numbers import NUMBERS
+from app.results import Results, RunResult
+from app.schema import Column, columns_of, is_record
+from app.session.layout import FORMAT_VERSION
+
+RESULTS_VERSION = 1
+RESULTS_ATTRIBUTE = "slipscope_results"
+# of the format of a session, whose records a file of results holds too
+RECORDS_ATTRIBUTE = "slipscope_records"
+RECORDS_VERSION = FORMAT_VERSION
+RUN = re.compile(r"run_\d{6}")
+FRAMES = "frames"  # the group of the numbers of every frame
+MADE_WITH = "/made_with/name", "/made_with/value"
+
+
+def run_group(n: int) -> str:
+    """The group of the n-th run, from 1."""
+    return f"/run_{n:06d}"
+
+
+def parts_of(kind: type) -> dict[str, type]:
+    """Name -> type of the fields of a dataclass that are records, or a record or None."""
+    hints = get_type_hints(kind)
+    found = {f.name: (hints[f.name], *get_args(hints[f.name])) for f in fields(kind)}
+    return {
+        name: next(kind for kind in kinds if is_record(kind))
+        for name, kinds in found.items()
+        if any(map(is_record, kinds))
+    }
+
+
+RUN_PARTS, COMMON_PARTS = parts_of(RunResult), parts_of(Results)
+
+
+def place_of(column: Column, run: str = "") -> str:
+    """The path of a column's dataset in the group of a run, or that of what is common."""
+    inside = column.path.removeprefix("/entry/")
+    if column.path in _NUMBERS:
+        inside = f"{FRAMES}/{column.name}"
+    return f"{run}/{inside}"
+
+
+_NUMBERS = frozenset(column.path for column in NUMBERS.values())
+
+
+def is_later(column: Column, version: int, records: int) -> bool:
+    """Whether a column came after these versions of the layout, and of a session's records."""
+    return column.since > (records if column.path.startswith("/entry/") else version)
+
+
+def run_columns() -> Iterator[Column]:
+    """The columns of a run."""
+    yield from NUMBERS.values()
+    for kind in RUN_PARTS.values():
+        yield from columns_of(kind)
+
+
+def common_columns() -> Iterator[Column]:
+    """The columns of what the runs have in common."""
+    for kind in COMMON_PARTS.values():
+        yield from columns_of(kind)
+
+
+def datasets_of(names: Any) -> Iterator[str]:
+    """The paths that a file with these groups at its root can have."""
+    yield from (place_of(column) for column in common_columns())
+    yield from MADE_WITH
+    for name in sorted(filter(RUN.fullmatch, names)):
+        yield from (place_of(column, f"/{name}") for column in run_columns())
+
+
+def markdown() -> str:
+    """The layout as a Markdown table, for the documentation."""
+    lines = ["| dataset | shape | type | unit | meaning |", "|---|---|---|---|---|"]
+    for run, columns in (("/run_...", run_columns()), ("", common_columns())):
+        for held in columns:
+            is_number = held.path in _NUMBERS
+            shape = ("frames",) if is_number else held.shape
+            about = f"{held.dtype} | {held.unit} | {held.meaning}"
+            sides = " x ".join(map(str, shape)) or "one value"
+            lines.append(f"| `{place_of(held, run)}` | {sides} | {about} |")
+    for place, meaning in zip(
+        MADE_WITH, ("what made the results", "its version, or what it is"), strict=True
+    ):
+        lines.append(f"| `{place}` | made_with | text |  | {meaning} |")
+    return "\n".join(lines) + "\n"

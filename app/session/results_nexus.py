@@ -1,0 +1,62 @@
+"""What NeXus programs (silx, NeXpy, h5web) look for in a file of results: the class of each group,
+its plots, and over all runs the numbers of their summaries against the normal force, with which
+such a program opens the file.
+"""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+
+from app.schema import columns_of
+from app.session.columns import mark
+from app.session.layout import Group
+from app.session.results_layout import FRAMES, RUN
+from app.summary import Summary
+
+COMMON, LOADS = "/joint", "/joint/loads"
+IN_RUN = (  # what is not here is an NXcollection
+    Group(FRAMES, "NXdata", "shear_force", ("normal_force",), ("stage_displacement",)),
+    Group("rings", "NXdata", "ux", (), (".", ".")),
+    Group("law", "NXdata", "ratio", (), (".", ".")),
+    Group("instants", "NXdata", "ux", ("uy",), ("frame", "y", "x")),
+    Group("noise", "NXdata", "sigma", ("floor",), ("box",)),
+    Group("pictures", "NXdata", "reference", (), (".", ".")),
+    Group("profile", "NXdata", "grey", (), ("radius",)),
+)
+OVER_RUNS = Group(LOADS, "NXdata", "apparent_radius", ("hertz_radius",), ("normal_force",))
+
+
+def describe(file: h5py.File) -> None:
+    """Make the groups of a complete file of results known to such programs."""
+    plots = {group.path: group for group in IN_RUN}
+    for name, group in file.items():
+        is_run = RUN.fullmatch(name)
+        group.attrs["NX_class"] = "NXentry"  # a root has nothing else
+        for part, inner in group.items() if is_run else ():
+            plot = plots.get(part)
+            is_empty = plot is None or part not in group or not inner[plot.signal].size
+            mark(inner, Group(part) if plot is None or is_empty else plot)
+        if is_run:
+            group.attrs["default"] = FRAMES
+    runs = [group for name, group in file.items() if RUN.fullmatch(name)]
+    if runs:
+        _over_runs(file, runs)
+
+
+def _over_runs(file: h5py.File, runs: list[h5py.Group]) -> None:
+    loads = file.create_group(LOADS)
+    mark(loads, OVER_RUNS)
+    axis = OVER_RUNS.axes[0]
+    for column in columns_of(Summary):
+        if column.shape or column.dtype != "float64":
+            continue
+        held = [run[f"summary/{column.name}"] for run in runs]
+        dataset = loads.create_dataset(column.name, data=np.array([one[()] for one in held]))
+        dataset.attrs.update(held[0].attrs)
+    loads[axis].make_scale(axis)  # so that xarray opens the group with its dimension
+    for name in loads:
+        if name != axis:
+            loads[name].dims[0].attach_scale(loads[axis])
+    file[COMMON].attrs["default"] = "loads"
+    file.attrs["default"] = COMMON.lstrip("/")

@@ -1,0 +1,286 @@
+"""One session through the full offline analysis: everything that its pictures give, as a
+`app.results.RunResult`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import from_record, revised, to_toml
+from app.effort import Effort, Product
+from app.engine.analyst import Analysis
+from app.engine.conclusions import Conclusion
+from app.engine.pipeline import Pipeline
+from app.errors import UserError
+from app.legs import numbered_instants
+from app.numbers import ROW, numbers_of
+from app.offline.loop import Trigger, analyse
+from app.offline.replay import check_agree, measurements_of
+from app.records import F64, ContactResult, LostTrigger, Phase, ReceivedFrame, Record, Snapshot
+from app.results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
+from app.session.reader import Altered, SessionReader
+from app.settings import Config
+from app.study.fields import instants_of
+from app.study.noise import box_noise
+
+FRAMES_SHARE = 0.6  # of the time that a session takes
+MOST_FRAMES = 8192  # whose profiles are kept, an even number
+AT_REST = 2  # images, from which the noise is taken
+# of every frame: displacements as far from the contact as anything but a picture of them needs
+PROFILES = Effort(int(Product.CONTACT | Product.SETTLED))
+
+
+def run_result(
+    path: Path,
+    overrides: Sequence[str] = (),
+    on_progress: Callable[[float], None] = lambda share: None,
+    threads: int | None = None,
+) -> RunResult:
+    """All results of a session, every frame of which is analysed again.
+
+    Parameters
+    ----------
+    overrides : sequence of str
+        ``table.key=value`` of the settings to change, see `app.config.ANALYSED`.
+    on_progress : callable
+        Told the share that is done.
+    threads : int, optional
+        Of the image correlation; None: as the settings say. Results do not depend on it.
+
+    Raises
+    ------
+    UserError, ConfigError
+        There is no session, it has no images, or a setting can not be changed.
+    """
+    with SessionReader(path) as session:
+        config = settings_of(session, overrides)
+        used = config
+        if threads is not None:
+            used = replace(config, dic=replace(config.dic, threads=threads))
+        found = _analysed(session, used, lambda share: on_progress(FRAMES_SHARE * share))
+        shots, law = found.taken.snapshots, found.conclusion.law
+        chosen = [shots[i] for i in numbered_instants(shots, found.conclusion.summary)]
+        reference, background = (_grey8(picture, used) for picture in found.pictures)
+        rest = [session.frame(number)[2] for number in found.taken.at_rest[1:]]
+        return RunResult(
+            origin=_origin(session, config),
+            summary=found.conclusion.summary,
+            contact=found.contact,
+            pictures=Pictures(reference, background, used.camera.pixel),
+            frames=found.taken.frames(),
+            rings=found.taken.rings(),
+            law=_law(shots, found.conclusion),
+            instants=instants_of(used, session, found.taken.before, chosen, law.E),
+            noise=box_noise(used, found.pictures[0], rest),
+        )
+
+
+class _Found(NamedTuple):
+    """What all frames of a session gave, without the 160 MB of the correlation that gave it."""
+
+    taken: _Taken
+    conclusion: Conclusion
+    contact: ContactResult | None
+    pictures: tuple[NDArray[Any] | None, NDArray[Any] | None]
+
+
+def _analysed(session: SessionReader, used: Config, on_progress: Callable[[float], None]) -> _Found:
+    taken, pipeline, frames = _Taken(), Pipeline(used), frames_of(session)
+    outcome = analyse(
+        Analysis(used, pipeline),
+        measurements_of(session),
+        _triggers(session, pipeline.notes, on_progress),
+        taken,
+        lambda: f"all {len(frames)} frames were analysed",
+        dict.fromkeys(frames, PROFILES),
+    )
+    if pipeline.conclusion is None or outcome.summary is None:
+        raise UserError(
+            f"{session.path}: none of its images is the one that was recorded; use a whole copy of"
+            " it"
+        )
+    # the summary has a note on frames whose trigger is uncertain
+    conclusion = pipeline.conclusion._replace(summary=outcome.summary)
+    return _Found(taken, conclusion, pipeline.contact, pipeline.pictures)
+
+
+def settings_of(session: SessionReader, overrides: Sequence[str]) -> Config:
+    """The settings of the analysis of a session.
+
+    Raises
+    ------
+    UserError, ConfigError
+        They do not fit the session, or a setting can not be changed.
+    """
+    recorded = from_record(session.header.config_toml, f"{session.path}: settings")
+    check_agree(session, recorded)
+    return revised(recorded, ("recording.results=fields", *overrides))
+
+
+def frames_of(session: SessionReader) -> list[int]:
+    """Trigger numbers of the images of a session.
+
+    Raises
+    ------
+    UserError
+        There are none.
+    """
+    triggers = session.triggers()
+    received: list[int] = triggers["index"][triggers["received"]].tolist()
+    if not received:
+        raise UserError(
+            f"{session.path}: there are no images in this session; nothing can be analysed"
+        )
+    return received
+
+
+def content_of(session: SessionReader) -> str:
+    """SHA-256 of all that a session recorded, of its images by their checksums."""
+    header, found = session.header, hashlib.sha256()
+    checksums = "/entry/triggers/checksum"
+    sums = [session.file.read(session.dataset(checksums)).tolist()] if session.format >= 4 else []
+    for part in (
+        header.started,
+        header.config_toml,
+        session.triggers()[["index", "sample", "received"]].tolist(),
+        session.forces().volts.tobytes(),
+        [column.tolist() for column in session.positions()],
+        session.events(),
+        sums,
+    ):
+        found.update(part if isinstance(part, bytes) else repr(part).encode())
+    return found.hexdigest()
+
+
+def _triggers(
+    session: SessionReader, notes: list[str], on_progress: Callable[[float], None]
+) -> Iterator[Trigger]:
+    """Every trigger with its image; `notes` gets a sentence about images that were altered."""
+    count, done, altered = len(session.triggers()), 0, 0
+    for record in session.records():
+        if isinstance(record, Altered) and isinstance(record.instead, LostTrigger):
+            altered += 1
+            yield record.instead, None
+        elif isinstance(record, ReceivedFrame):
+            yield record, record.image
+        elif isinstance(record, LostTrigger):
+            yield record, None
+        else:
+            continue
+        done += 1
+        on_progress(done / count)
+    if altered:
+        notes.append(f"{altered} images are not those that were recorded, and were left out")
+
+
+def _grey8(image: NDArray[Any] | None, config: Config) -> U8:
+    """An image with grey levels up to 255; an empty one for None."""
+    if image is None:
+        return np.empty((0, 0), np.uint8)
+    if image.dtype == np.uint8:
+        return np.asarray(image, np.uint8)
+    return np.asarray(image / (config.camera.full_scale / 255), np.uint8)
+
+
+class _Taken:
+    """Takes the results of each frame, without its fields: of all frames, or where there are more
+    than `MOST_FRAMES` of every second, fourth ...
+
+    Attributes
+    ----------
+    snapshots : list of Snapshot
+    before : list of Snapshot
+        What fields rest on: the last frame of the free block, and the reference.
+    at_rest : list of int
+        The first few frames under load and at rest.
+    """
+
+    def __init__(self) -> None:
+        self.snapshots: list[Snapshot] = []
+        self.at_rest: list[int] = []
+        self._free: list[Snapshot] = []
+        self._reference: list[Snapshot] = []
+        self._every = 1
+        self._count = 0
+
+    @property
+    def before(self) -> list[Snapshot]:
+        return self._free + self._reference
+
+    def append(self, record: Record, /) -> None:
+        if not isinstance(record, Snapshot):
+            return
+        snapshot, phase = replace(record, field=None), record.conditions.phase
+        if phase is Phase.BACKGROUND:
+            self._free = [snapshot]
+        elif phase is Phase.REFERENCE and len(self.at_rest) <= AT_REST:
+            self._reference = self._reference or [snapshot]
+            self.at_rest.append(snapshot.frame)
+        if self._count % self._every == 0:
+            self.snapshots.append(snapshot)
+        self._count += 1
+        if len(self.snapshots) > MOST_FRAMES:
+            del self.snapshots[1::2]
+            self._every *= 2
+
+    def flush(self) -> None:
+        """Do nothing: nothing is written."""
+
+    def frames(self) -> NDArray[np.void]:
+        """The numbers of every frame."""
+        rows = np.empty(len(self.snapshots), ROW)
+        for n, snapshot in enumerate(self.snapshots):
+            numbers = numbers_of(snapshot)
+            rows[n] = tuple(numbers[name] for name in ROW.names or ())
+        return rows
+
+    def rings(self) -> RingSeries:
+        """The profiles of every frame."""
+        rings, stress = ([getattr(s, n) for s in self.snapshots] for n in ("rings", "stress"))
+        return RingSeries(
+            *(_table(rings, name) for name in ("radius_m", "ux_m", "sd_m")),
+            *(_table(stress, name) for name in ("radius_m", "stress_pa", "sd_pa")),
+        )
+
+
+def _table(profiles: Sequence[object], name: str) -> F64:
+    """One curve of each profile, NaN beyond its end and where there is no profile."""
+    rows = [np.empty(0) if p is None else getattr(p, name) for p in profiles]
+    table = np.full((len(rows), max(map(len, rows), default=0)), np.nan)
+    for held, row in zip(table, rows, strict=True):
+        held[: len(row)] = row
+    return table
+
+
+def _law(snapshots: Sequence[Snapshot], conclusion: Conclusion) -> LawSeries:
+    """The points of the law in rows of all frames."""
+    _, law, numbers = conclusion
+    slip, ratio = (np.full((len(snapshots), len(law.radius)), np.nan) for _ in range(2))
+    if len(law.slip):
+        row_of = {s.frame: row for row, s in enumerate(snapshots)}
+        for number, *points in zip(numbers, law.slip, law.ratio, strict=True):
+            if number in row_of:
+                slip[row_of[number]], ratio[row_of[number]] = points
+    return LawSeries(slip, ratio)
+
+
+def _origin(session: SessionReader, config: Config) -> Origin:
+    outcome, header = session.outcome, session.header
+    return Origin(
+        session=session.path.name,
+        started=header.started,
+        state=outcome.state,
+        reason=outcome.reason,
+        config_toml=to_toml(config),
+        sample=header.sample,
+        operator=header.operator,
+        note=header.note,
+        checksum=content_of(session),
+    )

@@ -1,0 +1,63 @@
+"""The process that analyses sessions for another one: it is told which, one after the other, and
+tells how far it is.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from app.config import ConfigError
+from app.errors import UserError
+from app.processes.starting import payload, say_hello
+from app.study.one import run_result
+from app.study.parts import write_part
+from app.study.plan import Task
+from app.study.sweep import simulated_result
+
+
+class Failed(NamedTuple):
+    """Why a session could not be analysed."""
+
+    sentence: str
+
+
+DONE = "done"
+
+
+def analysed(task: Task, place: Path, on_progress: Any, threads: int | None) -> Failed | None:
+    """Analyse a session into a part; why it could not be."""
+    try:
+        if task.world:
+            run = simulated_result(task, on_progress, threads)
+        else:
+            run = run_result(Path(task.session), task.overrides, on_progress, threads)
+        write_part(place, task, run)
+    except (UserError, ConfigError, OSError) as error:
+        return Failed(str(error))
+    except Exception as error:
+        return Failed(f"{task.session}: {type(error).__name__}: {error}")
+    return None
+
+
+def main() -> None:
+    """Analyse until nobody asks any more."""
+    payload()
+    out = sys.stdout.buffer
+    say_hello(None)
+
+    def tell(what: Any) -> None:
+        try:
+            pickle.dump(what, out)
+            out.flush()
+        except OSError:
+            sys.exit(1)  # whoever asked is gone
+
+    while True:
+        try:
+            task, place = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        tell(analysed(task, place, tell, threads=1) or DONE)

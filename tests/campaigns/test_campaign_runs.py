@@ -1,0 +1,495 @@
+"""`slipscope campaign` run by run: what it does, what it leaves alone, and what stops it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import time
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from small_campaign import Command, Write
+
+from app.campaigns import state
+from app.campaigns.plan import planned
+from app.campaigns.state import LOCK, State, found_of, keep
+from app.commands import campaign as campaigns
+from app.commands.inspect import info
+from app.config import from_record
+from app.disk import AppendedFile
+from app.records import Outcome
+from app.session import recorder
+from app.session.reader import SessionReader
+from app.session.repair import whole
+from drivers.bench import Bench
+from drivers.errors import DeviceError
+
+TWO_LOADS = ("vary.run.normal_force = [0.03, 0.04]", 'sessions = "{name}-{load}N"')
+SESSIONS = ["tiny-0.03N.h5", "tiny-0.04N.h5"]
+WEAK = "limits.shear_force = 0.002"  # Q passes it early in the drive
+
+
+def mark(path: Path) -> tuple[int, int, int]:
+    """What tells a file from any other, and from itself once somebody has written to it."""
+    about = path.stat()
+    return about.st_ino, about.st_size, about.st_mtime_ns
+
+
+def sessions_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.glob("*.h5"))
+
+
+class Page(HTMLParser):
+    """The rows of a page, the files that it refers to, and whether all of its tags are closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.links: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.links += [value for name, value in attrs if name in ("href", "src") and value]
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag not in ("meta", "img", "br"):
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if {"td", "th"} & set(self._open):
+            self.rows[-1][-1] += data
+
+
+def test_a_campaign_does_its_runs_and_only_those_that_are_not_done(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    file = write(*TWO_LOADS, 'settings.about.operator = "Élise <b>"', "settings.about.note = 'x'")
+    first = campaign(file, "--only", "2")
+    assert first.exit_code == 0, first.output
+    assert "tiny: 2 runs, 1 to do: 0.0" in first.stderr
+    assert sessions_in(tmp_path / "tiny") == SESSIONS[1:]
+    before = mark(tmp_path / "tiny" / SESSIONS[1])
+    second = campaign(file)
+    assert second.exit_code == 0
+    assert "2 runs, 1 to do" in second.stderr
+    assert "2 of 2 runs done" in second.stdout
+    assert mark(tmp_path / "tiny" / SESSIONS[1]) == before
+    third = json.loads(campaign(file, "--json").stdout)
+    assert [run["state"] for run in third["runs"]] == ["done", "done"]
+    assert [run["settings"] for run in third["runs"]] == [
+        {"run.normal_force": 0.03},
+        {"run.normal_force": 0.04},
+    ]
+    for name, load in zip(SESSIONS, (0.03, 0.04), strict=True):
+        with SessionReader(tmp_path / "tiny" / name) as session:
+            config = from_record(session.header.config_toml, "")
+            assert (config.run.normal_force, session.header.operator) == (load, "Élise <b>")
+            assert session.outcome.is_complete
+        assert info(tmp_path / "tiny" / name, as_json=True, verify=True) == 0
+
+
+def test_the_page_shows_every_run_its_numbers_and_its_picture(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    file = write(
+        'vary.about.sample = ["a & <i>b</i>", "c"]', 'sessions = "{name} {number}"', "repeats = 1"
+    )
+    assert campaign(file, "--only", "1", "--set", "run.travel=22").exit_code == 0
+    text = (tmp_path / "tiny/index.html").read_text(encoding="utf-8")
+    page = Page(text)
+    headings, first, second = page.rows
+    wanted = ("session", "P (N)", "state", "mu_d", "a (mm)")
+    columns = {name: headings.index(name) for name in wanted}
+    assert [first[i] for i in columns.values()][:3] == ["tiny 1", "0.03", "done"]
+    assert [second[i] for i in columns.values()] == ["tiny 2", "0.03", "waiting", "", ""]
+    with SessionReader(tmp_path / "tiny/tiny 1.h5") as session:
+        summary = session.outcome.summary
+    assert float(first[columns["mu_d"]].split()[0]) == pytest.approx(summary.mu_d, abs=2e-3)
+    assert first[headings.index("about.sample")] == "a & <i>b</i>"
+    assert set(page.links) == {"tiny%201.h5", "tiny%201.png"}
+    assert "refresh" not in text  # it is over for now
+    assert (tmp_path / "tiny/tiny 1.png").stat().st_size > 10_000
+
+
+def test_the_page_is_there_and_loads_itself_again_while_the_campaign_goes_on(
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages: list[str] = []
+    made_run = campaigns.made_run
+
+    def watched(*arguments, **options):
+        pages.append((tmp_path / "tiny/index.html").read_text(encoding="utf-8"))
+        return made_run(*arguments, **options)
+
+    monkeypatch.setattr(campaigns, "made_run", watched)
+    assert campaign(write(*TWO_LOADS)).exit_code == 0
+    tables = [Page(text).rows for text in pages]
+    states = [[row[rows[0].index("state")] for row in rows[1:]] for rows in tables]
+    assert states == [["under way", "waiting"], ["done", "under way"]]
+    assert all('http-equiv="refresh"' in text for text in pages)
+    assert "the time left is told after the first left" not in pages[0]
+    assert re.search(r"1 of 2 runs done, about \d+ s left", pages[1])
+
+
+# ---------------------------------------------------------------------- what is refused
+
+
+def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    assert campaign(write(*TWO_LOADS), "--only", "1").exit_code == 0
+    before = mark(tmp_path / "tiny" / SESSIONS[0])
+    refused = campaign(write(*TWO_LOADS, "settings.run.velocity = 6"))
+    assert refused.exit_code == 2
+    assert refused.stderr == (
+        "slipscope: tiny/tiny-0.03N.h5: recorded with run.velocity = 5.0, which is not what run 1"
+        " of the campaign says now; give another folder with -o, or undo the change\n"
+    )
+    assert mark(tmp_path / "tiny" / SESSIONS[0]) == before
+    # what does not concern what was measured, and further runs, are no other experiment
+    more = "vary.run.normal_force = [0.03, 0.04, 0.05]"
+    going_on = campaign(write(more, TWO_LOADS[1], 'settings.about.note = "later"'), "--only", "1,2")
+    assert going_on.exit_code == 0
+    assert "has changed since tiny was begun: 1 of its runs are done as it says now" in (
+        " ".join(going_on.stderr.split())
+    )
+    assert mark(tmp_path / "tiny" / SESSIONS[0]) == before
+    assert (
+        "has changed"
+        not in campaign(
+            write(more, TWO_LOADS[1], 'settings.about.note = "later"'), "--only", "1,2"
+        ).stderr
+    )
+
+
+def _foreign(folder: Path) -> None:
+    (folder / SESSIONS[1]).write_text("a diary")
+
+
+def _page(folder: Path) -> None:
+    (folder / "index.html").write_text("<html>a diary</html>")
+
+
+def _copy(folder: Path) -> None:
+    (folder / "campaign.toml").write_text("# a diary")
+
+
+def _picture(folder: Path) -> None:
+    (folder / "tiny-0.04N.png").write_text("a drawing")
+
+
+def _no_folder(folder: Path) -> None:
+    folder.rmdir()
+    folder.write_text("a diary")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_foreign, "tiny-0.04N.h5: can not be read, it is not an HDF5 file"),
+        (_page, "index.html: not written by `slipscope campaign`; give another folder with -o"),
+        (_copy, "campaign.toml: not written by `slipscope campaign`; give another folder with -o"),
+        (_picture, "run 2: tiny/tiny-0.04N.png: a picture of that name exists; choose another"),
+        (_no_folder, "tiny: a folder is needed, this is a file; give another one with -o"),
+    ],
+)
+def test_what_is_there_already_is_never_replaced(
+    campaign: Command, write: Write, tmp_path: Path, spoil, words: str
+) -> None:
+    folder = tmp_path / "tiny"
+    folder.mkdir()
+    spoil(folder)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    refused = campaign(write(*TWO_LOADS))
+    assert (refused.exit_code, refused.stdout) == (2, "")
+    assert words in refused.stderr.splitlines()[-1]
+    after = {path: path.read_bytes() for path in before}
+    assert before == after
+    assert not (folder / SESSIONS[0]).exists()
+
+
+def test_a_disk_without_room_for_all_runs_is_told_before_anything_moves(
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(campaigns, "free_bytes", lambda path: 60_000_000)
+    refused = campaign(write(*TWO_LOADS))
+    assert refused.exit_code == 2
+    assert "tiny: the 2 runs need about 0.1 GB, the disk has 0.1 GB free; make room, or begin" in (
+        refused.stderr
+    )
+    assert not (tmp_path / "tiny").exists()
+    assert campaign(write(*TWO_LOADS), "--only", "1", "--check").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("run.travel = [8, -8]", "run.travel = -8 um goes against +x, which the simulated"),
+        ("sim.thickness = [0, 2]", "[sim]: "),
+        ("forces.block = [10, 10000]", "forces.block = 10000 samples last longer than"),
+    ],
+)
+def test_a_run_that_can_not_be_made_is_told_by_its_number_before_anything_moves(
+    campaign: Command, write: Write, tmp_path: Path, line: str, words: str
+) -> None:
+    refused = campaign(write(f"vary.{line}"))
+    assert refused.exit_code == 2
+    assert f"campaign.toml, run 2: {words}" in refused.stderr
+    assert not (tmp_path / "tiny").exists()
+
+
+def test_two_campaigns_do_not_work_in_one_folder(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    (tmp_path / "tiny").mkdir()
+    lock = AppendedFile(tmp_path / "tiny" / LOCK, overwrite=True, locked=True)
+    refused = campaign(write(*TWO_LOADS))
+    lock.remove()
+    assert refused.exit_code == 2
+    assert "tiny: another slipscope campaign works in this folder; wait for its end" in (
+        refused.stderr
+    )
+
+
+def test_check_does_nothing_and_shows_what_would_be_done(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    result = campaign(write(*TWO_LOADS), "--check")
+    assert result.exit_code == 0
+    assert "tiny-0.04N" in result.stdout
+    assert "waiting" in result.stdout
+    assert not (tmp_path / "tiny").exists()
+
+
+# ---------------------------------------------------------------------- failures and operators
+
+
+def test_a_run_that_fails_does_not_keep_the_others_and_is_done_again_if_asked(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    runs = ('sessions = "{name}-{number}"', "[[runs]]", WEAK, "[[runs]]")
+    result = campaign(write(*runs))
+    assert result.exit_code == 1
+    assert "limit: the shear force reached" in result.stderr
+    assert "1 failed; --retry does them again" in result.stderr
+    assert "1 of 2 runs done" in result.stdout
+    assert sessions_in(tmp_path / "tiny") == ["tiny-1.h5", "tiny-2.h5"]
+    failed, done = (mark(tmp_path / "tiny" / f"tiny-{n}.h5") for n in (1, 2))
+    again = campaign(write(*runs))  # as it is: nothing is tried again
+    assert again.exit_code == 1
+    assert mark(tmp_path / "tiny/tiny-1.h5") == failed
+    mended = ('sessions = "{name}-{number}"', "[[runs]]", "[[runs]]")
+    result = campaign(write(*mended), "--retry")
+    assert result.exit_code == 0, result.stderr
+    assert mark(tmp_path / "tiny/tiny-2.h5") == done
+    assert mark(tmp_path / "tiny/kept/tiny-1.h5") == failed
+    with SessionReader(tmp_path / "tiny/tiny-1.h5") as session:
+        assert session.outcome.is_complete
+
+
+def test_the_operator_is_told_what_to_do_and_decides(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    file = write(
+        "pauses = true",
+        'sessions = "{name}-{sample}"',
+        "[[runs]]",
+        'about.sample = "A"',
+        WEAK,
+        "[[runs]]",
+        'about.sample = "B"',
+        "run.normal_force = 0.04",
+        "[[runs]]",
+        'about.sample = "C"',
+    )
+    # begin; what failed once more, then go on; skip B; an answer that is none, then leave
+    result = campaign(file, answers="\nr\n\ns\nwhat\nq\n")
+    assert result.exit_code == 1
+    said = result.stderr
+    assert "next, run 1 of 3, tiny-A: sample A; P = 0.03 N, 5 um/s" in said
+    assert said.count("tiny-A has failed. Enter: go on with the next; r: repeat it; q: leave") == 2
+    assert "next, run 2 of 3, tiny-B: mount sample B; P = 0.04 N, 5 um/s" in said
+    assert "'what' is none of these: Enter: lift the block, then begin; s: skip it; q: " in said
+    assert sessions_in(tmp_path / "tiny") == ["tiny-A.h5"]
+    assert sessions_in(tmp_path / "tiny/kept") == ["tiny-A.h5"]
+    # the failed one is not asked for again; B is done, and then nobody answers
+    result = campaign(file, answers="\n")
+    assert "nobody answers: the standard input is at its end" in result.stderr
+    assert sessions_in(tmp_path / "tiny") == ["tiny-A.h5", "tiny-B.h5"]
+
+
+def test_ctrl_c_while_a_complete_run_is_closed_ends_the_campaign_behind_it(
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made_run = campaigns.made_run
+
+    def interrupted(*arguments, **options):
+        made = made_run(*arguments, **options)
+        wait = made.source.wait
+
+        def and_press(timeout: float | None = None) -> Outcome | None:
+            outcome = wait(timeout)
+            if outcome is not None and timeout:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.2)
+            return outcome
+
+        monkeypatch.setattr(made.source, "wait", and_press)
+        return made
+
+    monkeypatch.setattr(campaigns, "made_run", interrupted)
+    file = write(*TWO_LOADS)
+    result = campaign(file)
+    assert result.exit_code == 1
+    assert "Ctrl-C was pressed after tiny-0.03N; the same command goes on" in result.stderr
+    assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
+    monkeypatch.setattr(campaigns, "made_run", made_run)
+    assert campaign(file).exit_code == 0
+    assert sessions_in(tmp_path / "tiny") == SESSIONS
+
+
+def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made_run = campaigns.made_run
+
+    def stopped(*arguments, **options):
+        made = made_run(*arguments, **options)
+        wait = made.source.wait
+
+        def and_stop(timeout: float | None = None) -> Outcome | None:
+            if made.source.health().phase == "drive":
+                made.source.stop_motion()
+            return wait(0.01 if timeout else timeout)
+
+        monkeypatch.setattr(made.source, "wait", and_stop)
+        return made
+
+    monkeypatch.setattr(campaigns, "made_run", stopped)
+    file = write(*TWO_LOADS)
+    result = campaign(file)
+    assert result.exit_code == 1
+    assert "tiny-0.03N: STOP MOTION was pressed; the same command goes on with this run" in (
+        result.stderr
+    )
+    assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
+    stopped_mark = mark(tmp_path / "tiny" / SESSIONS[0])
+    assert "stopped" in (tmp_path / "tiny/index.html").read_text(encoding="utf-8")
+    monkeypatch.setattr(campaigns, "made_run", made_run)
+    assert campaign(file).exit_code == 0
+    assert sessions_in(tmp_path / "tiny") == SESSIONS
+    assert mark(tmp_path / "tiny/kept" / SESSIONS[0]) == stopped_mark
+
+
+def test_a_device_that_is_not_there_fails_its_run_only(
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = Bench.open
+    calls: list[int] = []
+
+    def not_at_first(self: Bench) -> None:
+        calls.append(1)
+        if len(calls) == 1:
+            raise DeviceError("stage: it does not answer; check its line")
+        opened(self)
+
+    monkeypatch.setattr(Bench, "open", not_at_first)
+    result = campaign(write(*TWO_LOADS))
+    assert result.exit_code == 1
+    assert "tiny-0.03N: stage: it does not answer; check its line" in result.stderr
+    assert sessions_in(tmp_path / "tiny") == SESSIONS[1:]
+    assert "stage: it does not answer" in (tmp_path / "tiny/index.html").read_text()
+    assert campaign(write(*TWO_LOADS)).exit_code == 0
+
+
+# ---------------------------------------------------------------------- what is left of a kill
+
+
+def test_a_session_that_was_complete_when_its_close_was_cut_short_is_done(
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last step of a close removes the journal."""
+    monkeypatch.setattr(recorder, "remove_recorded", lambda session: None)
+    file = write('sessions = "{name}"')
+    assert campaign(file).exit_code == 0  # it sees that itself
+    assert sessions_in(tmp_path / "tiny") == ["tiny.h5"]
+    assert not list((tmp_path / "tiny").glob("*.journal"))
+    assert not (tmp_path / "tiny/kept").exists()
+
+
+def test_a_session_whose_images_have_not_yet_let_go_of_their_name_is_kept(
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The step before: for an instant the session has two names."""
+    for module in (recorder, state):
+        monkeypatch.setattr(module, "remove_recorded", lambda session: None)
+    file, session = write('sessions = "{name}"'), tmp_path / "tiny/tiny.h5"
+    assert campaign(file).exit_code == 0
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    os.link(session, session.with_name("tiny.h5.images"))
+    before = mark(session)
+    assert found_of(planned(file).runs[0]).state is State.CUT
+    assert campaign(file).exit_code == 0
+    assert mark(tmp_path / "tiny/kept/tiny.h5") == before
+    assert whole(session)
+
+
+@pytest.mark.parametrize("moves", range(5))
+def test_a_move_that_was_cut_short_is_finished_where_it_began(
+    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moves: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder, kept = tmp_path / "tiny", tmp_path / "tiny/kept"
+    kept.mkdir(parents=True)
+    endings = ("journal", "images", "results", "log")
+    for ending in endings:
+        (kept / f"tiny.h5.{ending}").write_text("of another kill")
+        (folder / f"tiny.h5.{ending}").write_text("of this kill")
+    run = planned(write('sessions = "{name}"')).runs[0]
+    rename, done = Path.rename, []
+
+    def cut_short(path: Path, target: Path) -> Path:
+        if len(done) == moves:
+            raise KeyboardInterrupt
+        done.append(path)
+        return rename(path, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "rename", cut_short)
+        if moves < len(endings):
+            with pytest.raises(KeyboardInterrupt):
+                keep(run.session)
+            assert found_of(run).state is State.CUT
+    assert keep(run.session) == Path("tiny/kept/tiny-2.h5")
+    assert found_of(run).state is State.WAITING
+    held = {path.name: path.read_text() for path in kept.iterdir()}
+    assert held == {f"tiny.h5.{ending}": "of another kill" for ending in endings} | {
+        f"tiny-2.h5.{ending}": "of this kill" for ending in endings
+    }
+
+
+def test_a_session_from_elsewhere_with_the_same_settings_counts_as_done(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    """What is done is told by the sessions, not by a record beside them."""
+    file = write(*TWO_LOADS)
+    assert campaign(file, "--only", "1").exit_code == 0
+    shutil.copytree(tmp_path / "tiny", tmp_path / "copied", ignore=lambda *_: ["campaign.toml"])
+    shutil.rmtree(tmp_path / "tiny")
+    result = campaign(file, "-o", "copied")
+    assert result.exit_code == 0
+    assert "2 runs, 1 to do" in result.stderr
+    assert sessions_in(tmp_path / "copied") == SESSIONS

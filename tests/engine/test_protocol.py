@@ -1,0 +1,350 @@
+"""The steps of a protocol, block by block, with forces and stage written by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app import config
+from app.engine.course import Go, Halt
+from app.engine.experiment import Answered, Begin, Experiment, ExperimentFailed, Measured, Zeroed
+from app.engine.sight import Seen
+from app.records import Phase
+
+BLOCK = 50
+START = '{do="background", time=0.1}, {do="approach"}, {do="reference", time=0.1}'
+
+
+class Bench:
+    """A stage that does what it is told at its velocity, and an experiment that tells it."""
+
+    def __init__(self, steps: str, *overrides: str, start: str = START) -> None:
+        both = ", ".join(part for part in (start, steps) if part)
+        given = [f"run.steps=[{both}]", "run.settle_time=0.1", *overrides]
+        self.experiment = Experiment(config.load(None, given))
+        self.sample, self.travel_m, self.orders = 0, 0.0, []
+        self.goal_m = self.velocity = 0.0
+        self.normal, self.shear, self.seen = 0.0, 0.0, Seen()
+        self.stalls = False
+        self.obey()
+
+    def obey(self) -> None:
+        for order in self.experiment.orders():
+            self.orders.append(order)
+            if isinstance(order, Go):
+                self.goal_m, self.velocity = order.target_m, order.velocity_m_s
+            elif isinstance(order, Halt):
+                self.goal_m = self.travel_m
+
+    def block(self) -> Phase:
+        self.sample += BLOCK
+        left = self.goal_m - self.travel_m
+        step = self.velocity * BLOCK / 1000
+        if not self.stalls:
+            self.travel_m += float(np.clip(left, -step, step))
+        moves = self.stalls or abs(self.goal_m - self.travel_m) > 1e-12
+        forces = np.tile([self.normal, self.shear], (BLOCK, 1))
+        volts = forces + np.array([0.5, -0.25])
+        now = Measured(
+            self.sample, forces, self.travel_m, moves, True, seen=lambda: self.seen, volts=volts
+        )
+        phase = self.experiment.advance(now)
+        self.now = now
+        self.obey()
+        return phase
+
+    def go(self, seconds: float) -> Phase:
+        for _ in range(round(seconds * 1000 / BLOCK)):
+            phase = self.block()
+        return phase
+
+    def to_drive(self) -> None:
+        while self.experiment.phase is Phase.BACKGROUND:
+            self.block()
+        self.normal = 0.5
+        for _ in range(100):
+            if self.block() is Phase.DRIVE:
+                return
+        raise AssertionError("the drive did not begin")
+
+    def to_step(self, number: int, most_s: float = 200.0) -> None:
+        for _ in range(round(most_s * 1000 / BLOCK)):
+            if self.experiment.number >= number:
+                return
+            self.block()
+        raise AssertionError(f"step {number} did not begin: {self.experiment.text}")
+
+    def begun(self) -> list[str]:
+        return [order.text for order in self.orders if isinstance(order, Begin) and order.text]
+
+
+def test_the_steps_follow_in_order_and_say_what_they_are() -> None:
+    bench = Bench('{do="drive", travel=20}, {do="hold", time=2}, {do="drive", travel=-5}')
+    bench.to_drive()
+    assert bench.go(3.9) is Phase.DRIVE
+    bench.to_step(5, 0.3)
+    assert bench.travel_m == pytest.approx(20e-6)
+    began = bench.sample
+    assert bench.go(1.9) is Phase.DRIVE
+    assert bench.experiment.number == 5
+    bench.to_step(6, 0.2)
+    assert bench.sample - began == 2000
+    assert bench.go(2) is Phase.END
+    assert bench.travel_m == pytest.approx(15e-6)
+    assert bench.begun() == [
+        "1 of 6: background, 0.1 s",
+        "2 of 6: approach to 0.5 N",
+        "3 of 6: reference, 0.1 s",
+        "4 of 6: drive 20 um at 5 um/s",
+        "5 of 6: hold for 2 s",
+        "6 of 6: drive -5 um at 5 um/s",
+    ]
+    assert bench.experiment.completed == "all 6 steps are complete"
+    assert [order.is_turn for order in bench.orders if isinstance(order, Go)] == [False, True]
+
+
+def test_a_velocity_step_goes_on_without_a_stop() -> None:
+    bench = Bench('{do="drive", travel=10}, {do="velocity", velocity=20, travel=40},'
+                  ' {do="velocity", velocity=5, travel=5}, {do="reverse"}')  # fmt: skip
+    bench.to_drive()
+    bench.to_step(5)
+    first, jump = (order for order in bench.orders if isinstance(order, Go))
+    # each is sent to the end of all, so that nothing stops in between
+    assert first.target_m == pytest.approx(55e-6)
+    assert (jump.target_m, jump.velocity_m_s) == pytest.approx((55e-6, 20e-6))
+    assert jump.is_jump
+    assert 10e-6 <= bench.travel_m < 10.3e-6
+    bench.to_step(6)
+    assert 50e-6 <= bench.travel_m < 51.1e-6
+    bench.to_step(7)
+    assert bench.travel_m == pytest.approx(55e-6)
+    # back to where the drive began
+    assert bench.goal_m == pytest.approx(0.0)
+
+
+def test_reversals_and_cycles_turn_as_often_as_asked() -> None:
+    bench = Bench('{do="drive", travel=10}, {do="reverse", times=3}, {do="cycle", times=2,'
+                  ' travel=-5}', "run.velocity=10")  # fmt: skip
+    bench.to_drive()
+    assert bench.go(30) is Phase.END
+    goals = [round(order.target_m * 1e6) for order in bench.orders if isinstance(order, Go)]
+    assert goals == [10, 0, 10, 0, -5, 0, -5, 0]
+    turns = [order.is_turn for order in bench.orders if isinstance(order, Go)]
+    assert turns == [False, True, True, True, False, True, True, True]
+    assert bench.experiment.leg == 6
+
+
+@pytest.mark.parametrize(
+    ("until", "normal", "shear", "ends"),
+    [
+        ("until_force=0.2", 0.5, 0.21, True),
+        ("until_force=0.2", 0.5, 0.19, False),
+        ("until_force=0.2", 0.5, -0.3, False),
+        ("until_ratio=0.5", 0.5, 0.26, True),
+        ("until_ratio=0.5", 0.5, 0.24, False),
+    ],
+)
+def test_a_force_ends_a_motion(until: str, normal: float, shear: float, ends: bool) -> None:
+    bench = Bench(f'{{do="drive", travel=50, {until}}}, {{do="hold", time=1}}')
+    bench.to_drive()
+    bench.go(2)
+    bench.normal, bench.shear = normal, shear
+    bench.go(0.15)
+    assert (bench.experiment.number == 5) is ends
+    assert any(isinstance(order, Halt) for order in bench.orders) is ends
+
+
+def test_a_force_along_a_way_back_is_below_zero_at_first() -> None:
+    bench = Bench('{do="drive", travel=20}, {do="reverse", until_ratio=0.5}')
+    bench.to_drive()
+    bench.to_step(5)
+    bench.shear = 0.4
+    bench.go(1)
+    assert bench.experiment.number == 5
+    bench.shear = -0.3
+    assert bench.go(0.15) is Phase.END
+    assert bench.travel_m > 10e-6
+
+
+def test_a_drop_and_a_time_end_a_motion() -> None:
+    bench = Bench('{do="drive", travel=100, until_drop=0.1}, {do="drive", travel=50, until_time=2}')
+    bench.to_drive()
+    for shear in np.linspace(0.0, 0.4, 40):
+        bench.shear = float(shear)
+        bench.block()
+    assert bench.experiment.number == 4
+    bench.shear = 0.37
+    bench.go(0.2)
+    assert bench.experiment.number == 4
+    bench.shear = 0.355
+    bench.go(0.15)
+    assert bench.experiment.number == 5
+    before = bench.travel_m
+    assert bench.go(2.2) is Phase.END
+    assert bench.travel_m - before == pytest.approx(10e-6, abs=0.6e-6)
+
+
+def test_what_the_analysis_has_seen_ends_a_motion_and_what_it_saw_before_does_not() -> None:
+    bench = Bench('{do="drive", travel=40}, {do="drive", travel=100, until_stick=0.5},'
+                  ' {do="drive", travel=100, until_slid=10}')  # fmt: skip
+    bench.to_drive()
+    bench.seen = Seen(bench.sample, 0.2)
+    bench.to_step(5)
+    bench.go(1)
+    assert bench.experiment.number == 5
+    bench.seen = Seen(bench.sample - 100, float("nan"))
+    bench.go(0.5)
+    assert bench.experiment.number == 5
+    bench.seen = Seen(bench.sample - 100, 0.45)
+    bench.go(0.15)
+    assert bench.experiment.number == 6
+    start = bench.travel_m
+    bench.go(4)
+    # t_s was a second ago, at 15 um of this step: it ends at 25 um
+    bench.seen = Seen(bench.sample - 100, 0.1, bench.sample - 1000.0)
+    assert bench.go(0.5) is Phase.DRIVE
+    assert bench.go(1.2) is Phase.END
+    assert bench.travel_m - start == pytest.approx(25e-6, abs=0.6e-6)
+
+
+def test_a_condition_that_must_be_met_fails_without_it() -> None:
+    bench = Bench('{do="drive", travel=10, until_ratio=0.5, unmet="fail"}')
+    bench.to_drive()
+    with pytest.raises(ExperimentFailed, match=r"step 4 \(drive\): its travel has ended and no co"):
+        bench.go(5)
+
+
+def test_a_stage_that_does_not_stop_is_named() -> None:
+    bench = Bench('{do="drive", travel=50, until_time=1}')
+    bench.to_drive()
+    bench.go(1.0)
+    bench.stalls = True
+    with pytest.raises(ExperimentFailed, match="it was told to stop 2 s ago and still moves"):
+        bench.go(3)
+
+
+def test_a_stage_that_moves_in_a_hold_is_named() -> None:
+    bench = Bench('{do="drive", travel=20}, {do="hold", time=20}')
+    bench.to_drive()
+    bench.to_step(5)
+    bench.travel_m = bench.goal_m = 14e-6
+    with pytest.raises(ExperimentFailed, match=r"went 14\.0 um, but it stood at 20\.0 um when st"):
+        bench.block()
+
+
+def test_a_stage_that_stalls_or_strays_in_a_later_motion_is_named() -> None:
+    for stray in (False, True):
+        bench = Bench('{do="drive", travel=20}, {do="hold", time=1}, {do="drive", travel=-30}')
+        bench.to_drive()
+        bench.to_step(6)
+        bench.go(1)
+        bench.stalls = True
+        if stray:
+            bench.travel_m = 26e-6
+            with pytest.raises(ExperimentFailed, match=r"step 6 goes from 20\.0 to -10\.0 um"):
+                bench.block()
+        else:
+            with pytest.raises(ExperimentFailed, match=r"it stands at 15\.0 um of travel while it"):
+                bench.go(5)
+
+
+def test_a_stage_that_arrives_early_or_late_is_named() -> None:
+    early = Bench('{do="drive", travel=20}, {do="hold", time=1}, {do="drive", travel=-30}')
+    early.to_drive()
+    early.to_step(6)
+    early.goal_m = -5e-6
+    with pytest.raises(ExperimentFailed, match=r"actuator: it stopped after 25\.0 of 30 um"):
+        early.go(10)
+    late = Bench('{do="drive", travel=20}, {do="velocity", velocity=10, travel=300}')
+    late.to_drive()
+    late.to_step(5)
+    late.velocity = 5e-6
+    with pytest.raises(ExperimentFailed, match=r"of 300 um after 41 s, 30 s were expected"):
+        late.go(60)
+
+
+def test_a_reference_that_can_not_be_taken_is_named() -> None:
+    bench = Bench('{do="drive", travel=20}')
+    forces = np.tile([0.5, 0.0], (BLOCK, 1))
+    while bench.experiment.number < 3:
+        bench.normal = 0.5 if bench.experiment.number > 1 else 0.0
+        bench.block()
+    late = bench.sample + 31_000
+    with pytest.raises(ExperimentFailed, match="no image could be taken as reference in 3"):
+        bench.experiment.advance(Measured(late, forces, 0.0, False, False))
+
+
+def test_a_saturated_sensor_ends_a_hold() -> None:
+    bench = Bench('{do="drive", travel=5}, {do="hold", time=20}')
+    bench.to_drive()
+    bench.to_step(5)
+    forces = np.tile([0.5, 0.1], (BLOCK, 1))
+    now = Measured(bench.sample + BLOCK, forces, bench.travel_m, False, True, (0.2, 1.0))
+    with pytest.raises(ExperimentFailed, match="the shear sensor is at the end of its range"):
+        bench.experiment.advance(now)
+
+
+def test_a_question_waits_for_its_answer() -> None:
+    ask = '{do="ask", question="Is it dry?", timeout=5}'
+    bench = Bench('{do="drive", travel=5}', start=f"{ask}, {START}")
+    bench.experiment.answer("too early")
+    bench.go(2)
+    assert bench.experiment.question == "Is it dry?"
+    assert "Is it dry?" in bench.experiment.advice
+    bench.experiment.answer("quite")
+    bench.block()
+    assert Answered("quite") in bench.orders
+    assert bench.experiment.question == ""
+    assert bench.experiment.number == 2
+    silent = Bench('{do="drive", travel=5}', start=f"{ask}, {START}")
+    with pytest.raises(ExperimentFailed, match=r"step 1 \(ask\): nobody has answered in 5 s: Is"):
+        silent.go(6)
+    patient = Bench('{do="drive", travel=5}', start=f'{ask[:-1]}, unanswered="go on"}}, {START}')
+    patient.go(5.05)
+    assert patient.experiment.number == 2
+    assert Answered("") in patient.orders
+
+
+def test_the_sensors_are_zeroed_by_their_mean() -> None:
+    bench = Bench('{do="drive", travel=5}', start=f'{{do="zero", time=0.5}}, {START}')
+    bench.go(0.55)
+    assert [order for order in bench.orders if isinstance(order, Zeroed)] == [Zeroed((0.5, -0.25))]
+
+
+def test_phases_go_with_what_was_done() -> None:
+    bench = Bench(
+        '{do="ask", question="?"}, {do="drive", travel=5}',
+        start='{do="zero", time=0.1}, {do="background", time=0.1}, {do="ask", question="on?"},'
+        ' {do="approach"}, {do="hold", time=0.1}, {do="reference", time=0.1}',
+    )
+    phases = []
+    for _ in range(200):
+        bench.experiment.answer("yes")
+        bench.normal = 0.5 if bench.experiment.number > 2 else 0.0
+        phase = bench.block()
+        if not phases or phases[-1] is not phase:
+            phases.append(phase)
+    assert phases == list(Phase)
+    began = [order.phase for order in bench.orders if isinstance(order, Begin)]
+    assert began == [
+        Phase.BACKGROUND, None, Phase.CONTACT, None, None, Phase.REFERENCE, None, Phase.DRIVE,
+        Phase.END,
+    ]  # fmt: skip
+
+
+def test_the_time_left_is_that_of_the_plan() -> None:
+    bench = Bench('{do="drive", travel=50}, {do="hold", time=10}, {do="reverse"}')
+    bench.to_drive()
+    bench.go(4)
+    here, every = bench.experiment.left_s(bench.now)
+    assert here == pytest.approx(6.0, abs=0.06)
+    assert every == pytest.approx(26.0, abs=0.06)
+    assert bench.experiment.progress(bench.now) == pytest.approx(0.1 + 0.9 * 4 / 30, abs=2e-3)
+    bench.to_step(5)
+    bench.go(3)
+    assert bench.experiment.left_s(bench.now) == pytest.approx((7.0, 17.0), abs=0.06)
+    waiting = Bench('{do="drive", travel=50}')
+    waiting.go(1)
+    here, every = waiting.experiment.left_s(waiting.now)
+    assert np.isnan(here)
+    assert every == pytest.approx(10.1)

@@ -1,0 +1,411 @@
+"""The data of the figures against closed forms of the contact that the results describe."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import closed_form as exact
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from app.report.paper.collection import FIGURES, draw, stem
+from app.report.paper.runs import experiments
+from app.report.paper.style import Drawn, NotDrawn, write_table
+from app.results import Results, RunResult
+
+SOFTER = 3.0e6  # a block that is softer than the settings say
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    return exact.campaign()
+
+
+@pytest.fixture(scope="module")
+def softer() -> Results:
+    return exact.campaign(SOFTER)
+
+
+def of_load(table: dict[str, Any], P: float) -> dict[str, np.ndarray]:
+    rows = np.asarray(table["P_N"]) == P
+    return {name: np.asarray(values)[rows] for name, values in table.items()}
+
+
+def test_loads_are_coloured_from_cyan_to_pink(results: Results) -> None:
+    runs = experiments(results)
+    assert [run.P for run in runs] == list(exact.LOADS)
+    assert [to_hex(run.colour) for run in runs] == ["#00ffff", "#807fff", "#ff00ff"]
+
+
+def test_fig_5_is_the_stage_against_cantilever_lens_and_contact(results: Results) -> None:
+    table = draw("5", results).tables[""]
+    for P in exact.LOADS:
+        curve = of_load(table, P)
+        Q, delta = curve["Q_N"], curve["delta_um"] * 1e-6
+        a, G = exact.hertz_radius(P, exact.STATED_E), exact.STATED_E / 3
+        shift = 3 * exact.MU * P * 1.5 / (16 * G * a)
+        loading = Q < 0.999 * exact.MU * P
+        expected = shift * (1 - (1 - Q / (exact.MU * P)) ** (2 / 3)) + Q * (
+            1 / exact.K_T + exact.COMPLIANCE
+        )
+        np.testing.assert_allclose(delta[loading], expected[loading], rtol=1e-4)
+    numbered = np.asarray(table["instant"])
+    # nearest to 0.5 N, by ratio
+    assert set(np.asarray(table["P_N"])[numbered > 0]) == {0.7}
+    assert sorted(numbered[numbered > 0]) == [1, 2, 3, 4, 5, 6]
+
+
+def test_fig_3_is_hertz_and_the_arrows_sqrt_rh(results: Results) -> None:
+    table = draw("3", results).tables["b"]
+    expected = [1e3 * exact.hertz_radius(P, exact.STATED_E) for P in exact.LOADS]
+    np.testing.assert_allclose(table["a_H_mm"], expected, rtol=1e-9)
+    np.testing.assert_allclose(table["sqrt_Rh_mm"], 1e3 * np.sqrt(exact.R * 0.595e-6), rtol=1e-9)
+    np.testing.assert_allclose(table["a_mm"] - table["a_H_mm"], 0.277, rtol=1e-9)
+
+
+def test_fig_7_has_four_radii_of_the_apparent_contact(results: Results) -> None:
+    drawn = draw("7", results)
+    table, run = drawn.tables[""], experiments(results)[2]
+    assert "in the paper 0.5 N" in drawn.caption
+    stuck = table["time_s"] < 0.9 * run.summary.onset_time_s
+    assert np.abs(table["ux_0_um"][stuck]).max() == 0
+    at = np.array([run.apparent_radius])
+    for i in (20, 70):
+        Q = table["Q_N"][i]
+        c = run.hertz_radius * max(0.0, 1 - Q / (exact.MU * 0.7)) ** (1 / 3)
+        D = float(run.series("block_m")[i])
+        expected = D - exact.elastic(at, c, 0.7, exact.STATED_E)[0]
+        assert table["ux_a_um"][i] == pytest.approx(1e6 * expected, abs=0.02)
+
+
+def test_fig_8_has_the_extremes_of_q_over_p_for_bars(results: Results) -> None:
+    drawn = draw("8", results)
+    table = drawn.tables[""]
+    np.testing.assert_allclose(table["mu_d_least"], exact.MU - 0.006)
+    bars = drawn.figure.axes[0].containers[0].lines[2][0].get_segments()
+    np.testing.assert_allclose([np.ptp(bar[:, 1]) for bar in bars], 0.014)
+    np.testing.assert_allclose(table["Q_s_N"], 0.99 * exact.MU * np.array(exact.LOADS))
+    np.testing.assert_allclose(table["mu_s_sd_inputs"], 0.004 * 0.99 * exact.MU)
+
+
+def test_fig_9_sums_the_traction_by_the_modulus_of_the_run(softer: Results) -> None:
+    drawn = draw("9", softer)
+    table = drawn.tables[""]
+    np.testing.assert_allclose(table["Q_of_stress_N"], table["Q_N"], rtol=1e-12)
+    np.testing.assert_allclose(drawn.tables["_inset"]["E_MPa"], 3.0)
+    np.testing.assert_allclose(
+        drawn.tables["_inset"]["E_sd_inputs_MPa"], 3 * np.hypot(0.0099, 0.004)
+    )
+
+
+def brute_box_mean(profile: Any, r: float, side: float) -> float:
+    """Mean over a square about points of a circle, by many midpoints."""
+    offset = side * ((np.arange(60) + 0.5) / 60 - 0.5)
+    angle = 2 * np.pi * (np.arange(24) + 0.5) / 24
+    x = r * np.cos(angle)[:, None, None] + offset[:, None]
+    y = r * np.sin(angle)[:, None, None] + offset
+    return float(profile(np.hypot(x, y)).mean())
+
+
+def test_fig_11_is_johnson_smoothed_by_the_box(results: Results, softer: Results) -> None:
+    for found, E in ((results, exact.STATED_E), (softer, SOFTER)):
+        table = draw("11", found).tables[""]
+        for P in exact.LOADS:
+            curve = of_load(table, P)
+            stated = exact.hertz_radius(P, exact.STATED_E)
+            r = curve["r_mm"] * 1e-3
+            np.testing.assert_allclose(curve["r_over_a_H"], r / stated)
+            expected = exact.elastic(r, 0, P, E) / (exact.MU * stated**2)
+            np.testing.assert_allclose(curve["ux_over_mu_aH2_per_m"], expected, rtol=1e-9)
+            for i in (0, 15, 30):
+                smooth = brute_box_mean(
+                    lambda at, P=P: exact.elastic(at, 0, P, exact.STATED_E),
+                    r[i],
+                    0.6 * 20 * 7.04e-6,
+                )
+                here = curve["johnson_over_mu_aH2_per_m"][i] * exact.MU * stated**2
+                assert here == pytest.approx(smooth, rel=2e-4)
+
+
+def test_fig_12_compares_with_the_model_without_adjusting_it(results: Results) -> None:
+    drawn = draw("12", results)
+    table = drawn.tables["a"]
+    np.testing.assert_allclose(table["ux_over_a_H"], table["ux_CM_over_a_H"], atol=2e-8)
+    times = np.unique(table["time_s"])
+    assert np.abs(np.diff(times) - 1).max() < 0.35  # a frame every second, as near as they come
+    off = drawn.tables["b"]
+    assert list(off) == [
+        "time_s",
+        "Q_N",
+        "dux_0_um",
+        "dux_0.5a_H_um",
+        "dux_a_H_um",
+        "dux_1.5a_H_um",
+    ]
+    for name in list(off)[2:]:
+        assert np.nanmax(np.abs(off[name])) < 0.12  # by the straight lines between rings
+
+
+def test_fig_12_shows_what_a_softer_block_does(softer: Results) -> None:
+    off = draw("12", softer).tables["b"]
+    i, P = 30, 0.3
+    Q, a = off["Q_N"][i], exact.hertz_radius(P, SOFTER)
+    part = 1 - Q / (exact.MU * P)
+    shift = 3 * exact.MU * P * 1.5 / (16 * SOFTER / 3 * a) * (1 - part ** (2 / 3))
+    stated = exact.hertz_radius(P, exact.STATED_E)
+    at = np.array([1.5 * stated])
+    measured = shift - exact.elastic(at, a * part ** (1 / 3), P, SOFTER)
+    model = 3 * exact.MU * P * 1.5 / (16 * exact.STATED_E / 3 * stated) * (1 - part ** (2 / 3))
+    model -= exact.elastic(at, stated * part ** (1 / 3), P, exact.STATED_E)
+    assert off["dux_1.5a_H_um"][i] == pytest.approx(1e6 * (measured - model)[0], abs=0.02)
+
+
+def test_fig_13_is_the_traction_by_the_modulus_of_the_run(softer: Results) -> None:
+    drawn = draw("13", softer)
+    assert "P = 0.3 N (in the paper 0.2 N) and P = 0.7 N" in drawn.caption
+    for letter, P in (("a", 0.3), ("b", 0.7)):
+        table = drawn.tables[letter]
+        a = exact.hertz_radius(P, SOFTER)
+        for time in np.unique(table["time_s"])[[3, 6]]:
+            rows = table["time_s"] == time
+            r, Q = table["r_mm"][rows] * 1e-3, table["Q_N"][rows][0]
+            c = a * (1 - Q / (exact.MU * P)) ** (1 / 3)
+            expected = exact.traction(r, c, P, SOFTER)
+            np.testing.assert_allclose(table["sigma_kPa"][rows], 1e-3 * expected, atol=1e-3)
+            smooth = [
+                brute_box_mean(lambda at, c=c, P=P: exact.traction(at, c, P, SOFTER), one, 84.48e-6)
+                for one in r[:6]
+            ]
+            np.testing.assert_allclose(table["sigma_CM_kPa"][rows][:6] * 1e3, smooth, rtol=2e-3)
+    over = drawn.tables["d"]
+    np.testing.assert_allclose(over["sigma_0_kPa"], over["sigma_CM_0_kPa"], rtol=0.02, atol=0.05)
+
+
+def test_fig_14_has_the_radius_of_each_frame_beside_the_equation(results: Results) -> None:
+    table = draw("14", results).tables[""]
+    for P in (0.3, 0.7):
+        curve = of_load(table, P)
+        expected = 1e3 * exact.hertz_radius(P, exact.STATED_E) * (
+            1 - curve["Q_N"] / (exact.MU * P)
+        ) ** (1 / 3)  # fmt: skip
+        np.testing.assert_allclose(curve["c_CM_mm"], expected, rtol=1e-9)
+        np.testing.assert_allclose(curve["c_mm"], expected, rtol=1e-6)
+
+
+def test_fig_15_is_the_law_at_radii_every_70_um(results: Results) -> None:
+    tables = draw("15", results).tables
+    radii = np.unique(tables["b"]["r_mm"])
+    np.testing.assert_allclose(np.diff(radii), 0.07)
+    last = 1e3 * (exact.hertz_radius(0.7, exact.STATED_E) - np.sqrt(exact.R * 0.595e-6))
+    assert last - 0.07 <= radii[-1] < last
+    alpha, ratio = tables["b"]["s_over_muL"], tables["b"]["sigma_over_mu_p"]
+    told = np.isfinite(alpha)
+    assert told.sum() > 1000
+    np.testing.assert_allclose(ratio[told], 1 - np.exp(-alpha[told]), atol=1e-3)
+    sliding = tables["a"]["time_s"] > tables["a"]["time_s"].max() - 1
+    np.testing.assert_allclose(tables["a"]["sigma_over_p"][sliding], exact.MU, rtol=2e-3)
+
+
+def test_the_work_of_the_traction_is_that_of_the_forces(softer: Results) -> None:
+    """And, once all slides, mu P times the way."""
+    drawn = draw("dissipation", softer)
+    for P in exact.LOADS:
+        curve = of_load(drawn.tables["b"], P)
+        whole = curve["work_of_traction_uJ"][-1]
+        off = curve["work_of_traction_uJ"] - curve["work_of_forces_uJ"]
+        assert np.abs(off).max() < 0.01 * whole
+        way = np.diff(curve["delta_um"])[-1]
+        assert np.diff(curve["work_of_traction_uJ"])[-1] == pytest.approx(
+            exact.MU * P * way, rel=0.01
+        )
+    profile = of_load(drawn.tables["a"], 0.7)
+    assert profile["work_J_per_m2"][0] < 0.02 * profile["work_J_per_m2"].max()  # it sticks there
+
+
+def test_the_stiffness_is_the_pressure_over_the_length(results: Results) -> None:
+    table = draw("stiffness", results).tables[""]
+    good = table["p_kPa"] > 0
+    np.testing.assert_allclose(
+        table["k_GPa_per_m"][good], table["p_kPa"][good] * 1e-6 / exact.LENGTH
+    )
+
+
+def test_the_pressure_stands_beside_hertz(results: Results) -> None:
+    table = draw("pressure", results).tables[""]
+    np.testing.assert_allclose(table["p_kPa"], table["p_hertz_kPa"], atol=1e-6)
+    rough = of_load(table, 0.1)["p_greenwood_tripp_kPa"]
+    assert 0.85 < rough[0] / of_load(table, 0.1)["p_hertz_kPa"][0] < 0.97
+
+
+def test_the_budget_names_input_and_result(results: Results) -> None:
+    table = draw("budget", results).tables[""]
+    one = {(q, i): s for P, q, i, s in zip(*(table[k] for k in table), strict=True) if P == 0.3}
+    assert one["law_length", "pixel size"] == 0.0066
+    assert one["young_modulus", "shear force"] == 0.004
+    assert len(one) == 6
+
+
+def test_fields_keep_place_and_unit(results: Results) -> None:
+    for name, key, factor, values in (
+        ("6a", "ux_um", 1e6, "ux_m"),
+        ("6b", "uy_um", 1e6, "uy_m"),
+        ("10", "sigma_kPa", 1e-3, "stress_pa"),
+    ):
+        table = draw(name, results).tables[""]
+        instants = results.runs[0].instants  # of 0.7 N
+        row = np.flatnonzero(
+            (table["instant"] == 3)
+            & np.isclose(table["x_mm"], 1e3 * instants.x_m[20])
+            & np.isclose(table["y_mm"], 1e3 * instants.y_m[4])
+        )
+        assert table[key][row] == pytest.approx(factor * getattr(instants, values)[2, 4, 20])
+
+
+@pytest.fixture(scope="module")
+def drawn(results: Results) -> dict[str, Drawn]:
+    return {name: draw(name, results) for name in FIGURES}
+
+
+def test_no_text_covers_another_or_leaves_the_figure(drawn: dict[str, Drawn]) -> None:
+    every_covered, every_outside = {}, {}
+    for name, one in drawn.items():
+        figure = one.figure
+        figure.canvas.draw()
+        renderer = figure.canvas.get_renderer()
+        texts = []
+        for axes in [a for a in figure.axes if a.axison and a.get_visible()]:
+            every = [axes, *axes.child_axes]
+            for panel in every:
+                ticks = [
+                    label
+                    for axis, limits in (
+                        (panel.xaxis, panel.get_xlim()),
+                        (panel.yaxis, panel.get_ylim()),
+                    )
+                    for at, label in zip(
+                        axis.get_majorticklocs(), axis.get_ticklabels(), strict=False
+                    )
+                    if min(limits) <= at <= max(limits) and label.get_visible()
+                ]
+                own = (panel.title, panel._left_title, panel.xaxis.label, panel.yaxis.label)
+                texts += [t for t in (*own, *ticks) if t.get_text() and t.get_visible()]
+        # texts turned askew have boxes that overlap though they do not
+        upright = [t for t in texts if t.get_rotation() in (0, 90)]
+        boxes = [(t.get_text(), t.get_window_extent(renderer).padded(-0.5)) for t in upright]
+        wide, high = figure.canvas.get_width_height()
+        covered = [
+            (a, b)
+            for i, (a, box) in enumerate(boxes)
+            for b, other in boxes[i + 1 :]
+            if box.overlaps(other)
+        ]
+        every_covered[name] = covered
+        outside = [
+            text
+            for text, box in boxes
+            if box.x0 < -1 or box.y0 < -1 or box.x1 > wide + 1 or box.y1 > high + 1
+        ]
+        every_outside[name] = outside
+    assert {name: pairs for name, pairs in every_covered.items() if pairs} == {}
+    assert {name: texts for name, texts in every_outside.items() if texts} == {}
+
+
+def test_columns_are_of_one_length_and_name_their_unit(drawn: dict[str, Drawn]) -> None:
+    plain = {"instant", "quantity", "input", "relative_sd", "shift", "mu"}
+    for one in drawn.values():
+        for table in one.tables.values():
+            assert len({len(np.atleast_1d(v)) for v in table.values()}) == 1
+            for column in set(table) - plain:
+                assert "_" in column, column
+
+
+def test_what_was_not_measured_is_left_out_with_its_reason(results: Results) -> None:
+    alone = replace(results, runs=(exact.run_of(0.3, slides=False),))
+    reasons = {}
+    for name in FIGURES:
+        try:
+            draw(name, alone)
+        except NotDrawn as reason:
+            reasons[name] = str(reason)
+    assert sorted(reasons) == ["11", "15", "8", "budget", "law", "pressure", "stiffness"]
+    assert "no run slides" in reasons["11"]
+
+
+def test_a_single_run_is_drawn_for_every_load(results: Results) -> None:
+    alone = replace(results, runs=(exact.run_of(0.4),))
+    for name in FIGURES:
+        assert draw(name, alone).caption
+    assert "P = 0.4 N (in the paper 0.7 N)" in draw("15", alone).caption
+
+
+def test_numbers_in_a_table_come_back(tmp_path: Any) -> None:
+    path = tmp_path / "t.csv"
+    write_table({"P_N": np.array([0.1, np.nan]), "name": ["=1+1", 'a,"b"']}, path)
+    assert path.read_text() == 'P_N,name\n0.1,\'=1+1\nnan,"a,""b"""\n'
+
+
+def test_names_of_files_are_in_order() -> None:
+    assert [stem(n) for n in ("2", "4d", "6a", "15", "law")] == [
+        "fig02", "fig04d", "fig06a", "fig15", "law",
+    ]  # fmt: skip
+
+
+def sliced(run: RunResult, rows: slice) -> RunResult:
+    """A run with some of its frames."""
+    rings, law = (
+        type(part)(*(getattr(part, name)[rows] for name in part.__slots__))
+        for part in (run.rings, run.law)
+    )
+    return replace(run, frames=run.frames[rows], rings=rings, law=law)
+
+
+def at_rest(run: RunResult) -> RunResult:
+    frames = run.frames.copy()
+    frames["phase"] = "reference"
+    return replace(run, frames=frames)
+
+
+def without_forces(run: RunResult) -> RunResult:
+    frames = run.frames.copy()
+    frames["shear_force_n"] = np.nan
+    return replace(run, frames=frames)
+
+
+def unpictured(run: RunResult) -> RunResult:
+    nothing = np.empty((0, 0), np.uint8)
+    return replace(run, contact=None, pictures=replace(run.pictures, reference=nothing))
+
+
+ODD = {  # what is odd -> the run, and figures that are left out for it among others
+    "no frame": (lambda run: sliced(run, slice(0, 0)), {"5", "7", "12", "13"}),
+    "one frame": (lambda run: sliced(run, slice(0, 2)), {"11"}),
+    "at rest": (at_rest, {"5", "7", "11", "12", "14", "15"}),
+    "no force": (without_forces, {"12", "13"}),
+    "no picture": (unpictured, {"2", "3"}),
+    "instants of other frames": (
+        lambda run: replace(run, instants=replace(run.instants, frame=run.instants.frame + 1000)),
+        set(),
+    ),
+    "lighter than its rim": (
+        lambda run: replace(run, summary=replace(run.summary, normal_force_n=1e-6)),
+        {"15"},
+    ),
+}
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_an_odd_run_is_drawn_or_left_out(what: str, results: Results) -> None:
+    change, missing = ODD[what]
+    alone = replace(results, runs=(change(exact.run_of(0.3)),))
+    left_out = set()
+    for name in FIGURES:
+        try:
+            drawn = draw(name, alone)
+        except NotDrawn:
+            left_out.add(name)
+        else:
+            drawn.figure.canvas.draw()
+    assert missing <= left_out
+    assert len(left_out) < 14

@@ -1,0 +1,271 @@
+"""`slipscope figures`: the folder that it makes, the report, the same bytes, and bad input."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+import re
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import closed_form as exact
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import app
+from app.exchange.tables import FORCE, LENGTH, read_table
+from app.session.results import write_results
+from app.summary import Summary
+
+BRIEF = ("--only", "2", "6a", "15", "budget", "--format", "png", "pdf", "svg")
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["figures", *map(str, arguments)])
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("results") / "results.h5"
+    write_results(path, exact.campaign())
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(file: Path) -> Path:
+    path = file.parent / "paper"
+    code, told = run(file, "-o", path)
+    assert code == 0, told
+    assert "20 figures, summary.json, report.html, report.md" in told
+    return path
+
+
+@pytest.fixture(scope="module")
+def data(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return found
+
+
+def test_a_newcomer_finds_every_figure_with_its_data(folder: Path) -> None:
+    names = {path.name for path in folder.iterdir()}
+    figures = {f"fig{n:02d}" for n in (2, 3, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15)}
+    figures |= {"fig04d", "fig06a", "fig06b"}
+    figures |= {"pressure", "stiffness", "law", "dissipation", "budget"}
+    for name in figures:
+        assert {f"{name}.png", f"{name}.pdf"} <= names
+        assert any(re.fullmatch(rf"{name}(_inset|[a-d])?\.csv", one) for one in names)
+    others = {n for n in names if not any(n.startswith(name) for name in figures)}
+    assert others == {"summary.json", "report.html", "report.md"}
+    assert (folder / "fig05.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "fig05.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_tables_are_read_by_the_names_that_the_program_knows(folder: Path) -> None:
+    table = read_table(folder / "fig05.csv", {"p": FORCE, "q": FORCE, "delta": LENGTH})
+    assert table.units == {"p": "n", "q": "n", "delta": "um"}
+    assert table.numbers["q"].max() == pytest.approx(exact.MU * 0.7)
+
+
+def test_the_same_results_are_the_same_bytes(file: Path, tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        assert run(file, "-o", tmp_path / name, *BRIEF)[0] == 0
+    first, second = (
+        {p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("one", "two")
+    )
+    assert {"fig15.svg", "fig15.pdf", "fig02.svg", "report.html"} <= set(first)
+    assert first == second
+    assert run(file, "-o", tmp_path / "one", *BRIEF, "--overwrite")[0] == 0
+    assert {p.name: p.read_bytes() for p in (tmp_path / "one").iterdir()} == first
+
+
+UNITS = {"MPa": 1e6, "um": 1e-6, "mm": 1e-3, "kPa": 1e3, "kPa/um": 1e9, "uJ": 1e-6, "um/N": 1e-6,
+         "um/s": 1e-6}  # fmt: skip
+SHOWN = {  # the units in which the report shows what JSON holds in SI units
+    "_pa": "MPa", "apparent_radius_m": "mm", "hertz_radius_m": "mm", "lens_radius_m": "mm",
+    "thickness_m": "mm", "pressure_pa": "kPa", "_pa_m": "kPa/um", "_m": "um", "_j": "uJ",
+    "_m_n": "um/N", "_m_s": "um/s", "_n_m": "N/m",
+}  # fmt: skip
+
+
+def shown(key: str, value: float) -> float:
+    ending = max((e for e in SHOWN if key.endswith(e)), key=len, default="")
+    return value / UNITS.get(SHOWN.get(ending, ""), 1.0)
+
+
+def texts_of(key: str, number: dict[str, Any], line: str) -> None:
+    """The line of a report has this number and its uncertainties, rounded to what they tell."""
+    numbers = [float(x) for x in re.findall(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?", line)]
+    for part in ("value", "sd_noise", "sd_inputs"):
+        if (value := number[part]) is None or (part != "value" and not value):
+            continue
+        wanted = shown(key, value)
+        near = min(numbers, key=lambda one: abs(one - wanted))
+        scale = abs(wanted) if part == "value" else max(abs(wanted), 0.1 * abs(near))
+        assert near == pytest.approx(wanted, abs=0.06 * scale + 1e-12), (key, part, line)
+    if (paper := number.get("paper")) is not None:
+        assert any(math.isclose(x, shown(key, paper["value"]), rel_tol=1e-3) for x in numbers), key
+
+
+@pytest.mark.parametrize("kind", ["md", "html"])
+def test_the_report_holds_every_number_of_the_summary(
+    folder: Path, data: dict[str, Any], kind: str
+) -> None:
+    text = (folder / f"report.{kind}").read_text(encoding="utf-8")
+    lines = re.sub(r"\\(.)", r"\1", text).splitlines()
+    if kind == "html":
+        lines = [html.unescape(re.sub("<[^>]+>", " | ", line)) for line in lines]
+    groups = [data["inputs"], data["joint"]["numbers"], *(r["numbers"] for r in data["runs"])]
+    assert sum(map(len, groups)) > 90
+    for group in groups:
+        for key, number in group.items():
+            if number["value"] is None:
+                continue
+            own = [line for line in lines if number["name"] in line and "|" in line]
+            assert own, key
+            texts_of(key, number, " ".join(own))
+    for one in data["runs"]:
+        for number in one["numbers"].values():
+            for share in number.get("budget", {}).values():
+                assert f"{100 * share:+.3f}" in text or share == 0
+    for item, value in data["correlation"].items():
+        assert any(item in line and value in line for line in lines), item
+    for one in data["figures"].values():
+        assert any(one["caption"] in line for line in lines)
+
+
+def test_the_summary_is_what_the_results_say(data: dict[str, Any]) -> None:
+    lightest = data["runs"][0]
+    assert lightest["session"] == "load-0.1.h5"
+    assert lightest["sample"] == "PDMS <7>"
+    E = lightest["numbers"]["young_modulus_pa"]
+    assert E["value"] == exact.STATED_E
+    assert E["sd_inputs"] == pytest.approx(exact.STATED_E * math.hypot(0.0099, 0.004))
+    assert E["budget"] == {"pixel size": -0.0099, "shear force": 0.004}
+    assert E["paper"] == {"value": 3.43e6, "sd": 0.05e6, "where": "JKR test, section 2.2"}
+    k = lightest["numbers"]["stiffness_at_25_kpa_pa_m"]["value"]
+    assert k == pytest.approx(25e3 / exact.LENGTH)
+    # the paper gives Hertz's radius at 0.3 N only
+    assert "paper" not in lightest["numbers"]["hertz_radius_m"]
+    assert data["runs"][1]["numbers"]["hertz_radius_m"]["paper"]["value"] == 1.857e-3
+    work = lightest["numbers"]
+    whole = work["work_of_traction_j"]["value"]
+    assert whole == pytest.approx(work["work_of_forces_j"]["value"], rel=0.01)
+    bureau = data["joint"]["numbers"]["bureau_length_m"]
+    assert bureau["value"] == pytest.approx(1.5 * 0.595e-6)
+    assert bureau["paper"]["value"] == 0.89e-6
+
+
+def test_no_number_of_a_run_is_forgotten(data: dict[str, Any]) -> None:
+    numbers = {f.name for f in fields(Summary) if f.type == "float"}
+    values = {name for name in numbers if "_sd" not in name} | {"calibration_sd"}
+    assert len(values) == 15
+    for run in data["runs"]:
+        assert values <= set(run["numbers"])
+        own = exact.run_of(run["numbers"]["normal_force_n"]["value"]).summary
+        for name in values:
+            expected = getattr(own, name)  # null where nothing ages
+            found = run["numbers"][name]["value"]
+            assert found == (
+                pytest.approx(expected, rel=1e-12) if math.isfinite(expected) else None
+            )
+
+
+def test_the_page_needs_nothing_else(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    sources = re.findall(r'(?:src|href)="([^"]{0,22})', page)
+    assert len(sources) == 20
+    assert set(sources) == {"data:image/png;base64,"}
+    assert not re.search(r"<script|@import|url\(", page)
+    assert "PDMS &lt;7&gt;" in page
+    assert "PDMS <7>" not in page
+    markdown = (folder / "report.md").read_text(encoding="utf-8")
+    assert r"note: a \| b" in markdown
+    for picture in re.findall(r"\]\((.+?)\)", markdown):
+        assert (folder / picture).exists()
+
+
+def test_the_guide_is_answered(data: dict[str, Any]) -> None:
+    table = data["correlation"]
+    assert table["image size"] == "320 x 240 px, 8 bit"
+    assert table["field of view"] == "2.25 mm x 1.69 mm"
+    assert table["frame rate"].startswith("8 images/s")
+    assert table["exposure"].startswith("10 ms")
+    assert table["subset (box) size"] == "20 px (141 µm)"
+    assert table["step"] == "10 px (70 µm)"
+    assert table["displacement noise floor"].startswith("0.0060 px (42 nm)")
+    assert table["lens, focal length, aperture"] == "not recorded"
+    assert "maker and model not recorded" in table["camera"]
+
+
+def test_a_figure_that_can_not_be_drawn_is_left_out_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "short.h5"
+    write_results(path, replace(exact.campaign(), runs=(exact.run_of(0.3, slides=False),)))
+    code, told = run(path, "-o", tmp_path / "paper")
+    assert code == 0
+    assert "left out: figure 8, no run reached steady sliding" in told
+    assert "13 figures" in told
+    names = {p.name for p in (tmp_path / "paper").iterdir()}
+    assert "fig07.png" in names
+    assert not any(name.startswith(("fig08", "law", "budget")) for name in names)
+    page = (tmp_path / "paper" / "report.html").read_text(encoding="utf-8")
+    assert "Left out: no run reached steady sliding" in page
+
+
+def refused(*arguments: object) -> str:
+    code, told = run(*arguments)
+    assert code == 2, told
+    assert told.count("slipscope: ") == 1
+    assert "Traceback" not in told
+    return told
+
+
+def test_bad_input_is_one_sentence(file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "paper"
+    assert "there is no such file" in refused(tmp_path / "none.h5", "-o", out)
+    assert "figure 99: there is none; use 2, 3, 4d" in refused(file, "-o", out, "--only", "5", "99")
+    assert "--format gif: not known; use png, pdf, svg" in refused(
+        file, "-o", out, "--format", "gif"
+    )
+    text = tmp_path / "notes.h5"
+    text.write_text("no results")
+    assert str(text) in refused(text, "-o", out)
+    assert "does not exist" in refused(file, "-o", tmp_path / "no" / "paper")
+    assert not out.exists()
+
+
+def test_a_folder_with_other_things_is_left_alone(file: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    assert "the folder is not empty" in refused(file, "-o", tmp_path, *BRIEF)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+    assert run(file, "-o", tmp_path, *BRIEF, "--overwrite")[0] == 0
+    assert (tmp_path / "thesis.tex").read_text() == "mine"
+    assert (tmp_path / "fig15.svg").exists()
+    assert run(file, "-o", tmp_path, "--only", "5", "--overwrite")[0] == 0
+    names = {p.name for p in tmp_path.iterdir()}
+    assert {"fig05.png", "fig15.svg", "thesis.tex"} <= names  # other figures stay
+    assert run(file, "-o", tmp_path, "--only", "5", "--format", "svg", "--overwrite")[0] == 0
+    assert not (tmp_path / "fig05.png").exists()
+
+
+def test_results_without_the_load_are_refused(tmp_path: Path) -> None:
+    one = exact.run_of(0.3)
+    path = tmp_path / "unloaded.h5"
+    unloaded = replace(one, summary=replace(one.summary, normal_force_n=math.nan))
+    write_results(path, replace(exact.campaign(), runs=(unloaded,)))
+    told = refused(path, "-o", tmp_path / "paper")
+    assert "none of its 1 runs has a normal force" in told
+    write_results(path, replace(exact.campaign(), runs=()), overwrite=True)
+    assert "it holds no run" in refused(path, "-o", tmp_path / "paper")
+
+
+def test_one_document_for_programs(file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "paper"
+    result = CliRunner().invoke(app, ["figures", str(file), "-o", str(out), *BRIEF, "--json"])
+    told = json.loads(result.stdout)
+    assert told == json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert list(told["figures"]) == ["2", "6a", "15", "budget"]
+    again = CliRunner().invoke(app, ["figures", str(file), "-o", str(out), "--json"])
+    assert "not empty" in json.loads(again.stdout)["error"]

@@ -1,0 +1,24 @@
+"""Results of two small runs, for the tests of this folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from loads import small_sessions
+
+from app.results import Joint, Results
+from app.study.one import run_result
+
+
+@pytest.fixture(scope="session")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two sessions, to be read only."""
+    return small_sessions(tmp_path_factory.mktemp("loads"))
+
+
+@pytest.fixture(scope="session")
+def results(sessions: list[Path]) -> Results:
+    """What is in them."""
+    runs = tuple(run_result(path) for path in sessions)
+    return Results(runs=runs, joint=Joint(notes=("none",)), made_with={"slipscope": "0.1.0"})

@@ -1,0 +1,183 @@
+"""Sessions analysed together: the same to the bit however it is done, and taken up again where it
+was left.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import psutil
+import pytest
+
+from app.errors import UserError
+from app.records import Outcome
+from app.session.results import read_results
+from app.study import worker
+from app.study.analyzing import AnalysisFailed, analyze
+from app.study.parts import Parts
+from app.study.plan import RECORDED, planned
+
+PATIENCE_S = 240.0
+
+
+TWO_THREADS = "dic.threads=2"  # which processes beside one another do not use
+
+
+def asked(sessions, output, *changes):
+    return planned(sessions, output, preset=RECORDED, overrides=(TWO_THREADS, *changes))
+
+
+def command(*arguments):
+    """A `slipscope analyze` that runs."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "app", "analyze", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def once(sessions, tmp_path_factory):
+    """The results of one after the other, in this process."""
+    output = tmp_path_factory.mktemp("once") / "results.h5"
+    analyze(asked(sessions, output), jobs=1)
+    return output
+
+
+def test_the_runs_come_by_load_with_what_they_have_in_common(once, sessions):
+    results = read_results(once)
+    assert [run.origin.session for run in results.runs] == ["load-0.06.h5", "load-0.09.h5"]
+    forces = [run.summary.normal_force_n for run in results.runs]
+    assert forces == pytest.approx([0.06, 0.09], rel=0.01)
+    for run in results.runs:
+        assert len(run.instants.frame) == 6
+        assert run.noise.sigma_px[0] > run.noise.sigma_px[-1] > 0
+        assert (run.noise.sigma_px > 0.8 * run.noise.floor_px).all()
+        assert len(run.origin.checksum) == 64
+    assert results.joint.young_modulus_pa == pytest.approx(3.43e6, rel=0.03)
+    assert results.joint.mu == pytest.approx(0.93, rel=0.01)
+    assert results.made_with["preset"] == RECORDED
+    assert not Parts(once).folder.exists()
+
+
+def test_two_processes_give_the_same_bytes_in_any_order(once, sessions, tmp_path):
+    shares = []
+    plan = asked(sessions[::-1], tmp_path / "two.h5")
+    analyze(plan, jobs=2, on_progress=lambda text, share: shares.append((text, share)))
+    assert plan.output.read_bytes() == once.read_bytes()
+    assert shares[0] == ("0 of 2 sessions", 0.0)
+    assert shares[-1] == ("2 of 2 sessions", 1.0)
+    assert sorted(share for _, share in shares) == [share for _, share in shares]
+
+
+def test_an_interrupted_analysis_goes_on(once, sessions, tmp_path, monkeypatch):
+    plan = asked(sessions, tmp_path / "left.h5")
+
+    def leave(text, share):
+        if text.startswith("1 of 2"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        analyze(plan, jobs=1, on_progress=leave)
+    assert not plan.output.exists()
+    begun = []
+
+    def counted(path, *more):
+        begun.append(path)
+        return run_result(path, *more)
+
+    run_result = worker.run_result
+    monkeypatch.setattr(worker, "run_result", counted)
+    analyze(plan, jobs=1)
+    assert len(begun) == 1
+    assert plan.output.read_bytes() == once.read_bytes()
+
+
+def test_other_settings_do_not_go_on_from_there(sessions, tmp_path):
+    plain, other = (
+        asked(sessions, tmp_path / "keys.h5", *changed)
+        for changed in ((), ("sample.roughness=0.6",))
+    )
+    assert not {task.key for task in plain.tasks} & {task.key for task in other.tasks}
+
+
+def test_a_killed_command_leaves_no_process_and_goes_on(once, sessions, tmp_path):
+    output = tmp_path / "killed.h5"
+    arguments = *sessions, "-o", output, "--preset", RECORDED, "--jobs", 2, "--set", TWO_THREADS
+    process = command(*arguments)
+    parts = Parts(output).folder
+    until = time.monotonic() + PATIENCE_S
+    while not list(parts.glob("*.h5")) and time.monotonic() < until:
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.05)
+    children = psutil.Process(process.pid).children(recursive=True)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    _, alive = psutil.wait_procs(children, timeout=60)
+    assert not alive
+    again = command(*arguments, "--json")
+    said, errors = again.communicate(timeout=PATIENCE_S)
+    assert again.returncode == 0, errors
+    assert output.read_bytes() == once.read_bytes()
+    told = json.loads(said)
+    assert [run["session"] for run in told["runs"]] == ["load-0.06.h5", "load-0.09.h5"]
+    assert told["joint"]["length_m"] == pytest.approx(0.8e-6, rel=0.2)
+
+
+def test_a_session_that_fails_costs_only_itself(sessions, tmp_path, monkeypatch):
+    plan = asked(sessions, tmp_path / "half.h5")
+
+    def failing(path, *more):
+        if path.name == sessions[0].name:
+            raise OSError("the disk is gone")
+        return run_result(path, *more)
+
+    run_result = worker.run_result
+    monkeypatch.setattr(worker, "run_result", failing)
+    with pytest.raises(AnalysisFailed, match=r"the disk is gone.*goes on from there"):
+        analyze(plan, jobs=1)
+    assert not plan.output.exists()
+    assert len(Parts(plan.output).done(plan.tasks)) == 1
+
+
+def test_a_session_of_which_no_image_can_be_read_is_a_sentence(sessions, tmp_path):
+    spoiled = shutil.copy(sessions[0], tmp_path / "spoiled.h5")
+    with h5py.File(spoiled, "r+") as file:
+        file["/entry/triggers/checksum"][:] = 1
+    plan = asked([spoiled], tmp_path / "none.h5")
+    with pytest.raises(AnalysisFailed, match=r"spoiled.h5: none of its images is the one that was"):
+        analyze(plan, jobs=1)
+
+
+def test_altered_images_are_left_out_with_a_note(sessions, tmp_path):
+    spoiled = shutil.copy(sessions[0], tmp_path / "spoiled.h5")
+    with h5py.File(spoiled, "r+") as file:
+        file["/entry/triggers/checksum"][60:62] = 1
+    plan = asked([spoiled], tmp_path / "left.h5")
+    analyze(plan, jobs=1)
+    (run,) = read_results(plan.output).runs
+    assert run.summary.notes[0].startswith("2 images are not those that were recorded")
+    assert not {60, 61} & set(run.frames["frame"].tolist())
+
+
+def test_two_commands_do_not_make_the_same_results(sessions, tmp_path):
+    plan = asked(sessions, tmp_path / "one.h5")
+    with Parts(plan.output).held(), pytest.raises(UserError, match="another program is making"):
+        analyze(plan, jobs=1)
+
+
+def test_a_failed_run_is_analysed_with_a_note(sessions, tmp_path, monkeypatch):
+    from app.session.reader import SessionReader
+
+    failed = property(lambda self: Outcome("failed", "Q came near its limit", None, None))
+    monkeypatch.setattr(SessionReader, "outcome", failed)
+    plan = asked(sessions[:1], tmp_path / "failed.h5")
+    assert plan.notes == (
+        "load-0.06.h5: the run ended as failed (Q came near its limit); its images are analysed",
+    )

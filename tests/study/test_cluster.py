@@ -1,0 +1,91 @@
+"""Sessions analysed on a Dask cluster of two workers: the same to the bit, also when one of them is
+killed.
+"""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+from distributed import LocalCluster
+
+from app.errors import UserError
+from app.study import cluster
+from app.study.analyzing import AnalysisFailed, analyze
+from app.study.plan import RECORDED, planned, programs
+from app.study.worker import Failed
+
+PATIENCE_S = 240.0
+
+
+@pytest.fixture(scope="module")
+def workers():
+    """Two processes on this computer."""
+    with LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+        silence_logs=100,
+    ) as held:
+        yield held
+
+
+def test_a_lost_worker_costs_its_own_part_only(workers, sessions, tmp_path):
+    here = planned(sessions, tmp_path / "here.h5", preset=RECORDED)
+    there = planned(sessions, tmp_path / "there.h5", preset=RECORDED)
+    killed = []
+
+    def kill_who_works():
+        until = time.monotonic() + PATIENCE_S
+        while not killed and time.monotonic() < until:
+            for state in list(workers.scheduler.workers.values()):
+                if state.processing and state.pid not in killed:
+                    time.sleep(1.0)  # in the middle of a session
+                    os.kill(workers.workers[state.name].pid, signal.SIGKILL)
+                    killed.append(state.pid)
+                    return
+            time.sleep(0.05)
+
+    thread = threading.Thread(target=kill_who_works)
+    thread.start()
+    told = []
+    analyze(
+        there,
+        scheduler=workers.scheduler_address,
+        on_progress=lambda text, share: told.append(text),
+    )
+    thread.join()
+    assert killed
+    assert told[-1] == "2 of 2 sessions"
+    analyze(here, jobs=1)
+    assert there.output.read_bytes() == here.output.read_bytes()
+
+
+def test_a_session_that_no_worker_sees_is_a_sentence(workers, sessions, tmp_path, monkeypatch):
+    plan = planned(sessions[:1], tmp_path / "unseen.h5", preset=RECORDED)
+    import shutil
+    from dataclasses import replace
+
+    gone = shutil.copy(sessions[0], tmp_path / "gone.h5")
+    tasks = (replace(plan.tasks[0], session=str(gone)),)
+    os.remove(gone)
+    with pytest.raises(AnalysisFailed, match=r"worker .*: it sees no .*gone.h5; share that folder"):
+        analyze(replace(plan, tasks=tasks), scheduler=workers.scheduler_address)
+
+
+def test_a_worker_with_other_versions_is_a_sentence(sessions, tmp_path):
+    plan = planned(sessions[:1], tmp_path / "old.h5", preset=RECORDED)
+    found = cluster.part_of(plan.tasks[0], programs() | {"numpy": "1.0"})
+    assert isinstance(found, Failed)
+    assert "it has another numpy" in found.sentence
+
+
+def test_a_scheduler_that_is_not_there_is_a_sentence_within_seconds(sessions, tmp_path):
+    plan = planned(sessions[:1], tmp_path / "none.h5", preset=RECORDED)
+    began = time.monotonic()
+    with pytest.raises(UserError, match="no scheduler answers there within 5 s"):
+        analyze(plan, scheduler="tcp://127.0.0.1:9")
+    assert time.monotonic() - began < 60

@@ -1,0 +1,67 @@
+"""A sweep runs the simulated bench at every point of a grid, and keeps nothing but the results."""
+
+import pytest
+from loads import ROUGH
+
+from app.config import ConfigError
+from app.errors import UserError
+from app.session.results import read_results
+from app.study.analyzing import analyze
+from app.study.plan import RECORDED
+from app.study.sweep import swept
+
+FIXED = *ROUGH, "run.normal_force=0.06"
+LENGTHS = "sim.slip_length=0.8;1.6"
+
+
+def asked(output, *over, overrides=FIXED, bench=None):
+    return swept(bench, over or (LENGTHS,), output, preset=RECORDED, overrides=overrides)
+
+
+def test_each_point_gives_its_own_world_back_and_the_same_each_time(tmp_path):
+    plan = asked(tmp_path / "one.h5")
+    analyze(plan, jobs=2)
+    assert [path.name for path in tmp_path.iterdir()] == ["one.h5"]
+    results = read_results(plan.output)
+    assert [run.origin.note for run in results.runs] == [
+        "sim.slip_length=0.8",
+        "sim.slip_length=1.6",
+    ]
+    measured = [run.summary.law_length_m for run in results.runs]
+    assert measured == pytest.approx([0.8e-6, 1.6e-6], rel=0.15)
+    assert "no constants in common" in results.joint.notes[0]
+    alone = asked(tmp_path / "alone.h5", "sim.slip_length=1.6")
+    analyze(alone, jobs=1)
+    (again,) = read_results(alone.output).runs
+    assert again.summary.law_length_m == measured[1]
+    assert again.origin.config_toml == results.runs[1].origin.config_toml
+    assert again.rings.ux_m.tobytes() == results.runs[1].rings.ux_m.tobytes()
+
+
+def test_every_value_goes_with_every_other(tmp_path):
+    plan = asked(tmp_path / "grid.h5", LENGTHS, "run.normal_force=0.06;0.09;0.12")
+    assert [task.note for task in plan.tasks][:2] == [
+        "sim.slip_length=0.8 run.normal_force=0.06",
+        "sim.slip_length=0.8 run.normal_force=0.09",
+    ]
+    assert len({task.key for task in plan.tasks}) == 6
+
+
+@pytest.mark.parametrize(
+    ("over", "overrides", "error", "said"),
+    [
+        ("sim.slip_length", FIXED, UserError, "values are needed, as in sim.slip_length=0.1"),
+        ("sim.slip_length=;", FIXED, UserError, "values are needed"),
+        ("sim.nothing=1;2", FIXED, ConfigError, "sim.nothing"),
+        ("run.settle_time=1;2", ("camera.source=pylon",), UserError, "is for the simulated one"),
+        ("sim.seed=" + ";".join("1" * 400), FIXED, None, ""),
+    ],
+)
+def test_what_can_not_be_swept_is_a_sentence(tmp_path, over, overrides, error, said):
+    if error is None:
+        with pytest.raises(UserError, match="160000 points are asked, 100000 is the limit"):
+            asked(tmp_path / "r.h5", over, over, overrides=overrides)
+        return
+    with pytest.raises(error, match=said) as caught:
+        asked(tmp_path / "r.h5", over, overrides=overrides)
+    assert "\n" not in str(caught.value)
