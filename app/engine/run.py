@@ -404,6 +404,7 @@ class Run(Watched):
                 or time.monotonic() > give_up
             ):
                 return False
+        self._watchdog.heard(0.0)  # nothing was sampled, so no force has become older meanwhile
         return True
 
     # ------------------------------------------------------------------ the end

@@ -114,6 +114,15 @@ def test_two_runs_are_equal_whatever_the_pace(session, tmp_path):
     assert replayed(tmp_path / "b.h5").comparison().all_identical
 
 
+def test_a_reference_that_takes_longer_than_forces_may_be_old_does_not_end_the_drive(tmp_path):
+    def slow(run):
+        take = run._analysis.pipeline._take_reference
+        run._analysis.pipeline._take_reference = lambda *image: (time.sleep(1.5), take(*image))
+
+    _, outcome = run_to(tmp_path / "a.h5", "limits.age=0.8", pace=40.0, sabotage=slow)
+    assert outcome.state == "done", outcome.reason
+
+
 def replayed(path):
     replay = Replay(path, pace=None)
     replay.start()
