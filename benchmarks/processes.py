@@ -100,7 +100,7 @@ def measure(report: Report, *, seconds: float = 60.0) -> int:
             is_over.set()
 
         threading.Thread(target=watch, daemon=True).start()
-        run_window(lambda: made, autostart=True, close_when=is_over.is_set)
+        run_window(made, autostart=True, close_when=is_over.is_set)
         outcome = made.wait()
     assert outcome is not None
     account(report, outcome)

@@ -140,7 +140,7 @@ def outcome_of(run: Run, watch: Watch, screenshot: Path | None) -> Outcome:
         from app.gui.start import run_window
 
         watching.start()
-        run_window(lambda: run, autostart=True, screenshot=screenshot)
+        run_window(run, autostart=True, screenshot=screenshot)
     else:
         run.start()
         watching.start()

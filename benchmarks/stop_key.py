@@ -127,7 +127,7 @@ def measure(report: Report, presses: int = 100, *, blocked: bool = False) -> int
             threading.Thread(target=work, args=given, daemon=True).start()
 
         with acting_on_signals(run.request_stop):
-            run_window(lambda: run, autostart=True, on_ready=ready, close_when=is_over.is_set)
+            run_window(run, autostart=True, on_ready=ready, close_when=is_over.is_set)
     stage.end()
     outcome = run.wait()
     assert outcome is not None

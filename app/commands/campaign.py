@@ -150,7 +150,7 @@ class _Work:
         """
         made: list[Made] = []
 
-        def make(_: bool) -> Made:
+        def make() -> Made:
             if before.state is State.RUNNING:
                 made.append(made_attached(str(run.session.resolve()), as_json=True))
                 made[0].source.stays = False  # to leave the campaign is to stop its run
@@ -159,9 +159,7 @@ class _Work:
             return made[0]
 
         try:
-            ended = conducted(
-                make, self.problem, autostart=True, as_json=self.as_json, is_one=True, closes=True
-            )
+            ended = conducted(make, self.problem, autostart=True, as_json=self.as_json, closes=True)
         except DeviceError as error:
             return Found(State.FAILED, str(error))
         self._signal = ended.signal

@@ -54,6 +54,18 @@ class Made:
     report: Callable[[], dict[str, Any]]
 
 
+class Desk(NamedTuple):
+    """What the window is to begin with: settings and file of its first run, its pace, and whether
+    that file may be replaced. Without settings a source is shown, whose settings are the next
+    run's.
+    """
+
+    config: Config | None = None
+    session: Path | None = None
+    pace: float | None = 1.0
+    overwrite: bool = False
+
+
 class Conducted(NamedTuple):
     """The reports of what has run its course, and the signal that told the program to end, in
     words; empty if none came.
@@ -68,6 +80,7 @@ class _Reports:
 
     def __init__(self, made: list[Made]) -> None:
         self._made = made
+        self._told: list[Made] = []
         self._reported: list[dict[str, Any]] = []
 
     @contextmanager
@@ -99,11 +112,12 @@ class _Reports:
         return self._reported
 
     def _report_next(self) -> bool:
-        ended = [made for made in self._made if made.source.outcome() is not None]
-        if len(ended) == len(self._reported):
-            return False
-        self._reported.append(ended[len(self._reported)].report())
-        return True
+        for made in tuple(self._made):
+            if made not in self._told and made.source.outcome() is not None:
+                self._told.append(made)
+                self._reported.append(made.report())
+                return True
+        return False
 
 
 def window_problem(headless: bool) -> str | None:
@@ -138,11 +152,12 @@ def run(
             f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
         )
 
-    def make(is_first: bool) -> Made:
-        path = first if is_first else next_free(session or new_session_name(datetime.now()))
-        return made_run(config, path, speed, overwrite and is_first, as_json)
+    def make() -> Made:
+        return made_run(config, first, speed, overwrite, as_json)
 
-    return _told(conducted(make, problem, autostart=autostart, as_json=as_json), as_json)
+    desk = Desk(config, session, speed, overwrite)
+    done = conducted(make, problem, autostart=autostart, as_json=as_json, desk=desk)
+    return _told(done, as_json)
 
 
 def made_run(
@@ -181,7 +196,7 @@ def attach(bench: str | None, headless: bool, as_json: bool) -> int:
     """
     problem = window_problem(headless)
     made = made_attached(bench, as_json)
-    ended = conducted(lambda _: made, problem, autostart=True, as_json=as_json, is_one=True)
+    ended = conducted(lambda: made, problem, autostart=True, as_json=as_json)
     return _told(ended, as_json)
 
 
@@ -242,46 +257,42 @@ def replay(
     from app.offline.reanalysis import Reanalysis
     from app.offline.replay import Replay
 
-    def make(is_first: bool) -> Made:
+    def make() -> Made:
         if not is_analysis:
             source = Replay(session, pace=speed)
             return Made(source, lambda: report_replay(source, as_json))
-        path = output or session.with_stem(f"{session.stem}-analysis")
-        if not is_first or output is None:
-            path = next_free(path)
-        analysis = Reanalysis(
-            session, path, pace=speed, overrides=overrides, overwrite=overwrite and is_first
-        )
+        path = output or next_free(session.with_stem(f"{session.stem}-analysis"))
+        analysis = Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite)
         return Made(analysis, lambda: report_analysis(analysis, as_json))
 
-    if problem is None:
-        make(is_first=True)  # a session that can not be replayed is refused here, not in a window
-    return _told(conducted(make, problem, autostart=True, as_json=as_json), as_json)
+    done = conducted(make, problem, autostart=True, as_json=as_json, desk=Desk())
+    return _told(done, as_json)
 
 
 def conducted(
-    make: Callable[[bool], Made],
+    make: Callable[[], Made],
     problem: str | None,
     *,
     autostart: bool,
     as_json: bool,
-    is_one: bool = False,
+    desk: Desk | None = None,
     closes: bool = False,
 ) -> Conducted:
     """Let what `make` makes run its course, in the window unless there is a `problem`.
 
-    `make` is called with whether it is the first: further ones in the same window never replace a
-    file. With `is_one` there are no further ones; with `closes` the window closes after it.
+    With a `desk` further runs and replays can be made in the window, whose first run is the desk's
+    if that has settings. With `closes` the window closes after what was made.
     """
     made: list[Made] = []
     signals: list[str] = []
 
     def make_and_keep() -> Any:
-        made.append(make(not made))
+        made.append(make())
         return made[-1].source
 
     reports = _Reports(made)
     if problem is None:
+        from app.commands.workshop import Workshop
         from app.gui.start import run_window
         from app.processes.signals import acting_on_signals
 
@@ -290,11 +301,18 @@ def conducted(
             for one in made:
                 _stop(one.source, reason)
 
-        first = make_and_keep() if is_one else None
+        # what can not be used is refused here, not in a window
+        config = desk and desk.config
+        first: Any = None if config else make_and_keep()
+        workshop = desk and Workshop(
+            made.append, pace=desk.pace, overwrite=desk.overwrite, as_json=as_json
+        )
         with reports.as_they_end(), acting_on_signals(stop) as signalled:
             run_window(
-                make_and_keep,
                 first,
+                workshop,
+                config or first.config,
+                session=desk and desk.session,
                 autostart=autostart,
                 close_when=lambda: signalled.is_set() or (closes and reports.are_there),
             )

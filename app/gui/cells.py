@@ -208,3 +208,72 @@ def disk_cell(health: Health, config: Config) -> Cell:
     tone = Tone.BAD if left_s < DISK_ALARMS_S else Tone.WARN if left_s < DISK_WARNS_S else None
     text = f"{free / scale:.0f}" if unit == "MB" else f"{free / scale:.3g}"
     return Cell("disk left", f"{text} {unit}", tone=tone or Tone.NEUTRAL)
+
+
+LATE_S = 1.0  # an analysis that is further behind than this is no longer live
+
+
+def latency_cell(behind_s: float) -> Cell:
+    """How far the newest analysed frame is behind the newest force; a dash where nothing runs."""
+    if not math.isfinite(behind_s):
+        return Cell("analysis behind", DASH)
+    tone = Tone.WARN if behind_s > LATE_S else Tone.NEUTRAL
+    return Cell("analysis behind", number(behind_s, 2), "s", tone=tone)
+
+
+def processor_cell(cores: float) -> Cell:
+    """How many processor cores the program uses."""
+    return Cell("processor", number(cores, 2), "cores", hint="This window and what it started.")
+
+
+SKIPPED_WARNS = 0.01  # share of the frames that a live analysis may leave out unnoticed
+
+
+def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cell:
+    """Whether all is well with the record of the run, in a sentence; the worst comes first."""
+    counts, queue, disk = health.counts, queue_cell(health), disk_cell(health, config)
+    is_under_way = outcome is None and health.state in ("running", "stopping")
+    skipped = counts.frames_skipped / max(1, counts.frames_received)
+    for is_so, tone, sentence in (
+        (
+            counts.frames_lost,
+            Tone.BAD,
+            f"{grouped(counts.frames_lost)} of {grouped(counts.triggers)} triggers have no image.",
+        ),
+        (counts.samples_lost, Tone.BAD, f"{grouped(counts.samples_lost)} samples are lost."),
+        (
+            is_under_way and queue.tone is not Tone.GOOD,
+            queue.tone,
+            f"The disk is slower than the data: {queue.value} s wait to be recorded.",
+        ),
+        (
+            outcome is None and disk.tone is not Tone.NEUTRAL,
+            disk.tone,
+            f"The disk has {disk.value} left.",
+        ),
+        (
+            health.uncertain,
+            Tone.WARN,
+            f"{grouped(health.uncertain)} frames may be of another trigger.",
+        ),
+        (
+            health.shed,
+            Tone.WARN,
+            f"The live analysis leaves out {left_out(health.shed)}: {health.shed_why}.",
+        ),
+        (
+            skipped > SKIPPED_WARNS,
+            Tone.WARN,
+            f"{skipped:.0%} of the frames were recorded, and not analysed live.",
+        ),
+    ):
+        if is_so:
+            return Cell("verdict", sentence, tone=tone)
+    if not counts.triggers:
+        return Cell("verdict", "Nothing has been measured yet.")
+    return Cell(
+        "verdict",
+        f"All is well: {grouped(counts.frames_received)} images of {grouped(counts.triggers)}"
+        f" triggers, {grouped(counts.frames_recorded)} recorded, none lost.",
+        tone=Tone.GOOD,
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,11 @@ class InterfaceView(Panel):
         for item in self._marks:
             item.setData([], [])
         self.caption.setText("")
+
+    @property
+    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
+        """See `app.gui.desk.Part`."""
+        return (self.show_view,)
 
     def show_view(self, view: ViewState) -> None:
         """Draw what has changed since the last call."""

@@ -1,14 +1,17 @@
-"""The parts around the plots: run controls, readouts, the result, and the health strip."""
+"""The parts around the plots: run controls, readouts, and the result."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QGridLayout, QLabel, QProgressBar, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone
+from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import Panel, column, label, row
 from app.records import Phase
 
 
@@ -71,6 +74,14 @@ class ResultPanel(CellRow):
         self.body.addWidget(self.notes)
         self.notes.hide()
 
+    def show_setup(self, setup: Setup) -> None:
+        """There is nothing to empty: all is shown again."""
+
+    @property
+    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
+        """See `app.gui.desk.Part`."""
+        return (self.show_view,)
+
     def show_view(self, view: ViewState) -> None:
         """Show the settings or the result."""
         self.heading.setText("Result" if view.outcome else "Settings of the run")
@@ -88,23 +99,16 @@ class TopBar(Panel):
         self.title, self.badge, self.phases = label("SlipScope", "title"), QLabel(""), QLabel("")
         self.sentence = label("", "muted")
         self.sentence.setWordWrap(True)
-        self.start = _button("Start  F5", "start", "Begins the run (F5).")
-        self.stop = _button(
-            "End run", "stop", "Ends the run in good order: the actuator stops, the data are kept."
-        )
-        self.stop_motion = _button(
-            "STOP MOTION",
-            "stop_motion",
-            "Stops the actuator now and ends the run (Esc). A button on the screen is not an"
-            " emergency stop.",
-        )
-        self.stop_motion.setMinimumSize(220, 58)
-        for button in (self.start, self.stop):
-            button.setMinimumHeight(40)
-        first = row(self.title, self.badge, self.phases, STRETCH, spacing=12)
-        words = column(first, self.sentence, spacing=4)
+        self.start, self.stop = _button("Start  F5", "start"), _button("End run", "stop")
+        self.stop_motion = _button("STOP MOTION  Esc", "stop_motion")
+        self.stop_motion.setMinimumSize(200, 48)
+        # the name and the phases are cut short in a narrow window, the buttons never
+        for words in (self.title, self.phases, self.sentence):
+            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        first = row(self.badge, (self.title, 2), (self.phases, 3), spacing=10)
+        said = column(first, self.sentence, spacing=2)
         buttons = (self.start, self.stop, self.stop_motion)
-        self.setLayout(row((words, 1), *buttons, spacing=10, margins=(14, 8, 10, 8)))
+        self.setLayout(row((said, 1), *buttons, spacing=8, margins=(10, 5, 8, 5)))
         self._shown: tuple[str, Tone, str] | None = None
         self.show_state("idle", Tone.NEUTRAL, "")
 
@@ -127,61 +131,13 @@ class TopBar(Panel):
         self.phases.setText("<span style='color:#4b5563'> &nbsp;›&nbsp; </span>".join(words))
 
 
-class HealthStrip(CellRow):
-    """What became of every trigger and sample, the free space, the queue, and the progress."""
-
-    def __init__(self) -> None:
-        super().__init__(style="count", share=0, spacing=18)
-        self.body.setContentsMargins(14, 6, 14, 6)
-        self.queue, self.progress = _bar("queue"), _bar("progress")
-        self.queue_text, self.progress_text = label("", "detail"), label("0 %", "detail")
-        self.row.addWidget(_named_bar("recorder queue", self.queue, self.queue_text))
-        self.row.addWidget(_named_bar("progress", self.progress, self.progress_text), 1)
-
-    def show_view(self, view: ViewState) -> None:
-        """Show the account as of now."""
-        self.show_cells((*view.counts, view.disk))
-        self.queue.setValue(round(1000 * view.queue_fill))
-        self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
-        if self.queue.property("tone") != str(view.queue.tone):
-            self.queue.setProperty("tone", str(view.queue.tone))
-            self.queue.style().polish(self.queue)
-            is_calm = view.queue.tone is Tone.GOOD
-            alarm = f"color: {theme.TONES[view.queue.tone]}; font-weight: 700;"
-            self.queue_text.setStyleSheet("" if is_calm else alarm)
-        self.progress.setValue(round(1000 * view.progress))
-        self.progress_text.setText(f"{100 * view.progress:.0f} %")
-
-
 def _with_subscript(text: str) -> str:
     """``Q_s`` as rich text."""
     head, mark, tail = text.rpartition("_")
     return f"{head}<sub>{tail}</sub>" if mark else text
 
 
-def _button(text: str, style: str, tooltip: str) -> QPushButton:
+def _button(text: str, style: str) -> QPushButton:
     button = QPushButton(text)
     button.setObjectName(style)
-    button.setToolTip(tooltip)
     return button
-
-
-def _bar(style: str) -> QProgressBar:
-    bar = QProgressBar()
-    bar.setObjectName(style)
-    bar.setTextVisible(False)
-    bar.setRange(0, 1000)
-    bar.setFixedHeight(10)
-    return bar
-
-
-def _named_bar(name: str, bar: QProgressBar, text: QLabel) -> QWidget:
-    widget = QWidget()
-    grid = QGridLayout(widget)
-    grid.setContentsMargins(0, 0, 0, 0)
-    grid.setVerticalSpacing(4)
-    grid.addWidget(label(name, "name"), 0, 0)
-    grid.addWidget(text, 0, 1, Qt.AlignmentFlag.AlignRight)
-    grid.addWidget(bar, 1, 0, 1, 2)
-    widget.setMinimumWidth(150)
-    return widget

@@ -7,6 +7,7 @@ import threading
 import time
 from dataclasses import dataclass
 
+from app.gui.load import ProcessorLoad
 from app.gui.source import RunSource, Setup, setup_of
 from app.gui.view_state import ViewState, read, resolve
 from app.priority import give_way
@@ -69,6 +70,7 @@ class ViewReader:
         setup: Setup | None = None
         view: ViewState | None = None
         problem = ""
+        load = ProcessorLoad()
         give_way(3)  # a key goes first
         while True:
             self._requested.wait()
@@ -79,7 +81,8 @@ class ViewReader:
             try:
                 setup = setup or setup_of(self.source)
                 seen = view.curves.seen if view else 0
-                view = resolve(setup, read(self.source, seen, is_shown=self.is_shown), view)
+                newest = read(self.source, seen, is_shown=self.is_shown, cores=load.cores())
+                view = resolve(setup, newest, view)
             except Exception as error:  # it is shown, and the next look may succeed
                 problem = (
                     f"The run could not be read ({type(error).__name__}: {error}); it goes on, and"

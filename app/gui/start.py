@@ -10,18 +10,22 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
+from app.gui.desk import Desk, Workshop
 from app.gui.source import RunSource
 from app.gui.window import MainWindow
 from app.records import Outcome
+from app.settings import Config
 
 LOOK_MS = 50
 SETTLE_MS = 300  # between the last data and the picture of the window
 
 
 def run_window(
-    make_source: Callable[[], RunSource],
-    only: RunSource | None = None,
+    source: RunSource | None = None,
+    workshop: Workshop | None = None,
+    config: Config | None = None,
     *,
+    session: Path | None = None,
     autostart: bool,
     close_when: Callable[[], bool] = lambda: False,
     on_ready: Callable[[MainWindow], None] | None = None,
@@ -31,12 +35,16 @@ def run_window(
 
     Parameters
     ----------
-    make_source : callable
-        Makes a run; called when the window opens, and by Start for every further one.
-    only : RunSource, optional
-        The one that the window shows instead.
+    source : RunSource, optional
+        What the window shows at first.
+    workshop : Workshop, optional
+        Makes the runs that Start begins, and replays; without one `source` is all there is.
+    config : Config, optional
+        Settings of the first run; the default ones.
+    session : Path, optional
+        The file of the first run.
     autostart : bool
-        Begin the first run at once.
+        Begin at once.
     close_when : callable
         Whether the program has been told to end: then the motion is stopped and the window closes.
     on_ready : callable, optional
@@ -49,7 +57,8 @@ def run_window(
     application.setStyle("Fusion")
     pg.setConfigOptions(useOpenGL=False, antialias=False)
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
-    window = MainWindow(only, None if only else make_source)
+    desk = None if workshop is None else Desk(workshop, config or Config(), session)
+    window = MainWindow(source, desk)
     window.show()
     if autostart:
         QTimer.singleShot(0, window, window.begin)

@@ -69,6 +69,19 @@ QSlider::groove:horizontal {{ height: 4px; background: {EDGE}; border-radius: 2p
 QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-radius: 7px;
     background: {MUTED}; }}
 QSplitter::handle {{ background: {WINDOW}; }}
+QMenuBar, QMenu, QStatusBar {{ background: {WINDOW}; }}
+QMenuBar::item:selected, QMenu::item:selected {{ background: {EDGE}; }}
+QMenu::item:disabled {{ color: #626b78; }}
+QMenu {{ border: 1px solid {EDGE}; }}
+QStatusBar::item {{ border: none; }}
+QDockWidget {{ titlebar-close-icon: none; titlebar-normal-icon: none; }}
+QDockWidget::title {{ background: {PANEL}; padding: 4px 8px; }}
+QTabBar::tab {{ background: {PANEL}; color: {MUTED}; border: 1px solid {EDGE}; padding: 4px 10px; }}
+QTabBar::tab:selected {{ background: {EDGE}; color: {TEXT}; }}
+QScrollArea, QScrollArea > QWidget > QWidget {{ background: {WINDOW}; border: none; }}
+QPlainTextEdit, QLineEdit, QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
+    background: {WINDOW}; border: 1px solid {EDGE}; }}
+QHeaderView::section {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 3px 6px; }}
 QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; padding: 4px; }}
 """
 

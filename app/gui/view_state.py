@@ -41,6 +41,7 @@ class Reading:
     forces: tuple[NDArray[Any], F64, F64]
     outcome: Outcome | None
     browsed: Snapshot | None = None
+    cores: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +57,9 @@ class ViewState:
     queue_fill: float
     queue: Cell
     disk: Cell
+    latency: Cell
+    processor: Cell
+    verdict: Cell
     image: ShownImage | None
     frame: FrameResults | None
     circles: Circles
@@ -78,9 +82,11 @@ class ViewState:
         return self.outcome.summary if self.outcome else None
 
 
-def read(source: RunSource, seen: int, *, is_shown: bool = True) -> Reading:
+def read(
+    source: RunSource, seen: int, *, is_shown: bool = True, cores: float = math.nan
+) -> Reading:
     """The newest data of `source`; of the snapshots, those after the first `seen`. `is_shown` says
-    whether the window can be seen.
+    whether the window can be seen, and `cores` how many the program uses.
     """
     outcome = source.outcome()  # first, so that all that is read after an outcome is complete
     return Reading(
@@ -91,6 +97,7 @@ def read(source: RunSource, seen: int, *, is_shown: bool = True) -> Reading:
         source.force_history(FORCE_POINTS),
         outcome,
         source.browsed() if isinstance(source, PlaybackSource) else None,
+        cores,
     )
 
 
@@ -125,6 +132,9 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     elif frame is None or frame.frame != with_field.frame:
         frame = frame_results(with_field, setup)
     state = outcome.state if outcome else health.state
+    newest = curves.newest
+    behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
+    latency = cells.latency_cell(math.nan if outcome else behind_s)
     return ViewState(
         state=state,
         tone=cells.state_tone(state),
@@ -135,6 +145,9 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
         queue=cells.queue_cell(health),
         disk=cells.disk_cell(health, config),
+        latency=latency,
+        processor=cells.processor_cell(reading.cores),
+        verdict=cells.verdict_cell(health, outcome, config),
         image=image,
         frame=frame,
         circles=circles(reading.contact, stick_m, setup),

@@ -7,16 +7,25 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QMainWindow, QSplitter, QWidget
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QApplication, QFileDialog, QMainWindow, QMenuBar, QWidget
 
 from app.gui import theme
+from app.gui.cells import Tone
+from app.gui.desk import Desk, Part
+from app.gui.docks import BOTTOM, RIGHT, Docks, Place
+from app.gui.health_panel import HealthPanel, HealthStrip
 from app.gui.image_view import InterfaceView
+from app.gui.keys import ACTS, KeyList, make_actions
+from app.gui.log_panel import LogPanel, LogStore
+from app.gui.memory import LAYOUT, Memory
 from app.gui.notice import Notice
-from app.gui.panels import CellRow, HealthStrip, ResultPanel, TopBar
+from app.gui.panels import CellRow, ResultPanel, TopBar
 from app.gui.playback_bar import PlaybackBar
 from app.gui.plots import CurvesView
 from app.gui.reader import Answer, ViewReader
@@ -33,6 +42,18 @@ REFRESH_S = 0.1  # from the beginning of one redraw to the next
 RESTS, MOST_RESTS, MOST_BEHIND = 3.0, 10.0, 2
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
+LOG_S = 1.0  # between two looks at the log
+
+
+@dataclass(slots=True)
+class _Making:
+    """A source that a thread makes, and what became of it."""
+
+    what: str
+    source: RunSource | None = None
+    problem: str = ""
+    is_over: bool = False
+    is_stopped: bool = False  # STOP was pressed meanwhile: it does not begin
 
 
 class MainWindow(QMainWindow):
@@ -41,21 +62,19 @@ class MainWindow(QMainWindow):
     Parameters
     ----------
     source : RunSource, optional
-        The run or the replay that Start begins.
-    make_source : callable, optional
-        Makes the next run; called at once where there is no `source`, and again by Start when a run
-        has ended.
+        A run or a replay that is shown at once, and that Start begins.
+    desk : Desk, optional
+        Settings of the next run, and who makes it; without one `source` is all that is shown.
     """
 
     closed = Signal()
 
-    def __init__(
-        self, source: RunSource | None = None, make_source: Callable[[], RunSource] | None = None
-    ) -> None:
+    def __init__(self, source: RunSource | None = None, desk: Desk | None = None) -> None:
         super().__init__()
         self.setWindowTitle("SlipScope")
         self.setStyleSheet(theme.STYLE)
-        self._make_source = make_source
+        self.desk, self.memory = desk, Memory()
+        self._making: _Making | None = None  # what is being made in a thread
         self._source: RunSource | None = None
         self._reader: ViewReader | None = None
         self._started = False  # the source was started
@@ -71,26 +90,50 @@ class MainWindow(QMainWindow):
         self._rests = RESTS
         self._sparing = 1  # the time between redraws is so many times as long
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
-        self._failures: deque[str] = deque()  # sentences from other threads
+        self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
+        self._logs = LogStore()
+        self._log_looked = 0.0
+        logging.getLogger("app").addHandler(self._logs)
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
         self._timer.start(TICK_MS)
         if source is not None:
             self._attach(source)
-        else:
-            self._prepare()
+        self._show_buttons()
 
     # ------------------------------------------------------------------ what the operator can do
 
     def begin(self) -> None:
-        """Start the run that is ready, or a new one when the last has ended."""
-        if self._is_running():
+        """Start the run that is ready, or make one with the settings of the desk."""
+        if self._is_running() or self._making:
             return
-        if not self._is_fresh:
-            self._prepare()
-        if self._source is None or self._started:
+        if self._is_fresh:
+            self._start()
+        elif self.desk is not None:
+            config, session, workshop = self.desk.config, self.desk.session, self.desk.workshop
+            self._make("The run", lambda: workshop.run(config, session))
+
+    def open_session(self, session: Path | None = None) -> None:
+        """Play a recorded run in place of what is shown; without a path the operator is asked."""
+        if self.desk is None:
             return
+        if self._is_running() and not self._is_replay():
+            self.notice.say("A run is going on; end it before a session is opened.")
+            return
+        if session is None:
+            name, _ = QFileDialog.getOpenFileName(
+                self, "Open a session", "", "Sessions (*.h5);;All files (*)"
+            )
+            if not name:
+                return
+            session = Path(name)
+        path, workshop = session, self.desk.workshop
+        self.memory.remember("session", path)
+        self._make(f"The replay of {path.name}", lambda: workshop.replay(path))
+
+    def _start(self) -> None:
+        assert self._source is not None
         try:
             self._source.start()
         except Exception as error:
@@ -100,6 +143,7 @@ class MainWindow(QMainWindow):
         self._started, self._is_fresh = True, False
         self.notice.clear()
         self._show_buttons()
+        self._redraw_soon()
 
     def end_run(self) -> None:
         """Ask for an orderly end of the run."""
@@ -114,6 +158,8 @@ class MainWindow(QMainWindow):
         This is done in a thread of its own, so that neither the window nor a slow device can delay
         it.
         """
+        if self._making is not None:
+            self._making.is_stopped = True
         if self._source is None:
             self.notice.say("STOP MOTION: no bench is connected, so this program moves nothing.")
             return
@@ -122,9 +168,9 @@ class MainWindow(QMainWindow):
         failed = "STOP MOTION FAILED, cut the actuator's power"
         self._in_background(failed, lambda source: source.stop_motion())
 
-    def answer(self) -> None:
+    def answer(self, text: str = "yes") -> None:
         """Answer the question of the run, if it has one."""
-        self._in_background("The answer could not be sent", lambda source: source.answer("yes"))
+        self._in_background("The answer could not be sent", lambda source: source.answer(text))
 
     def close_after_run(self) -> None:
         """Stop the motion, wait until the run has saved its data, then close.
@@ -180,8 +226,13 @@ class MainWindow(QMainWindow):
     def _look(self) -> None:
         """Take the newest answer of the source, and request the next."""
         while self._failures:
-            self.notice.say(self._failures.popleft(), is_alarm=True)
-            self._close_by = None  # the window stays, for an alarm must be seen
+            sentence, is_alarm = self._failures.popleft()
+            self._say(sentence, is_alarm)
+        if self._making is not None and self._making.is_over:
+            self._take_made(self._making)
+        if time.monotonic() - self._log_looked > LOG_S and self.log.isVisible():
+            self._log_looked = time.monotonic()
+            self.log.refresh()
         if self._reader is None:
             return
         answer, silent_s = self._reader.take(), self._reader.silent_s()
@@ -204,8 +255,8 @@ class MainWindow(QMainWindow):
             self._setup = answer.setup
             self.top.title.setText(answer.setup.title)
             self.setWindowTitle(f"{answer.setup.title} – SlipScope")
-            self.interface.show_setup(answer.setup)
-            self.curves.show_setup(answer.setup)
+            for part in self._shows:
+                part.show_setup(answer.setup)
         view, before = answer.view, self._view
         if view is None or answer.problem:
             return
@@ -217,14 +268,10 @@ class MainWindow(QMainWindow):
         self.top.sentence.setText(view.sentence)
         self._show_buttons()
         self.playback.refresh()
-        views = (
-            self.interface.show_view,
-            *self.curves.parts,
-            self.result.show_view,
-            self.health.show_view,
-        )
-        self._parts = deque(partial(show, view) for show in views)
+        self._parts = deque(partial(show, view) for part in self._shows for show in part.parts)
         self._parts.append(partial(self.readouts.show_cells, view.readouts))
+        if view.ended and not (before and before.ended):
+            self._say_ended(view)
         if view.ended and not (before and before.ended) and not self.notice.is_alarm:
             self.notice.clear()  # how the run ended stands beside the badge
 
@@ -233,11 +280,39 @@ class MainWindow(QMainWindow):
         self._reported = True
         self.notice.say(sentence)
 
+    def _say(self, sentence: str, is_alarm: bool) -> None:
+        """Say a sentence; an alarm is heard, too, and keeps the window open."""
+        self.notice.say(sentence, is_alarm=is_alarm)
+        self._logs.say(sentence, is_trouble=is_alarm)
+        if is_alarm:
+            self._close_by = None
+            QApplication.beep()
+            QApplication.alert(self)
+
+    def _say_ended(self, view: ViewState) -> None:
+        """Tell the log and the desk that a run has ended; a failure is heard."""
+        assert view.outcome is not None
+        has_failed = view.outcome.state == "failed"
+        self._logs.say(f"{view.outcome.state}: {view.outcome.reason}", is_trouble=has_failed)
+        if has_failed:
+            QApplication.beep()
+            QApplication.alert(self)
+        if self.desk is not None:
+            self.desk.ended.emit(self._source)
+
     def _show_buttons(self) -> None:
-        ended = self._view is not None and self._view.ended
-        is_ready = not self._started or (ended and self._make_source is not None)
-        self.top.start.setEnabled(is_ready and not self._is_running())
-        self.top.stop.setEnabled(self._is_running())
+        is_running = self._is_running()
+        can_begin = (self._is_fresh or self.desk is not None) and not self._making
+        for name, is_possible in (
+            ("begin", can_begin and not is_running),
+            ("end_run", is_running),
+            ("open_session", self.desk is not None and (not is_running or self._is_replay())),
+        ):
+            self.actions_by_name[name].setEnabled(is_possible)
+        self.top.start.setEnabled(can_begin and not is_running)
+        self.top.stop.setEnabled(is_running)
+        if self.desk is not None:
+            self.desk.set_busy(is_running or self._making is not None)
 
     def _redraw_soon(self) -> None:
         """Look again at the next tick, because the operator chose another frame."""
@@ -253,23 +328,54 @@ class MainWindow(QMainWindow):
     def _stays(self) -> bool:
         return self._source is not None and self._source.stays
 
-    def _prepare(self) -> None:
-        """Attach a new source; say why where none can be made."""
-        if self._make_source is None:
+    def _is_replay(self) -> bool:
+        return hasattr(self._source, "playback")
+
+    def _make(self, what: str, make: Callable[[], RunSource]) -> None:
+        """Make a source in a thread, to be shown and begun when it is there; say why where it can
+        not be made.
+        """
+        self._making = making = _Making(what)
+        self.top.show_state("making ready", Tone.BUSY, "")
+        self.top.sentence.setText(f"{what} is being made ready.")
+        self._show_buttons()
+
+        def work() -> None:
+            try:
+                making.source = make()
+            except Exception as error:
+                LOG.warning("%s could not be made", what, exc_info=error)
+                making.problem = f"{what} could not be made: {error}"
+            making.is_over = True
+
+        threading.Thread(target=work, name="slipscope-window-maker", daemon=True).start()
+
+    def _take_made(self, making: _Making) -> None:
+        """Show what was made, and begin it unless somebody has pressed STOP since."""
+        self._making = None
+        if making.source is None:
+            self._say(making.problem, False)
+            self.top.show_state("idle", Tone.NEUTRAL, "")
+            self.top.sentence.setText("")
+            self._show_buttons()
             return
-        try:
-            self._attach(self._make_source())
-        except Exception as error:
-            LOG.warning("no run could be prepared", exc_info=error)
-            self.notice.say(f"No run could be prepared: {error}")
+        self._attach(making.source)
+        if making.is_stopped:
+            self._is_fresh = False
+            self.end_run()
+        else:
+            self._start()
 
     def _attach(self, source: RunSource) -> None:
         """Show `source` from now on; late answers of an earlier one are dropped."""
+        if self._is_running() and self._is_replay():
+            self.end_run()
         if self._reader is not None:
             self._reader.close()
         self._source, self._started, self._is_fresh, self._view = source, False, True, None
         self._reader = ViewReader(source)
         self.playback.attach(source)
+        self.log.follow(getattr(source, "session", None))
         self._reader.request()
         self._show_buttons()
 
@@ -283,7 +389,7 @@ class MainWindow(QMainWindow):
                 act(source)
             except Exception as error:
                 LOG.error("%s", failed, exc_info=error)
-                self._failures.append(f"{failed}: {error}")
+                self._failures.append((f"{failed}: {error}", True))
 
         threading.Thread(target=work, name="slipscope-window-stop", daemon=True).start()
 
@@ -303,6 +409,8 @@ class MainWindow(QMainWindow):
         self._timer.stop()
         if self._reader is not None:
             self._reader.close()
+        logging.getLogger("app").removeHandler(self._logs)
+        self.memory.keep_layout(self.saveGeometry(), self.saveState(LAYOUT))
         event.accept()
         self.closed.emit()
 
@@ -314,42 +422,75 @@ class MainWindow(QMainWindow):
 
     def _build(self) -> None:
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
-        self.interface, self.result = InterfaceView(), ResultPanel()
-        self.readouts, self.curves, self.health = CellRow(), CurvesView(), HealthStrip()
-        split = QSplitter(Qt.Orientation.Horizontal)
-        split.setHandleWidth(8)
-        split.setChildrenCollapsible(False)
-        for layout in (
-            column((self.interface, 1), self.result, spacing=8),
-            column(self.readouts, (self.curves, 1), spacing=8),
-        ):
-            side = QWidget()
-            side.setLayout(layout)
-            split.addWidget(side)
-        split.setSizes([880, 720])
-        body = QWidget()
-        body.setObjectName("body")
-        rows = (self.top, self.notice, (split, 1), self.playback, self.health)
-        body.setLayout(column(*rows, spacing=8, margins=(8, 8, 8, 8)))
+        self.interface, self.readouts, self.strip = InterfaceView(), CellRow(), HealthStrip()
+        self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
+        self.log = LogPanel(self._logs)
+        # those that show a run, the picture first
+        self._shows: tuple[Part, ...] = (
+            self.interface,
+            self.strip,
+            self.curves,
+            self.result,
+            self.health,
+        )
+        does = {act.name: getattr(self, act.name) for act in ACTS}
+        bar = QMenuBar()
+        self.actions_by_name, menus = make_actions(self, bar, ACTS, does)
+        head, body = QWidget(), QWidget()
+        for widget in (head, body):
+            widget.setObjectName("body")
+        head.setLayout(column(bar, self.top, self.notice, spacing=2, margins=(4, 0, 4, 4)))
+        self.setMenuWidget(head)  # above all docks, so that nothing covers STOP
+        rows = (self.readouts, (self.interface, 1), self.playback)
+        body.setLayout(column(*rows, spacing=4))
         self.setCentralWidget(body)
-        self.resize(1600, 960)
-        self.top.start.clicked.connect(self.begin)
-        self.top.stop.clicked.connect(self.end_run)
+        self.statusBar().addPermanentWidget(self.strip, 1)
+        self.statusBar().setSizeGripEnabled(False)
+        self.docks = Docks(
+            self,
+            (
+                Place("curves", "Curves", self.curves, RIGHT),
+                Place("result", "Result", self.result, BOTTOM),
+                Place("health", "Health", self.health, BOTTOM),
+                Place("log", "Log", self.log, BOTTOM, scrolls=False),
+            ),
+        )
+        self.docks.add_to(menus["&View"])
+        self.docks.open(self.memory)
+        for button, name in ((self.top.start, "begin"), (self.top.stop, "end_run")):
+            button.setToolTip(self.actions_by_name[name].toolTip())
+            button.clicked.connect(does[name])
         # a button acts on the way down: held, it has stopped the motion already
+        self.top.stop_motion.setToolTip(self.actions_by_name["stop_motion"].toolTip())
         self.top.stop_motion.pressed.connect(self.stop_motion)
-        self._shortcut(Qt.Key.Key_Escape, self.stop_motion)
-        self._shortcut(Qt.Key.Key_F5, self.begin)
-        self._shortcut(Qt.Key.Key_F8, self.answer)
-        self._shortcut("Ctrl+Q", self.close)
-        self._shortcut(Qt.Key.Key_Space, self.playback.toggle)
-        self._shortcut(Qt.Key.Key_Right, self.playback.go_forward, repeats=True)
-        self._shortcut(Qt.Key.Key_Left, self.playback.go_back, repeats=True)
         self.playback.acted.connect(self._redraw_soon)
+        if self.desk is not None:
+            self.desk.said.connect(self._say)
+            self.desk.begin_asked.connect(self.begin)
+            self.desk.answer_asked.connect(self.answer)
+            self.desk.shown.connect(self._attach)
+            self.desk.session_asked.connect(self.open_session)
 
-    def _shortcut(
-        self, key: Qt.Key | str, act: Callable[[], object], *, repeats: bool = False
-    ) -> None:
-        shortcut = QShortcut(QKeySequence(key), self)
-        shortcut.setContext(Qt.ShortcutContext.ApplicationShortcut)
-        shortcut.setAutoRepeat(repeats)
-        shortcut.activated.connect(act)
+    # ------------------------------------------------------------------ the window itself
+
+    def toggle_theme(self) -> None:
+        """Change between the dark look and the light one."""
+        self.memory.theme = "light" if self.memory.theme == "dark" else "dark"
+        self.setStyleSheet(theme.STYLE)
+
+    def full_screen(self) -> None:
+        """Fill the screen, or give it back."""
+        if self.isFullScreen():
+            self.showNormal()
+        else:
+            self.showFullScreen()
+
+    def reset_layout(self) -> None:
+        """Put all parts where they were at first."""
+        self.memory.forget_layout()
+        self.docks.arrange()
+
+    def show_keys(self) -> None:
+        """List the keys, in a window of its own beside which this one stays in use."""
+        self._keys = KeyList(self)
+        self._keys.show()

@@ -5,7 +5,15 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 from functools import partial
 
 import pytest
+from PySide6.QtCore import QSettings
 from pytestqt.qtbot import QtBot
+
+
+@pytest.fixture(autouse=True)
+def forgetful(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A window that remembers nothing of earlier evenings, nor of the one who runs the tests."""
+    folder = str(tmp_path_factory.mktemp("memory"))
+    QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, folder)
 
 
 @pytest.fixture

@@ -15,12 +15,14 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
 from app.gui import window as window_module
+from app.gui.desk import Desk
 from app.gui.frame_results import shown_image
 from app.gui.image_view import describe_point
 from app.gui.source import setup_of
 from app.gui.start import run_window
 from app.gui.window import MainWindow
 from app.records import Health
+from app.settings import Config
 
 Open = Callable[..., MainWindow]
 
@@ -42,6 +44,23 @@ class Raising(ScriptedRun):
 
 def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated bench") -> ScriptedRun:
     return kind(320, 240, frames=60, title=title)
+
+
+class Bench:
+    """A workshop on which everything is made by one function."""
+
+    def __init__(self, make: Callable[[], ScriptedRun]) -> None:
+        self._make = make
+
+    def run(self, config: Config, session: Path | None) -> ScriptedRun:
+        return self._make()
+
+    def replay(self, session: Path) -> ScriptedRun:
+        return self._make()
+
+
+def desk_of(make: Callable[[], ScriptedRun]) -> Desk:
+    return Desk(Bench(make), Config())
 
 
 @pytest.fixture
@@ -237,12 +256,25 @@ def test_a_window_that_could_not_stop_the_motion_stays_open(
 
 def test_a_run_stopped_before_it_began_is_replaced(qtbot: QtBot, open_window: Open) -> None:
     runs = [make_run(), make_run()]
-    unused = iter(runs)
-    window = open_window(make_source=lambda: next(unused))
+    window = open_window(runs[0], desk_of(lambda: runs[1]))
     window.stop_motion()
     assert runs[0].called.wait(60)
     window.begin()
-    assert [run.started for run in runs] == [False, True]
+    qtbot.waitUntil(lambda: runs[1].started)
+    assert not runs[0].started
+
+
+def test_a_run_stopped_while_it_is_made_does_not_begin(qtbot: QtBot, open_window: Open) -> None:
+    run, may_be_made = make_run(), threading.Event()
+    window = open_window(desk=desk_of(lambda: may_be_made.wait(60) and run))
+    window.begin()
+    assert window.top.badge.text() == "MAKING READY"
+    assert not window.top.start.isEnabled()
+    qtbot.keyClick(window, Qt.Key.Key_Escape)
+    may_be_made.set()
+    qtbot.waitUntil(lambda: bool(run.calls))
+    assert not run.started
+    assert window.top.start.isEnabled()
 
 
 def test_a_passing_trouble_is_taken_back(
@@ -262,10 +294,12 @@ def test_after_a_run_start_makes_the_next(qtbot: QtBot, open_window: Open) -> No
         runs.append(make_run(title=f"run {len(runs)}"))
         return runs[-1]
 
-    window = open_window(make_source=make)
-    begin(qtbot, window, runs[0], 60)
+    window = open_window(desk=desk_of(make))
+    window.begin()
+    qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
+    runs[0].at(60)
     qtbot.waitUntil(lambda: window.outcome() is not None)
-    assert window.result.heading.text() == "Result"
+    qtbot.waitUntil(lambda: window.result.heading.text() == "Result")
     window.begin()
     qtbot.waitUntil(lambda: window.top.title.text() == "run 1" and window._view is not None)
     assert [run.started for run in runs] == [True, True]
@@ -282,11 +316,13 @@ def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(
     def none() -> ScriptedRun:
         raise ValueError("camera: no such driver 'redlak'")
 
-    window = open_window(make_source=none)
-    assert window.notice.text.text() == "No run could be prepared: camera: no such driver 'redlak'"
-    assert window.top.start.isEnabled()
+    window = open_window(desk=desk_of(none))
     window.stop_motion()
     assert "no bench is connected" in window.notice.text.text()
+    qtbot.keyClick(window, Qt.Key.Key_F5)
+    sentence = "The run could not be made: camera: no such driver 'redlak'"
+    qtbot.waitUntil(lambda: window.notice.text.text() == sentence)
+    assert window.top.start.isEnabled()
     run = make_run()
     run.start()
     other = open_window(run)
@@ -322,9 +358,9 @@ def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(
 ) -> None:
     run = make_run()
     outcome = run_window(
-        lambda: run,
+        run,
         autostart=True,
-        on_ready=lambda _: run.at(60) and None,
+        on_ready=lambda w: run.at(60) and w.resize(1600, 960),
         screenshot=tmp_path / "w.png",
     )
     assert outcome is not None
@@ -337,9 +373,7 @@ def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(
 
 def test_a_program_that_is_told_to_end_stops_the_motion_and_closes(qapp: QApplication) -> None:
     run, told = make_run(), threading.Event()
-    outcome = run_window(
-        lambda: run, autostart=True, on_ready=lambda _: told.set(), close_when=told.is_set
-    )
+    outcome = run_window(run, autostart=True, on_ready=lambda _: told.set(), close_when=told.is_set)
     assert run.calls == ["stop_motion"]
     assert outcome is not None
     assert outcome.reason == "STOP MOTION was pressed"
@@ -348,10 +382,8 @@ def test_a_program_that_is_told_to_end_stops_the_motion_and_closes(qapp: QApplic
 def test_a_window_on_a_run_of_others_leaves_it_running(qapp: QApplication) -> None:
     run, told = make_run(), threading.Event()
     run.stays = True
-    assert run_window(lambda: run, autostart=True, on_ready=lambda w: w.close()) is None
-    run_window(
-        lambda: run, run, autostart=True, on_ready=lambda _: told.set(), close_when=told.is_set
-    )
+    assert run_window(run, autostart=True, on_ready=lambda w: w.close()) is None
+    run_window(run, autostart=True, on_ready=lambda _: told.set(), close_when=told.is_set)
     assert run.calls == []
 
 

@@ -1,0 +1,60 @@
+"""Makes what the window shows: runs on a bench, and replays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from app.commands.ending import report_replay
+from app.commands.experiment import Made, made_run
+from app.commands.names import new_session_name
+from app.session.files import next_free
+from app.settings import Config
+
+
+class Workshop:
+    """The workshop of one window, see `app.gui.desk.Workshop`.
+
+    Parameters
+    ----------
+    keep : callable
+        Is told what was made, so that its end is reported and nothing is left running.
+    pace : float or None
+        Seconds of a bench per second.
+    overwrite : bool
+        Whether the first run may replace its file.
+    as_json : bool
+        Whether reports are for programs.
+    """
+
+    def __init__(
+        self,
+        keep: Callable[[Made], None],
+        *,
+        pace: float | None = 1.0,
+        overwrite: bool = False,
+        as_json: bool = False,
+    ) -> None:
+        self._keep, self._pace, self._as_json = keep, pace, as_json
+        self._may_replace = overwrite
+
+    def run(self, config: Config, session: Path | None) -> Any:
+        """See `app.gui.desk.Workshop`."""
+        path, may_replace = session or new_session_name(datetime.now()), self._may_replace
+        if session is None or not may_replace:
+            path = next_free(path)
+        self._may_replace = False  # further runs never replace a file
+        return self._kept(made_run(config, path, self._pace, may_replace, self._as_json))
+
+    def replay(self, session: Path) -> Any:
+        """See `app.gui.desk.Workshop`."""
+        from app.offline.replay import Replay
+
+        source = Replay(session, pace=1.0)
+        return self._kept(Made(source, lambda: report_replay(source, self._as_json)))
+
+    def _kept(self, made: Made) -> Any:
+        self._keep(made)
+        return made.source

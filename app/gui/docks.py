@@ -1,0 +1,130 @@
+"""Where the parts of the window are: the picture in the middle, all others in docks about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import (
+    QDockWidget,
+    QFrame,
+    QMainWindow,
+    QMenu,
+    QScrollArea,
+    QTabWidget,
+    QWidget,
+)
+
+from app.gui.memory import LAYOUT, Memory
+
+LEAST_PX = 240  # width of a dock
+FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
+LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
+RIGHT = Qt.DockWidgetArea.RightDockWidgetArea
+BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
+SHARES = {LEFT: 0.24, RIGHT: 0.36, BOTTOM: 0.2}  # of the window, at first
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A part and the side of the window where it is at first, before or behind its neighbours."""
+
+    name: str
+    title: str
+    part: QWidget
+    side: Qt.DockWidgetArea
+    is_shown: bool = True
+    scrolls: bool = True
+
+
+class Docks:
+    """The docks of a window; parts of one side share it as tabs.
+
+    Attributes
+    ----------
+    by_name : dict
+        The docks by the names of their parts.
+    """
+
+    def __init__(self, window: QMainWindow, places: Sequence[Place]) -> None:
+        self._window, self._places = window, tuple(places)
+        window.setDockOptions(
+            QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AllowNestedDocks
+        )
+        window.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
+        self.by_name = {place.name: _dock(window, place) for place in places}
+
+    def arrange(self) -> None:
+        """Put all parts where they are at first."""
+        window = self._window
+        first: dict[Qt.DockWidgetArea, QDockWidget] = {}
+        for place in self._places:
+            dock = self.by_name[place.name]
+            dock.setFloating(False)
+            window.addDockWidget(place.side, dock)
+            if place.side in first:
+                window.tabifyDockWidget(first[place.side], dock)
+            first.setdefault(place.side, dock)
+            dock.setVisible(place.is_shown)
+        for side, dock in first.items():
+            dock.raise_()
+            is_flat = side == BOTTOM
+            whole = window.height() if is_flat else window.width()
+            way = Qt.Orientation.Vertical if is_flat else Qt.Orientation.Horizontal
+            window.resizeDocks([dock], [round(whole * SHARES[side])], way)
+
+    def open(self, memory: Memory) -> None:
+        """Give the window its place on the screen and its docks theirs, as they were left; at
+        first, or where that is not known, as large as the screen allows.
+        """
+        window, layout = self._window, memory.layout()
+        if layout is not None and window.restoreGeometry(layout[0]):
+            if not window.restoreState(layout[1], LAYOUT):
+                self.arrange()
+        else:
+            room = QGuiApplication.primaryScreen().availableSize()
+            window.resize(min(FIRST_PX[0], room.width()), min(FIRST_PX[1], room.height()))
+            if FIRST_PX[0] >= room.width() or FIRST_PX[1] >= room.height():
+                window.setWindowState(Qt.WindowState.WindowMaximized)
+            self.arrange()
+        self.keep_on_screen()
+
+    def keep_on_screen(self) -> None:
+        """A screen may have gone or become smaller since the window was on it."""
+        window = self._window
+        screen = QGuiApplication.screenAt(window.geometry().center())
+        room = (screen or QGuiApplication.primaryScreen()).availableGeometry()
+        here = window.geometry()
+        if not room.contains(here):
+            here.setSize(here.size().boundedTo(room.size()))
+            here.moveLeft(min(max(here.left(), room.left()), room.right() - here.width() + 1))
+            here.moveTop(min(max(here.top(), room.top()), room.bottom() - here.height() + 1))
+            window.setGeometry(here)
+
+    def show(self, name: str) -> None:
+        """Bring a part to the front."""
+        dock = self.by_name[name]
+        dock.show()
+        dock.raise_()
+
+    def add_to(self, menu: QMenu) -> None:
+        """List the parts in a menu, to be shown or hidden."""
+        menu.addSeparator()
+        for dock in self.by_name.values():
+            menu.addAction(dock.toggleViewAction())
+
+
+def _dock(window: QMainWindow, place: Place) -> QDockWidget:
+    dock = QDockWidget(place.title, window)
+    dock.setObjectName(place.name)
+    held = place.part
+    if place.scrolls:
+        held = QScrollArea()
+        held.setWidgetResizable(True)
+        held.setFrameShape(QFrame.Shape.NoFrame)
+        held.setWidget(place.part)
+        held.setMinimumWidth(LEAST_PX)
+    dock.setWidget(held)
+    return dock

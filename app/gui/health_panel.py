@@ -1,0 +1,107 @@
+"""What became of every trigger and sample, and whether all is well: one line, and the details."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtWidgets import QGridLayout, QLabel, QProgressBar, QSizePolicy
+
+from app.gui import theme
+from app.gui.cells import Cell, Tone
+from app.gui.panels import CellView
+from app.gui.source import Setup
+from app.gui.view_state import ViewState
+from app.gui.widgets import STRETCH, Panel, column, label, row
+
+COLUMNS = 3
+
+
+class HealthStrip(Panel):
+    """A light, its sentence, and how far the run is; always in view."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.light, self.sentence = QLabel("●"), label("", "muted")
+        self.sentence.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.progress, self.progress_text = _bar("progress"), label("", "detail")
+        self.progress.setFixedWidth(160)
+        self.setLayout(
+            row(
+                *(self.light, (self.sentence, 1), self.progress, self.progress_text),
+                spacing=8,
+                margins=(10, 3, 10, 3),
+            )
+        )
+        self._shown: Cell | None = None
+
+    def show_setup(self, setup: Setup) -> None:
+        """Empty the strip."""
+        del setup
+        self._shown = None
+        self.progress.setValue(0)
+
+    def show_view(self, view: ViewState) -> None:
+        """Show the verdict and the progress as of now."""
+        if view.verdict != self._shown:
+            self._shown = view.verdict
+            self.light.setStyleSheet(f"color: {theme.TONES[view.verdict.tone]};")
+            self.light.setToolTip(view.verdict.tone.name.lower())
+            self.sentence.setText(view.verdict.value)
+            self.sentence.setToolTip(view.verdict.value)
+        self.progress.setValue(round(1000 * view.progress))
+        self.progress_text.setText(f"{100 * view.progress:.0f} %")
+
+    @property
+    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
+        """See `app.gui.desk.Part`."""
+        return (self.show_view,)
+
+
+class HealthPanel(Panel):
+    """The account of triggers, frames and samples, the queue, the disk, and the processor."""
+
+    name, title = "health", "Health"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.views: list[CellView] = []
+        self.queue, self.queue_text = _bar("queue"), label("", "detail")
+        self._grid = QGridLayout()
+        self._grid.setHorizontalSpacing(16)
+        queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
+        self.setLayout(column(self._grid, queue, STRETCH, spacing=8, margins=(10, 8, 10, 8)))
+
+    def show_setup(self, setup: Setup) -> None:
+        """There is nothing to empty: every number is drawn again."""
+
+    @property
+    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
+        """See `app.gui.desk.Part`."""
+        return (self.show_view,)
+
+    def show_view(self, view: ViewState) -> None:
+        """Show the account as of now."""
+        cells = (*view.counts, view.latency, view.processor, view.disk)
+        for cell in cells[len(self.views) :]:
+            place = len(self.views)
+            self.views.append(CellView(cell, "count"))
+            self._grid.addWidget(self.views[-1], place // COLUMNS, place % COLUMNS)
+        for shown, cell in zip(self.views, cells, strict=True):
+            shown.show_cell(cell)
+        self.queue.setValue(round(1000 * view.queue_fill))
+        self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
+        if self.queue.property("tone") != str(view.queue.tone):
+            self.queue.setProperty("tone", str(view.queue.tone))
+            self.queue.style().polish(self.queue)
+            is_calm = view.queue.tone is Tone.GOOD
+            alarm = f"color: {theme.TONES[view.queue.tone]}; font-weight: 700;"
+            self.queue_text.setStyleSheet("" if is_calm else alarm)
+
+
+def _bar(style: str) -> QProgressBar:
+    bar = QProgressBar()
+    bar.setObjectName(style)
+    bar.setTextVisible(False)
+    bar.setRange(0, 1000)
+    bar.setFixedHeight(10)
+    return bar

@@ -1,0 +1,111 @@
+"""What can be asked of the window, its menus and keys: said once, for menus, tooltips and F1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import QObject, Qt
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QDialog, QGridLayout, QLabel, QMenu, QMenuBar, QScrollArea, QWidget
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """Something that can be asked of the window, the menu where it is found, its keys and what it
+    does.
+    """
+
+    name: str
+    menu: str
+    text: str
+    keys: tuple[str, ...] = ()
+    tip: str = ""
+
+
+ACTS = (
+    Act("open_session", "&File", "&Open session …", ("Ctrl+O",), "Plays a recorded run."),
+    Act("close", "&File", "&Quit", ("Ctrl+Q",), "Closes the window; a run that goes on is asked."),
+    Act("begin", "&Run", "&Start", ("F5",), "Begins the run with the settings of the set-up."),
+    Act("answer", "&Run", "&Answer yes", ("F8",), "Answers the question of the step under way."),
+    Act(
+        "end_run",
+        "&Run",
+        "&End run",
+        ("Ctrl+E",),
+        "Ends the run in good order: the actuator stops, the data are kept.",
+    ),
+    Act(
+        "stop_motion",
+        "&Run",
+        "STOP &MOTION",
+        ("Esc", "F12"),
+        "Stops the actuator now and ends the run. A button on the screen is not an emergency stop.",
+    ),
+    Act("toggle_theme", "&View", "&Light or dark", ("Ctrl+L",), "Changes the look of the window."),
+    Act("full_screen", "&View", "&Full screen", ("F11",), "Fills the screen, and back."),
+    Act("reset_layout", "&View", "&Reset layout", (), "Puts all parts where they were at first."),
+    Act("show_keys", "&Help", "&Keys", ("F1",), "Lists the keys."),
+)
+
+
+def make_actions(
+    window: QWidget, bar: QMenuBar, acts: Sequence[Act], does: Mapping[str, Callable[[], object]]
+) -> tuple[dict[str, QAction], dict[str, QMenu]]:
+    """Actions of `window` by their names, and the menus of `bar` by their titles; `does` says what
+    each action does.
+    """
+    made: dict[str, QAction] = {}
+    menus = {title: bar.addMenu(title) for title in dict.fromkeys(act.menu for act in acts)}
+    for act in acts:
+        action = QAction(act.text, window)
+        action.setObjectName(act.name)
+        action.setShortcuts([QKeySequence(key) for key in act.keys])
+        # also while another window of the program is in front
+        action.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
+        action.setAutoRepeat(False)
+        action.setToolTip(act.tip)
+        action.setStatusTip(act.tip)
+        action.triggered.connect(lambda _=False, do=does[act.name]: do())
+        menus[act.menu].addAction(action)
+        window.addAction(action)
+        made[act.name] = action
+    return made, menus
+
+
+class KeyList(QDialog):
+    """The keys of the window and of its parts; F1 shows it, and the window stays in use."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Keys")
+        self.resize(560, 520)
+        area, inside = QScrollArea(self), QWidget()
+        grid = QGridLayout(inside)
+        rows = [(", ".join(act.keys), _plain(act.text), act.tip) for act in ACTS if act.keys]
+        rows += [(key, where, what) for where, key, what in keys_of_parts(parent)]
+        for line, (keys, what, tip) in enumerate(rows):
+            for place, text in enumerate((f"<b>{keys}</b>", what, tip)):
+                said = QLabel(text)
+                said.setWordWrap(place == 2)
+                grid.addWidget(said, line, place, Qt.AlignmentFlag.AlignTop)
+        grid.setColumnStretch(2, 1)
+        grid.setRowStretch(len(rows), 1)
+        area.setWidget(inside)
+        area.setWidgetResizable(True)
+        QGridLayout(self).addWidget(area)
+
+
+def keys_of_parts(window: QObject) -> list[tuple[str, str, str]]:
+    """Part, key and meaning of the keys that act in one part of the window only: those that it
+    lists in its attribute `keys`, pairs of key and meaning.
+    """
+    found = []
+    for part in window.findChildren(QWidget):
+        for key, meaning in getattr(part, "keys", ()):
+            found.append((getattr(part, "title", type(part).__name__), key, meaning))
+    return found
+
+
+def _plain(text: str) -> str:
+    return text.replace("&", "").replace(" …", "")

@@ -1,0 +1,105 @@
+"""What was said and logged, with the details of each error, to be copied."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from pathlib import Path
+
+from PySide6.QtGui import QFontDatabase, QGuiApplication
+from PySide6.QtWidgets import QCheckBox, QPlainTextEdit, QPushButton
+
+from app import logs
+from app.gui.widgets import STRETCH, Panel, column, row
+
+MOST_LINES = 2000
+MOST_READ = 1 << 16  # bytes of a session's log that are taken at once
+
+
+class LogStore(logging.Handler):
+    """Keeps what the program logs, from any thread, until a window shows it."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.setFormatter(logging.Formatter(logs.FORMAT))
+        self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
+        self._guard = threading.Lock()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a record: whether it is a trouble, and its text with its traceback."""
+        text = self.format(record)
+        with self._guard:
+            self._lines.append((record.levelno >= logging.WARNING, text))
+
+    def say(self, sentence: str, *, is_trouble: bool) -> None:
+        """Keep a sentence that the window showed."""
+        with self._guard:
+            self._lines.append((is_trouble, f"{time.strftime('%H:%M:%S')} window: {sentence}"))
+
+    def take(self) -> list[tuple[bool, str]]:
+        """What came since the last call."""
+        with self._guard:
+            taken = list(self._lines)
+            self._lines.clear()
+        return taken
+
+
+class LogPanel(Panel):
+    """The log of this window and of the run that it shows."""
+
+    name, title = "log", "Log"
+
+    def __init__(self, store: LogStore) -> None:
+        super().__init__()
+        self._store = store
+        self._file: Path | None = None
+        self._read = 0
+        self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
+        self.text = QPlainTextEdit()
+        self.text.setReadOnly(True)
+        self.text.setMaximumBlockCount(MOST_LINES)
+        self.text.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
+        self.text.setAccessibleName("Log")
+        self.troubles, self.copy = QCheckBox("Only warnings and errors"), QPushButton("Copy all")
+        self.copy.setToolTip("Copies the log with all its details.")
+        self.troubles.toggled.connect(self._show_all)
+        self.copy.clicked.connect(self._copy_all)
+        top = row(self.troubles, STRETCH, self.copy, spacing=8)
+        self.setLayout(column(top, (self.text, 1), spacing=6, margins=(8, 6, 8, 6)))
+
+    def follow(self, session: Path | None) -> None:
+        """Show also the log beside this session from now on; None: beside none."""
+        self._file, self._read = session and session.with_name(f"{session.name}.log"), 0
+
+    def refresh(self) -> None:
+        """Show what came since the last call."""
+        for is_trouble, text in (*self._store.take(), *self._new_of_file()):
+            self._lines.append((is_trouble, text))
+            if is_trouble or not self.troubles.isChecked():
+                self.text.appendPlainText(text)
+
+    def _new_of_file(self) -> list[tuple[bool, str]]:
+        if self._file is None:
+            return []
+        try:
+            with self._file.open("rb") as file:
+                file.seek(self._read)
+                new = file.read(MOST_READ)
+        except OSError:
+            return []  # there is none yet, or no longer
+        whole = new[: new.rfind(b"\n") + 1]
+        self._read += len(whole)
+        lines = whole.decode("utf-8", "replace").splitlines()
+        return [(" WARNING " in line or " ERROR " in line, line) for line in lines]
+
+    def _show_all(self) -> None:
+        wanted = [t for is_bad, t in self._lines if is_bad or not self.troubles.isChecked()]
+        self.text.setPlainText("\n".join(wanted))
+        self.text.verticalScrollBar().setValue(self.text.verticalScrollBar().maximum())
+
+    def _copy_all(self) -> None:
+        QGuiApplication.clipboard().setText("\n".join(text for _, text in self._lines))
+
+    keys = (("Ctrl+A, Ctrl+C", "Copies the text of the log."),)

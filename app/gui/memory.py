@@ -1,0 +1,68 @@
+"""What the window remembers from one evening to the next: places, sizes, recent files, the look."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QByteArray, QSettings
+
+LAYOUT = 1  # another number when docks come or go: then the layout of the program is used
+MOST_RECENT = 12
+
+
+class Memory:
+    """The window's own settings, in the folder where the system keeps those of programs.
+
+    Nothing that bears on an experiment is here: that is in the settings of its bench.
+    """
+
+    def __init__(self) -> None:
+        self._settings = QSettings(
+            QSettings.Format.IniFormat, QSettings.Scope.UserScope, "SlipScope", "SlipScope"
+        )
+
+    def recent(self, kind: str) -> list[Path]:
+        """Files of a kind ("bench", "session", "campaign") that still exist, the newest first."""
+        paths = map(Path, self._texts(f"recent/{kind}"))
+        return [path for path in paths if path.exists()]
+
+    def remember(self, kind: str, path: Path) -> None:
+        """Put a file at the head of those of its kind."""
+        name = str(path.resolve())
+        others = [text for text in self._texts(f"recent/{kind}") if text != name]
+        self._settings.setValue(f"recent/{kind}", [name, *others][:MOST_RECENT])
+
+    @property
+    def theme(self) -> str:
+        """The look, "dark" or "light"."""
+        return "light" if self._settings.value("theme") == "light" else "dark"
+
+    @theme.setter
+    def theme(self, name: str) -> None:
+        self._settings.setValue("theme", name)
+
+    def layout(self) -> tuple[QByteArray, QByteArray] | None:
+        """Place of the window and of its docks when it was closed last; None for the first time."""
+        if self._settings.value("layout/version") != str(LAYOUT):
+            return None
+        kept = (self._settings.value("layout/window"), self._settings.value("layout/docks"))
+        window, docks = (part for part in kept)
+        if not (isinstance(window, QByteArray) and isinstance(docks, QByteArray)):
+            return None
+        return window, docks
+
+    def keep_layout(self, window: QByteArray, docks: QByteArray) -> None:
+        """Keep the place of the window and of its docks."""
+        self._settings.setValue("layout/version", str(LAYOUT))
+        self._settings.setValue("layout/window", window)
+        self._settings.setValue("layout/docks", docks)
+
+    def forget_layout(self) -> None:
+        """Let the next window open as the first one did."""
+        self._settings.remove("layout")
+
+    def _texts(self, key: str) -> list[str]:
+        held = self._settings.value(key, [])
+        if isinstance(held, str):  # a list of one is read back as its only text
+            held = [held]
+        return [text for text in held if isinstance(text, str)] if isinstance(held, list) else []
