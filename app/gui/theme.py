@@ -74,8 +74,8 @@ QMenuBar::item:selected, QMenu::item:selected {{ background: {EDGE}; }}
 QMenu::item:disabled {{ color: #626b78; }}
 QMenu {{ border: 1px solid {EDGE}; }}
 QStatusBar::item {{ border: none; }}
-QDockWidget {{ titlebar-close-icon: none; titlebar-normal-icon: none; }}
 QDockWidget::title {{ background: {PANEL}; padding: 4px 8px; }}
+QTabBar {{ qproperty-drawBase: 0; }}
 QTabBar::tab {{ background: {PANEL}; color: {MUTED}; border: 1px solid {EDGE}; padding: 4px 10px; }}
 QTabBar::tab:selected {{ background: {EDGE}; color: {TEXT}; }}
 QScrollArea, QScrollArea > QWidget > QWidget {{ background: {WINDOW}; border: none; }}

@@ -360,7 +360,7 @@ def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(
     outcome = run_window(
         run,
         autostart=True,
-        on_ready=lambda w: run.at(60) and w.resize(1600, 960),
+        on_ready=lambda w: (run.at(60), w.showNormal(), w.resize(1600, 960)) and None,
         screenshot=tmp_path / "w.png",
     )
     assert outcome is not None
