@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QCloseEvent
+from PySide6.QtCore import QEvent, QObject, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QApplication, QFileDialog, QMainWindow, QMenuBar, QWidget
 
 from app.gui import theme
@@ -201,6 +201,10 @@ class MainWindow(QMainWindow):
 
         What a redraw has used of this thread's time includes the painting by Qt.
         """
+        popup = QApplication.activePopupWidget()
+        if popup is not None and popup.windowHandle() is not None:
+            for surface in (popup.windowHandle(), self.windowHandle()):
+                surface.installEventFilter(self)  # a second time is none
         used, since = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
         if self._parts:
             self._draw(self._parts.popleft())
@@ -392,6 +396,14 @@ class MainWindow(QMainWindow):
                 self._failures.append((f"{failed}: {error}", True))
 
         threading.Thread(target=work, name="slipscope-window-stop", daemon=True).start()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Stop the motion by key also while a list or a menu is open, which takes all keys."""
+        if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress:
+            keys = self.actions_by_name["stop_motion"].shortcuts()
+            if QKeySequence(event.key()) in keys and not event.isAutoRepeat():
+                self.stop_motion()
+        return super().eventFilter(watched, event)
 
     # ------------------------------------------------------------------ closing
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QObject, Qt
 from PySide6.QtGui import QImage
-from PySide6.QtWidgets import QApplication
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
@@ -199,6 +200,22 @@ def test_stop_motion_works_whatever_the_run_does(
     Hanging.release.set()
 
 
+@pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12])
+def test_a_list_that_is_open_does_not_swallow_the_stop(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun, key: Qt.Key
+) -> None:
+    begin(qtbot, window, run, 30)
+    menu = window.findChildren(QMenuBar)[0].actions()[0].menu()
+    assert isinstance(menu, QMenu)
+    menu.popup(window.mapToGlobal(window.rect().center()))
+    qtbot.wait(5 * window_module.TICK_MS)
+    assert QApplication.activePopupWidget() is menu
+    QTest.keyClick(menu.windowHandle(), key)  # as the screen delivers it
+    assert run.called.wait(60)
+    assert run.calls == ["stop_motion"]
+    menu.close()
+
+
 def test_stop_motion_works_while_the_window_can_not_draw(
     qtbot: QtBot, window: MainWindow, run: ScriptedRun, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -357,10 +374,16 @@ def test_run_window_returns_the_outcome_saves_a_picture_and_leaves_nothing(
     qapp: QApplication, tmp_path: Path
 ) -> None:
     run = make_run()
+
+    def ready(window: MainWindow) -> None:
+        run.at(60)
+        window.showNormal()
+        window.resize(1600, 960)
+
     outcome = run_window(
         run,
         autostart=True,
-        on_ready=lambda w: (run.at(60), w.showNormal(), w.resize(1600, 960)) and None,
+        on_ready=ready,
         screenshot=tmp_path / "w.png",
     )
     assert outcome is not None
