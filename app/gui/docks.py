@@ -24,6 +24,7 @@ FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
 LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 RIGHT = Qt.DockWidgetArea.RightDockWidgetArea
 BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
+NARROW_PX, LOW_PX = 1150, 700  # a window of less has room for docks on one side only
 SHARES = {LEFT: 0.24, RIGHT: 0.36, BOTTOM: 0.2}  # of the window, at first
 
 
@@ -35,7 +36,6 @@ class Place:
     title: str
     part: QWidget
     side: Qt.DockWidgetArea
-    is_shown: bool = True
     scrolls: bool = True
 
 
@@ -61,19 +61,26 @@ class Docks:
         window = self._window
         first: dict[Qt.DockWidgetArea, QDockWidget] = {}
         for place in self._places:
-            dock = self.by_name[place.name]
+            dock, side = self.by_name[place.name], self._side(place)
             dock.setFloating(False)
-            window.addDockWidget(place.side, dock)
-            if place.side in first:
-                window.tabifyDockWidget(first[place.side], dock)
-            first.setdefault(place.side, dock)
-            dock.setVisible(place.is_shown)
+            window.addDockWidget(side, dock)
+            if side in first:
+                window.tabifyDockWidget(first[side], dock)
+            first.setdefault(side, dock)
+            dock.show()
         for side, dock in first.items():
             dock.raise_()
             is_flat = side == BOTTOM
             whole = window.height() if is_flat else window.width()
             way = Qt.Orientation.Vertical if is_flat else Qt.Orientation.Horizontal
             window.resizeDocks([dock], [round(whole * SHARES[side])], way)
+
+    def _side(self, place: Place) -> Qt.DockWidgetArea:
+        """In a window that is small this or that way fewer sides are in use."""
+        is_narrow, is_low = self._window.width() < NARROW_PX, self._window.height() < LOW_PX
+        if (place.side == LEFT and is_narrow) or (place.side == BOTTOM and is_low):
+            return RIGHT
+        return place.side
 
     def open(self, memory: Memory) -> None:
         """Give the window its place on the screen and its docks theirs, as they were left; at
