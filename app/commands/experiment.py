@@ -80,7 +80,6 @@ class _Reports:
 
     def __init__(self, made: list[Made]) -> None:
         self._made = made
-        self._told: list[Made] = []
         self._reported: list[dict[str, Any]] = []
 
     @contextmanager
@@ -113,9 +112,9 @@ class _Reports:
 
     def _report_next(self) -> bool:
         for made in tuple(self._made):
-            if made not in self._told and made.source.outcome() is not None:
-                self._told.append(made)
+            if made.source.outcome() is not None:
                 self._reported.append(made.report())
+                self._made.remove(made)  # it holds its images and fields
                 return True
         return False
 

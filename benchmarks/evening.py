@@ -1,0 +1,165 @@
+"""A window in long and rough use, on the simulated bench: it is closed at random instants of a run,
+and it runs one experiment after the other.
+
+    python -m benchmarks evening [--closes 50] [--runs 20] [--json FILE]
+
+Each close is a program of its own, whose window is closed between its opening and the end of its
+run, as its frame's button does, twice: the run is stopped and saved first. It must end by itself,
+with exit code 0, and leave a session that opens, or none if the run had not begun. The runs in a
+row are of small pictures, as fast as the machine, in one window; memory is compared with that after
+the third, by when everything that is made once has been made. Without a display Qt draws off the
+screen.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from app.session.reader import SessionReader
+from benchmarks.report import Report
+
+SUBJECT = "Evenings in the window"
+SETTINGS = (
+    *("camera.width=480", "camera.height=360", "camera.pixel=16", "limits.age=10"),
+    *("run.normal_force=0.1", "run.background_time=0.2", "sim.press_time=0.3"),
+    *("run.settle_time=0.2", "run.reference_time=0.4", "run.travel=60"),
+)
+LATEST_S = 9.0  # a run at four times the pace is over by then
+PATIENCE_S = 60.0
+FIRST_RUNS = 5
+MIB = 2**20
+
+
+def one_close(seconds: float, session: Path) -> None:
+    """In a program of its own: close the window of a run after so many seconds."""
+    from PySide6.QtCore import QTimer
+
+    from app.commands.workshop import Workshop
+    from app.config import load
+    from app.gui.start import run_window
+
+    made: list[Any] = []
+
+    def ready(window: Any) -> None:
+        for later_s in (seconds, seconds + 0.3):
+            QTimer.singleShot(round(1000 * later_s), window, window.close_after_run)
+
+    run_window(
+        None,
+        Workshop(made.append, pace=4.0),
+        load(None, SETTINGS),
+        session=session,
+        autostart=True,
+        on_ready=ready,
+    )
+    for one in made:
+        if one.source.health().state != "idle":
+            one.source.wait(PATIENCE_S)
+
+
+def many_closes(report: Report, number: int) -> bool:
+    """Close so many windows, each at another instant; whether all ended well."""
+    ended_well = sessions = 0
+    longest_s = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(number):
+            session, seconds = Path(folder) / f"{k}.h5", random.uniform(0.0, LATEST_S)
+            words = [f"{seconds}", str(session)]
+            began = time.monotonic()
+            try:
+                done = subprocess.run(
+                    [sys.executable, "-m", __name__, *words], timeout=PATIENCE_S, check=False
+                )
+            except subprocess.TimeoutExpired:
+                print(f"closed after {seconds:.2f} s: it did not end")
+                continue
+            longest_s = max(longest_s, time.monotonic() - began - seconds)
+            is_readable = not session.exists() or _opens(session)
+            sessions += session.exists()
+            if done.returncode or not is_readable:
+                print(f"closed after {seconds:.2f} s: exit code {done.returncode}")
+            ended_well += not done.returncode and is_readable
+    report.add("windows closed at random instants", number)
+    report.add("that did not end by themselves in good order", number - ended_well, at_most=0)
+    report.add("of them with a session, which opens", sessions)
+    report.add("longest from the opening, beyond the time of the close", longest_s, "s")
+    return ended_well == number
+
+
+def _opens(session: Path) -> bool:
+    with SessionReader(session) as read:
+        return read.outcome is not None
+
+
+def runs_in_a_row(report: Report, number: int) -> None:
+    """Run so many experiments in one window."""
+    from PySide6.QtCore import QTimer
+
+    from app.commands.workshop import Workshop
+    from app.config import load
+    from app.gui.start import run_window
+
+    memory: list[float] = []
+    made: list[Any] = []
+    with tempfile.TemporaryDirectory() as folder:
+
+        def ready(window: Any) -> None:
+            timer = QTimer(window)
+
+            def look() -> None:
+                if not made or window.source is not made[-1].source or window.outcome() is None:
+                    return
+                made.clear()  # what the command keeps of a run is not the window's
+                gc.collect()
+                memory.append(psutil.Process().memory_info().rss / MIB)
+                print(f"run {len(memory)}: {memory[-1]:.1f} MiB", file=sys.stderr, flush=True)
+                if len(memory) == number:
+                    window.close()
+                else:
+                    window.begin()
+
+            timer.timeout.connect(look)
+            timer.start(500)
+
+        run_window(
+            None,
+            Workshop(made.append, pace=None),
+            load(None, SETTINGS),
+            session=Path(folder) / "evening.h5",
+            autostart=True,
+            on_ready=ready,
+        )
+    late = np.array(memory[FIRST_RUNS - 1 :])
+    report.add("runs in one window", len(memory))
+    report.add(f"memory after run {FIRST_RUNS}", late[0], "MiB", digits=4)
+    report.add("its growth until the last", 100 * (late[-1] / late[0] - 1), "%", 3.0, digits=2)
+
+
+def measure(
+    report: Report,
+    *,
+    closes: int = 50,
+    runs: int = 20,
+) -> int:
+    """Close windows, then run one experiment after the other."""
+    if "DISPLAY" not in os.environ:
+        os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    are_well = many_closes(report, closes)
+    if runs > FIRST_RUNS:
+        runs_in_a_row(report, runs)
+    return 0 if are_well else 1
+
+
+if __name__ == "__main__":
+    one_close(float(sys.argv[1]), Path(sys.argv[2]))
