@@ -324,7 +324,7 @@ def load(
 
 
 def altered(
-    data: dict[str, Any], changes: Iterable[Change], where: str, folders: Sequence[Path]
+    data: dict[str, Any], changes: Iterable[Change], where: str, folders: Sequence[Path] | None
 ) -> Config:
     """Settings from nested plain dicts, which stay as they are, with changes to them; see
     `from_data`.

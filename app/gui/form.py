@@ -1,0 +1,390 @@
+"""The settings as a form, without Qt: what stands in each field, and what becomes of what is typed.
+
+A `Form` holds settings that can be used. What is typed is checked as a settings file is, with the
+same sentences; what can not be used waits beside its field until it can, or is typed anew.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from analysis.options import Option, options
+from analysis.settings import PRESETS
+from app.config import (
+    OWN,
+    ConfigError,
+    altered,
+    bench_names,
+    load,
+    own_options,
+    read_settings,
+    tables,
+    to_toml,
+    values_of,
+)
+from app.outputs import new_file
+from app.plain import STEPS, brief, steps_from, steps_lines, title
+from app.settings import Config
+from app.steps import EXAMPLE, KINDS
+from app.toml import parse_toml
+
+WHERE = "settings"  # what the sentences of the declarations call the form; left out in it
+STEPS_KEY = f"run.{STEPS}"
+PRESET_KEY = "dic.preset"
+AS_SET = "as set above"  # the protocol of a run without steps
+OWN_STEPS = "steps of its own"
+EXAMPLE_STEPS = "example of six steps"
+PROPER = {
+    "um": "µm",
+    "u_x": "uₓ",
+    "mu": "μ",
+    "mu_s": "μₛ",
+    "sigma": "σ",
+    "sigma_xz": "σ",
+    "delta": "δ",
+    "J/m2": "J/m²",
+}
+_WORD = re.compile(r"(?<![\w/'.])(" + "|".join(sorted(PROPER, key=len, reverse=True)) + r")(?!\w)")
+
+
+def proper(text: str) -> str:
+    """A text with the symbols that people print: ``µm``, ``uₓ``, ``σ``."""
+    return _WORD.sub(lambda found: PROPER[found[1]], text).replace("mJ/m2", "mJ/m²")
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One setting in the form.
+
+    Attributes
+    ----------
+    key : str
+        ``table.name``, as everywhere in the settings.
+    option : Option
+        Its declaration.
+    """
+
+    key: str
+    option: Option
+
+    @property
+    def name(self) -> str:
+        """What stands before its editor."""
+        return self.option.name.replace("_", " ")
+
+    @property
+    def unit(self) -> str:
+        """The unit in which it is written."""
+        return proper(self.option.unit)
+
+    @property
+    def help(self) -> str:
+        """Its meaning, and what it may be."""
+        wanted = "" if self.option.type is str and not self.option.choices else self.option.limits
+        limits = f" Allowed: {wanted} {self.option.unit}".rstrip() + "." if wanted else ""
+        return proper(f"{self.option.meaning}.{limits}")
+
+    def text(self, value: Any) -> str:
+        """A value as people write it in a field, without its unit."""
+        if isinstance(value, tuple | list):
+            rows = any(isinstance(part, tuple | list) for part in value)
+            return ("; " if rows else ", ").join(map(self.text, value))
+        if isinstance(value, float):
+            return repr(value).removesuffix(".0")
+        return str(value)
+
+    def plain(self, text: str) -> Any:
+        """What was typed as a settings file would hold it; the text itself where it is none of
+        that type, so that its check says so.
+        """
+        kind = self.option.type
+        if kind is str:
+            return text
+        bare = text.strip()
+        if self.option.unit:
+            bare = re.sub(rf"\s*({re.escape(self.option.unit)}|{re.escape(self.unit)})$", "", bare)
+        if kind is bool:
+            return {"True": True, "False": False}.get(bare, text)
+        if kind in (float, int):
+            return _number(bare)
+        if kind == tuple[tuple[float, float], tuple[float, float]]:
+            return [[_number(one) for one in row.split(",")] for row in bare.split(";")]
+        parts = [part.strip() for part in bare.split(",") if part.strip()]
+        is_text = kind in (tuple[str, str], tuple[str, ...])
+        return parts if is_text else [_number(part) for part in parts]
+
+    def is_like(self, words: Sequence[str]) -> bool:
+        """Whether somebody who looks for these words may mean it."""
+        about = f"{self.key} {self.name} {self.help} {self.option.meaning}".casefold()
+        return all(word in about for word in words)
+
+
+def _number(text: str) -> Any:
+    """The number that a text is, or else the text."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A table of the settings."""
+
+    table: str
+    title: str
+    fields: tuple[Field, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """What was typed and can not be used, and why."""
+
+    text: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """Settings that those of the form are compared with, and what they are."""
+
+    name: str
+    config: Config
+
+
+DEFAULTS = "the defaults"
+
+
+class Form:
+    """The settings of the next run, field by field.
+
+    Attributes
+    ----------
+    config : Config
+        That can be used; what was refused is not in it.
+    base : Base
+        What is marked as changed differs from this; a reset takes its value.
+    refused : dict
+        Key -> what was typed and can not be used.
+    """
+
+    def __init__(self, config: Config, base: Base | None = None) -> None:
+        self.config = config
+        self.base = base or Base(DEFAULTS, Config())
+        self.refused: dict[str, Refused] = {}
+        self._waiting: dict[str, Any] = {}  # key -> what was refused, as plain values
+
+    # ------------------------------------------------------------------ what there is
+
+    def groups(self) -> tuple[Group, ...]:
+        """All settings by table; a driver's own follow those of its device."""
+        own = own_options(self.config)
+        made = []
+        for table, kind in tables().items():
+            fields = [Field(f"{table}.{name}", one) for name, one in options(kind).items()]
+            if table in own:
+                more = options(type(own[table])).items()
+                fields += [Field(f"{table}.{OWN}.{name}", one) for name, one in more]
+            made.append(Group(table, proper(title(kind)), tuple(fields)))
+        return tuple(made)
+
+    def field(self, key: str) -> Field:
+        """The field of this key."""
+        return next(one for group in self.groups() for one in group.fields if one.key == key)
+
+    def values(self) -> dict[str, Any]:
+        """Key -> value of every setting, in the units in which people write them."""
+        return _flat(self.config)
+
+    def changed(self) -> dict[str, tuple[Any, Any]]:
+        """Key -> value and that of the base, of every setting in which the two differ."""
+        here, there = _flat(self.config), _flat(self.base.config)
+        return {key: (here.get(key), there.get(key)) for key in here if here[key] != there.get(key)}
+
+    def steps_text(self) -> str:
+        """The steps of the protocol as a settings file has them; empty where there are none."""
+        return "\n".join(steps_lines(self.config.run.steps, comments=False)).strip()
+
+    def protocol(self) -> str:
+        """Which of `protocols` the run has."""
+        steps = self.config.run.steps
+        held = {name: text for name, text in protocols().items() if name != OWN_STEPS}
+        return next((name for name, text in held.items() if _steps_of(text) == steps), OWN_STEPS)
+
+    # ------------------------------------------------------------------ what is done with it
+
+    def put(self, key: str, value: Any) -> bool:
+        """Let a setting be `value`, as a settings file would hold it; whether it can be.
+
+        What waits from before is tried again with it: two settings may only be right together.
+        """
+        self._waiting.pop(key, None)
+        self._waiting = {key: value, **self._waiting}
+        self._take()
+        return key not in self.refused
+
+    def type(self, field: Field, text: str) -> bool:
+        """Let a setting be what was typed; whether it can be."""
+        return self.put(field.key, field.plain(text))
+
+    def put_steps(self, text: str) -> bool:
+        """Let the run have the steps of a TOML text, or none; whether it can."""
+        return self.put(STEPS_KEY, text)
+
+    def drop(self, key: str) -> None:
+        """Forget what was typed for a setting and refused."""
+        self._waiting.pop(key, None)
+        self.refused.pop(key, None)
+
+    def reset(self, key: str) -> bool:
+        """Let a setting be as in the base."""
+        held = _flat(self.base.config)
+        return self.put(key, held[key] if key in held else self.field(key).option.default)
+
+    def replace(self, config: Config) -> None:
+        """Have other settings; what waited is forgotten."""
+        self.config = config
+        self._waiting.clear()
+        self.refused.clear()
+
+    def load(self, path: Path) -> None:
+        """Have the settings of a file, or of a bench that comes with the program, and compare with
+        it; ConfigError if it can not be used.
+        """
+        config = load(path)
+        self.replace(config)
+        self.base = Base(path.name, config)
+
+    def save(self, path: Path) -> None:
+        """Write a settings file, which `slipscope run` takes; UserError if it can not be."""
+        with new_file(path, overwrite=True) as unfinished:
+            unfinished.write_text(to_toml(self.config), encoding="utf-8")
+        self.base = Base(path.name, self.config)
+
+    # ------------------------------------------------------------------ checks
+
+    def _take(self) -> None:
+        """Use of what waits as much as can be used: all at once, or else one by one."""
+        self.refused.clear()
+        if not self._waiting:
+            return
+        try:
+            self.config = self._with(self._waiting)
+        except ConfigError:
+            self._take_each()
+        else:
+            self._waiting.clear()
+
+    def _take_each(self) -> None:
+        is_better = True
+        while is_better:
+            is_better = False
+            for key, value in list(self._waiting.items()):
+                try:
+                    self.config = self._with({key: value})
+                except ConfigError as error:
+                    sentence = str(error).removeprefix(f"{WHERE}: ")
+                    self.refused[key] = Refused(self._typed(key, value), proper(sentence))
+                else:
+                    self.drop(key)
+                    is_better = True
+
+    def _typed(self, key: str, value: Any) -> str:
+        return str(value) if key == STEPS_KEY else self.field(key).text(value)
+
+    def _with(self, written: dict[str, Any]) -> Config:
+        data = values_of(self.config)
+        changes = []
+        for key, value in written.items():
+            table, _, name = key.partition(".")
+            if key == STEPS_KEY:
+                data[table][STEPS] = _plain_steps(value)
+                if value and not self.config.run.steps:
+                    data[table]["reversals"] = 0  # the steps say how it turns
+                continue
+            if name == "source" and value != data[table]["source"]:
+                data[table].pop(OWN, None)  # of another driver
+            changes.append((table, name, value))
+        return altered(data, changes, WHERE, None)
+
+
+def check_steps(text: str, config: Config) -> tuple[str, ...]:
+    """The steps of a TOML text in words, for a run of these settings; ConfigError if it can not
+    have them.
+    """
+    form = Form(config)
+    if not form.put_steps(text):
+        raise ConfigError(form.refused[STEPS_KEY].sentence)
+    return steps_in_words(form.config)
+
+
+def steps_in_words(config: Config) -> tuple[str, ...]:
+    """What a run of these settings does, step by step."""
+    return tuple(proper(str(step)) for step in config.run.protocol)
+
+
+def protocols() -> dict[str, str]:
+    """Name -> steps as TOML, of the protocols that can be chosen: none, the example, and those of
+    the benches that come with the program.
+    """
+    chosen = {AS_SET: "", EXAMPLE_STEPS: EXAMPLE}
+    for name in bench_names():
+        steps = read_settings(Path(name)).get("run", {}).get(STEPS)
+        if steps:
+            chosen[name] = "\n".join(steps_lines(steps_from(steps), comments=False))
+    return chosen
+
+
+def preset_of(config: Config) -> str:
+    """The preset whose settings the correlation has, or "custom"."""
+    dic = config.dic
+    has = (
+        name
+        for name, given in PRESETS.items()
+        if all(getattr(dic, key) == value for key, value in given.items())
+    )
+    return next(has, "custom")
+
+
+def _flat(config: Config) -> dict[str, Any]:
+    """Key -> value of every setting, as written."""
+    flat: dict[str, Any] = {}
+    for table, held in values_of(config).items():
+        own = held.pop(OWN, {})
+        flat |= {f"{table}.{key}": value for key, value in held.items()}
+        flat |= {f"{table}.{OWN}.{key}": value for key, value in own.items()}
+    flat[PRESET_KEY] = preset_of(config)
+    flat.setdefault(STEPS_KEY, [])
+    return flat
+
+
+def _steps_of(text: str) -> Any:
+    return steps_from(_plain_steps(text))
+
+
+def _plain_steps(text: str | list[Any]) -> list[Any]:
+    """The tables of steps in a TOML text."""
+    if isinstance(text, list):
+        return text
+    try:
+        data = parse_toml(text)
+    except ValueError as error:
+        raise ConfigError(f"{STEPS_KEY}: not TOML: {error}") from None
+    others: Iterable[str] = [key for key in data if key != "run"]
+    run = data.get("run", {})
+    if isinstance(run, dict):
+        others = [*others, *(f"run.{key}" for key in run if key != STEPS)]
+    if others or not isinstance(run, dict):
+        found = brief(", ".join(others) or "run")
+        raise ConfigError(
+            f"{STEPS_KEY}: only [[{STEPS_KEY}]] tables are read here; found {found}; a step begins"
+            f" with [[{STEPS_KEY}]] and do = one of {', '.join(KINDS)}"
+        )
+    steps: list[Any] = run.get(STEPS, [])
+    return steps
