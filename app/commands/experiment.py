@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
-from app.commands.names import mark_of, new_session_name, parse_pace
+from app.commands.names import mark_of, parse_pace
 from app.commands.terminal import BAD_INPUT, DONE, FAILED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
 from app.records import Health, Outcome
-from app.session.files import check_new_session, next_free
+from app.session.files import check_new_session, new_session_name, next_free
 from app.settings import Config
 
 POLL_S = 0.1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from datetime import datetime
 from pathlib import Path
 
 from app.errors import UserError
@@ -29,11 +28,6 @@ def parse_pace(text: str) -> float | None:
             " another number more than 0"
         )
     return pace
-
-
-def new_session_name(now: datetime) -> Path:
-    """``slipscope-YYYYmmdd-HHMMSS.h5`` in the current folder."""
-    return Path(f"slipscope-{now:%Y%m%d-%H%M%S}.h5")
 
 
 def mark_of(path: Path) -> tuple[int, int, int] | None:

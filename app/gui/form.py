@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -174,9 +175,9 @@ class Form:
         Key -> what was typed and can not be used.
     """
 
-    def __init__(self, config: Config, base: Base | None = None) -> None:
+    def __init__(self, config: Config) -> None:
         self.config = config
-        self.base = base or Base(DEFAULTS, Config())
+        self.base = Base(DEFAULTS, Config())
         self.refused: dict[str, Refused] = {}
         self._waiting: dict[str, Any] = {}  # key -> what was refused, as plain values
 
@@ -202,9 +203,13 @@ class Form:
         """Key -> value of every setting, in the units in which people write them."""
         return _flat(self.config)
 
+    def base_values(self) -> dict[str, Any]:
+        """The same of the base, which may lack some of a driver's own."""
+        return _flat(self.base.config)
+
     def changed(self) -> dict[str, tuple[Any, Any]]:
         """Key -> value and that of the base, of every setting in which the two differ."""
-        here, there = _flat(self.config), _flat(self.base.config)
+        here, there = self.values(), self.base_values()
         return {key: (here.get(key), there.get(key)) for key in here if here[key] != there.get(key)}
 
     def steps_text(self) -> str:
@@ -244,7 +249,7 @@ class Form:
 
     def reset(self, key: str) -> bool:
         """Let a setting be as in the base."""
-        held = _flat(self.base.config)
+        held = self.base_values()
         return self.put(key, held[key] if key in held else self.field(key).option.default)
 
     def replace(self, config: Config) -> None:
@@ -329,6 +334,7 @@ def steps_in_words(config: Config) -> tuple[str, ...]:
     return tuple(proper(str(step)) for step in config.run.protocol)
 
 
+@cache
 def protocols() -> dict[str, str]:
     """Name -> steps as TOML, of the protocols that can be chosen: none, the example, and those of
     the benches that come with the program.

@@ -65,6 +65,21 @@ QComboBox {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE}; bord
     padding: 1px 6px; min-width: 34px; }}
 QComboBox QAbstractItemView {{ background: {PANEL}; color: {TEXT};
     selection-background-color: {EDGE}; }}
+QLineEdit, QPlainTextEdit {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE};
+    border-radius: 3px; padding: 2px 4px; selection-background-color: {TONES[Tone.BUSY]}; }}
+QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border-color: #7fb4ec; }}
+QToolButton {{ background: #2a303a; border: 1px solid #3b4350; border-radius: 4px;
+    padding: 3px 8px; }}
+QToolButton:hover, QToolButton:checked {{ background: #343c48; }}
+QToolButton:focus {{ border-color: #7fb4ec; }}
+QToolButton::menu-indicator {{ image: none; }}
+QToolButton#bare {{ background: transparent; border: 1px solid transparent; padding: 2px; }}
+QToolButton#bare:hover {{ background: #2a303a; }}
+QToolButton#bare:focus {{ border-color: #7fb4ec; }}
+QMenu {{ background: {PANEL}; border: 1px solid {EDGE}; }}
+QMenu::item:selected {{ background: {EDGE}; }}
+QWidget#page {{ background: {PANEL}; }}
+QScrollBar {{ background: {PANEL}; }}
 QSlider::groove:horizontal {{ height: 4px; background: {EDGE}; border-radius: 2px; }}
 QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-radius: 7px;
     background: {MUTED}; }}

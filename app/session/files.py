@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 
 from app.disk import DiskError, free_bytes, is_locked
@@ -64,6 +65,11 @@ def check_room(path: Path, nbytes: int) -> None:
         raise DiskError(
             errno.ENOSPC, f"{path}: the disk is full, {free / 1e6:.0f} MB are left; make room"
         )
+
+
+def new_session_name(now: datetime) -> Path:
+    """``slipscope-YYYYmmdd-HHMMSS.h5`` in the current folder."""
+    return Path(f"slipscope-{now:%Y%m%d-%H%M%S}.h5")
 
 
 def next_free(session: Path) -> Path:

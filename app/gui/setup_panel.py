@@ -1,0 +1,448 @@
+"""Set up: the settings of the next run, those of every evening on top, all of them below."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFileDialog,
+    QLineEdit,
+    QMenu,
+    QScrollArea,
+    QSizePolicy,
+    QToolButton,
+    QWidget,
+)
+
+from app.config import ConfigError, bench_names
+from app.errors import UserError
+from app.gui import theme
+from app.gui.cells import Tone
+from app.gui.desk import Desk
+from app.gui.editors import NAME_WIDTH, FieldRow, Line
+from app.gui.form import DEFAULTS, Base, Field, Form, Group
+from app.gui.later import Later
+from app.gui.protocol_editor import ProtocolEditor
+from app.gui.session_place import Place, named, place_of
+from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.settings import Config
+
+EVENING = {  # key -> its name, of what is another every evening
+    "run.normal_force": "Load P",
+    "run.travel": "Travel δ",
+    "run.velocity": "Velocity",
+    "dic.preset": "Correlation",
+    "dic.box": "Box",
+}
+ABOUT = {"about.sample": "Sample", "about.operator": "Operator", "about.note": "Note"}
+NOTE_LINES = 3
+TOML_FILES = "Settings files (*.toml);;All files (*)"
+SESSION_FILES = "Sessions (*.h5 *.hdf5 *.nxs);;All files (*)"
+HELP_LINES = 4
+
+
+class GroupView(QWidget):
+    """A table of the settings, which opens by a click on its head; a row is made when it is first
+    seen.
+    """
+
+    def __init__(self, group: Group, make_row: Callable[[Field], FieldRow]) -> None:
+        super().__init__()
+        self.group, self.rows = group, dict[str, FieldRow]()
+        self._make_row = make_row
+        self.head, self.body = QToolButton(), QWidget()
+        self._column = column(spacing=6, margins=(6, 2, 0, 8))
+        self.body.setLayout(self._column)
+        self.body.hide()
+        self.head.setText(group.table)
+        self.head.setToolTip(group.title)
+        self.head.setCheckable(True)
+        self.head.setObjectName("bare")
+        self.head.setArrowType(Qt.ArrowType.RightArrow)
+        self.head.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.head.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setLayout(column(self.head, self.body))
+
+    def show_only(self, words: list[str], changed: set[str] | None) -> None:
+        """Show the settings that these words mean and that are `changed`, if that is given; the
+        table is open while some are looked for.
+        """
+        meant = [
+            field
+            for field in self.group.fields
+            if field.is_like(words) and (changed is None or field.key in changed)
+        ]
+        is_search = bool(words) or changed is not None
+        is_open = bool(meant) and (self.head.isChecked() or is_search)
+        arrow = Qt.ArrowType.DownArrow if is_open else Qt.ArrowType.RightArrow
+        self.head.setArrowType(arrow)
+        if is_open:
+            self._show(meant)
+        self.body.setVisible(is_open)
+        self.setVisible(bool(meant))
+
+    def _show(self, fields: list[Field]) -> None:
+        for field in fields:
+            if field.key not in self.rows:
+                self.rows[field.key] = self._make_row(field)
+        for at, one in enumerate(one for one in self.group.fields if one.key in self.rows):
+            made = self.rows[one.key]
+            if self._column.indexOf(made) != at:
+                self._column.insertWidget(at, made)
+            made.setVisible(one in fields)
+
+
+class SetupPanel(Panel):
+    """The settings of the next run.
+
+    What is typed is checked at once, by the declaration of its setting; what can not be used stays
+    beside its field with the reason, and the next run does not have it.
+    """
+
+    name = "setup"
+    title = "Set up"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk, self.form = desk, Form(desk.config)
+        self.later = Later(self)
+        self.rows: dict[str, list[FieldRow]] = {}
+        self.groups: list[GroupView] = []
+        self._values, self._base_values = self.form.values(), self.form.base_values()
+        self._is_misnamed = False  # what stands in the field of the session can not be used
+        self._build()
+        desk.settings_changed.connect(self._follow)
+        desk.busy_changed.connect(self._show_busy)
+        self._follow()
+        self._show_busy(desk.is_busy)
+
+    def row(self, key: str) -> FieldRow:
+        """The row of a setting that is first in view."""
+        return self.rows[key][0]
+
+    # ------------------------------------------------------------------ what the operator does
+
+    def load(self, path: Path) -> None:
+        """Take the settings of a file, or of a bench that comes with the program."""
+        try:
+            self.form.load(path)
+        except (ConfigError, UserError) as error:
+            self.desk.said.emit(f"The settings stay as they are: {error}", False)
+            return
+        self._use()
+        self.desk.said.emit(f"The next run has the settings of {path}.", False)
+
+    def save(self, path: Path) -> None:
+        """Write the settings as a file, which `slipscope run` takes."""
+        path = path if path.suffix else path.with_name(f"{path.name}.toml")
+        try:
+            self.form.save(path)
+        except (UserError, OSError) as error:
+            self.desk.said.emit(f"The settings were not saved: {error}", False)
+            return
+        self._refresh()
+        self.desk.said.emit(f"The settings are saved in {path.absolute()}.", False)
+
+    def compare(self, session: Path) -> None:
+        """Mark what differs from the settings of a recorded run."""
+
+        def compared(config: Config) -> None:
+            self._compare_with(Base(session.name, config))
+            self.only_changed.setChecked(True)
+
+        self.later.do(
+            lambda: self.desk.workshop.settings_of(session),
+            compared,
+            lambda why: self.desk.said.emit(f"The settings were not compared: {why}", False),
+        )
+
+    # ------------------------------------------------------------------ form and desk
+
+    def _type(self, field: Field, text: str) -> None:
+        self.form.type(field, text)
+        self._use()
+
+    def _put_steps(self, text: str) -> None:
+        self.form.put_steps(text)
+        self._use()
+
+    def _reset(self, field: Field) -> None:
+        self.form.reset(field.key)
+        self._use()
+
+    def _reset_focused(self) -> None:
+        for one in self.findChildren(FieldRow):
+            if one.editor.hasFocus():
+                self._reset(one.field)
+                return
+
+    def _use(self) -> None:
+        """Let the next run have what can be used of the form."""
+        if self.form.config == self.desk.config:
+            self._refresh()
+        else:
+            self.desk.set_config(self.form.config)
+
+    def _follow(self) -> None:
+        """Show the settings that the desk has."""
+        if self.desk.config != self.form.config:
+            self.form.replace(self.desk.config)
+        self._refresh()
+        if not self._is_misnamed:
+            self.session.show_text(str(self.desk.session or ""))
+        self._show_place()
+
+    def _name(self, text: str) -> None:
+        """Let the next run record the file of this name, if it can be written."""
+        place = place_of(named(text))
+        self._is_misnamed = not place.is_usable
+        if self._is_misnamed:
+            self._show(place)
+        else:
+            self.desk.set_session(place.session)
+            self._follow()
+
+    def _compare_with(self, base: Base) -> None:
+        self.form.base = base
+        self._refresh()
+
+    # ------------------------------------------------------------------ drawing
+
+    def _refresh(self) -> None:
+        groups = self.form.groups()
+        if [view.group for view in self.groups] != list(groups):
+            self._build_groups(groups)  # another driver has other options of its own
+        self._values, self._base_values = self.form.values(), self.form.base_values()
+        for rows in self.rows.values():
+            for one in rows:
+                self._show_row(one)
+        self.protocol.refresh()
+        self._show_refused()
+        changed = self._changed()
+        self.compared.setText(
+            f"● {len(changed)} not as in {self.form.base.name}"
+            if changed
+            else f"all as in {self.form.base.name}"
+        )
+        self._filter()
+
+    def _show_row(self, one: FieldRow) -> None:
+        key = one.field.key
+        value, base = self._values[key], self._base_values.get(key)
+        one.show_value(value, base, self.form.base.name, self.form.refused.get(key))
+
+    def _changed(self) -> set[str]:
+        there = self._base_values
+        return {key for key, value in self._values.items() if value != there.get(key)}
+
+    def _filter(self) -> None:
+        words = self.search.text().casefold().split()
+        changed = self._changed() if self.only_changed.isChecked() else None
+        for view in self.groups:
+            view.show_only(words, changed)
+
+    def _show_refused(self) -> None:
+        count = len(self.form.refused)
+        what = "One setting" if count == 1 else f"{count} settings"
+        can, has = ("it", "its") if count == 1 else ("they", "their")
+        self.refused.setText(
+            f"{what} can not be used as typed: see the sentence beside {can}. The next run has"
+            f" {has} former value{'s' if count > 1 else ''}."
+        )
+        self.refused.setVisible(count > 0)
+
+    def _show_place(self) -> None:
+        """Say where the next run is recorded, unless the name that was typed is no good."""
+        if not self._is_misnamed:
+            self._show(place_of(self.desk.session))
+
+    def _show(self, place: Place) -> None:
+        self.place.setText(place.sentence)
+        self.place.setStyleSheet("" if place.is_usable else f"color: {theme.TONES[Tone.BAD]};")
+
+    def _show_busy(self, is_busy: bool) -> None:
+        self.busy.setVisible(is_busy)
+        self._show_place()
+
+    def _show_help(self, field: Field) -> None:
+        self.help.setText(f"{field.key}: {field.help}")
+
+    # ------------------------------------------------------------------ building
+
+    def _build(self) -> None:
+        self.busy = self._banner("A run is on: what is changed here is for the next one.")
+        self.refused = self._banner("")
+        self.refused.setStyleSheet(f"color: {theme.TONES[Tone.BAD]};")
+        self.help = label("What the setting that is edited means stands here.", "muted")
+        self.help.setWordWrap(True)
+        self.help.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.help.setFixedHeight(HELP_LINES * self.help.fontMetrics().lineSpacing())
+        self._build_session()
+        self._build_files()
+        self.protocol = ProtocolEditor(self.form)
+        self.protocol.entered.connect(self._put_steps)
+        self.all = column(spacing=0)
+        page = QWidget()
+        page.setObjectName("page")
+        evening = [self._evening_row(key, name) for key, name in EVENING.items()]
+        about = [self._evening_row(key, name) for key, name in ABOUT.items()]
+        page.setLayout(
+            column(
+                *evening,
+                self.protocol,
+                8,
+                *self._session_part,
+                8,
+                *about,
+                12,
+                label("All settings", "heading"),
+                row((self.search, 1), self.only_changed, spacing=6),
+                row((self.compared, 1), self.compare_menu, spacing=6),
+                self.all,
+                STRETCH,
+                spacing=6,
+                margins=(0, 0, 8, 0),
+            )
+        )
+        scroll = QScrollArea()
+        scroll.setWidget(page)
+        scroll.setWidgetResizable(True)
+        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        buttons = row(self.load_menu, self.save_button, STRETCH, spacing=6)
+        parts = (buttons, self.busy, self.refused, (scroll, 1), self.help)
+        self.setLayout(column(*parts, spacing=6, margins=(8, 8, 4, 6)))
+        self.setMinimumWidth(320)
+        reset = QShortcut(QKeySequence("Ctrl+R"), self)
+        reset.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        reset.activated.connect(self._reset_focused)
+
+    def _banner(self, text: str) -> QWidget:
+        made = label(text, "detail")
+        made.setWordWrap(True)
+        made.hide()
+        return made
+
+    def _evening_row(self, key: str, name: str) -> FieldRow:
+        lines = NOTE_LINES if key == "about.note" else 0
+        return self._made_row(self.form.field(key), name, lines)
+
+    def _made_row(self, field: Field, name: str = "", lines: int = 0) -> FieldRow:
+        made = FieldRow(field, name, lines)
+        made.entered.connect(self._type)
+        made.reset_asked.connect(self._reset)
+        made.focused.connect(self._show_help)
+        self.rows.setdefault(field.key, []).append(made)
+        self._show_row(made)
+        return made
+
+    def _build_groups(self, groups: tuple[Group, ...]) -> None:
+        """All settings by table, anew."""
+        for view in self.groups:
+            for key, one in view.rows.items():
+                self.rows[key].remove(one)
+            view.setParent(None)
+            view.deleteLater()
+        self.rows = {key: rows for key, rows in self.rows.items() if rows}
+        self.groups = [GroupView(group, self._made_row) for group in groups]
+        for view in self.groups:
+            view.head.toggled.connect(self._filter)
+            self.all.addWidget(view)
+
+    def _build_session(self) -> None:
+        self.session, self.place = Line(), label("", "muted")
+        self.session.setPlaceholderText("by date and time")
+        self.session.setAccessibleName("Session file")
+        self.session.setToolTip(
+            "The file that the next run records; empty: named by date and time. Files that are"
+            " there are never replaced."
+        )
+        self.session.entered.connect(self._name)
+        self.place.setWordWrap(True)
+        self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        browse = QToolButton()
+        browse.setText("…")
+        browse.setToolTip("Choose folder and name of the session")
+        browse.clicked.connect(self._browse)
+        name = label("Session", "name")
+        name.setFixedWidth(NAME_WIDTH)
+        self._session_part = (row(name, (self.session, 1), browse, spacing=6), self.place)
+
+    def _build_files(self) -> None:
+        self.load_menu = self._menu(
+            "Load",
+            "Takes the settings of a file, or of a bench that comes with the program",
+            {
+                "A settings file …": self._browse_load,
+                **{f"Bench {name}": lambda n=name: self.load(Path(n)) for name in bench_names()},
+                "The defaults": lambda: self._load_defaults(),
+            },
+        )
+        self.save_button = QToolButton()
+        self.save_button.setText("Save …")
+        self.save_button.setToolTip("Writes the settings as a file for `slipscope run FILE`")
+        self.save_button.clicked.connect(self._browse_save)
+        self.compare_menu = self._menu(
+            "Compare",
+            "What the settings are compared with: what differs is marked, and a reset takes it",
+            {
+                "With the defaults": lambda: self._compare_with(Base(DEFAULTS, Config())),
+                "With a session …": self._browse_session,
+            },
+        )
+        self.search, self.only_changed = QLineEdit(), QCheckBox("only changed")
+        self.search.setPlaceholderText("Search the settings")
+        self.search.setClearButtonEnabled(True)
+        self.search.setMinimumWidth(60)
+        self.compared = label("", "muted")
+        self.compared.setWordWrap(True)
+        self.search.textChanged.connect(self._filter)
+        self.only_changed.toggled.connect(self._filter)
+
+    def _menu(self, text: str, tip: str, acts: dict[str, Callable[[], object]]) -> QToolButton:
+        button, menu = QToolButton(), QMenu(self)
+        for name, act in acts.items():
+            menu.addAction(name).triggered.connect(lambda _=False, act=act: act())
+        button.setText(text)
+        button.setToolTip(tip)
+        button.setMenu(menu)
+        button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        return button
+
+    # ------------------------------------------------------------------ files
+
+    def _load_defaults(self) -> None:
+        self.form.replace(Config())
+        self.form.base = Base(DEFAULTS, Config())
+        self._use()
+
+    def _browse(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(
+            self,
+            "Session that the next run records",
+            str(self.desk.session or Path.cwd()),
+            SESSION_FILES,
+            options=QFileDialog.Option.DontConfirmOverwrite,
+        )
+        if name:
+            self._name(name)
+
+    def _browse_load(self) -> None:
+        name, _ = QFileDialog.getOpenFileName(self, "Load settings", "", TOML_FILES)
+        if name:
+            self.load(Path(name))
+
+    def _browse_save(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(self, "Save settings", "slipscope.toml", TOML_FILES)
+        if name:
+            self.save(Path(name))
+
+    def _browse_session(self) -> None:
+        name, _ = QFileDialog.getOpenFileName(self, "Compare with a session", "", SESSION_FILES)
+        if name:
+            self.compare(Path(name))

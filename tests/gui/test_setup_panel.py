@@ -1,0 +1,289 @@
+"""The settings of an evening, as an operator types them: by keyboard and mouse."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QMainWindow
+from pytestqt.qtbot import QtBot
+
+from app.config import load
+from app.gui.desk import Desk
+from app.gui.editors import FieldRow, Line
+from app.gui.form import AS_SET, OWN_STEPS
+from app.gui.setup_panel import SetupPanel
+from app.settings import Config, RunSettings
+
+
+class Shop:
+    """Knows the settings of one recorded run."""
+
+    def settings_of(self, session: Path) -> Config:
+        if session.name != "old.h5":
+            raise ValueError(f"{session}: not a session")
+        return Config(run=RunSettings(normal_force=0.2))
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk(Shop(), Config())  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SetupPanel:
+    monkeypatch.chdir(tmp_path)
+    made = SetupPanel(desk)
+    qtbot.addWidget(made)
+    made.resize(340, 900)
+    with qtbot.waitExposed(made):
+        made.show()
+    made.activateWindow()
+    return made
+
+
+def write(qtbot: QtBot, editor: Line, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
+    editor.setFocus()
+    qtbot.keyClick(editor, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
+    qtbot.keyClick(editor, Qt.Key.Key_Delete)
+    qtbot.keyClicks(editor, text)
+    if end is not None:
+        qtbot.keyClick(editor, end)
+
+
+def click(qtbot: QtBot, widget: object) -> None:
+    qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
+
+
+def test_what_is_typed_is_for_the_next_run_and_a_wrong_value_is_corrected(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    load_row, travel = panel.row("run.normal_force"), panel.row("run.travel")
+    write(qtbot, load_row.editor, "0.3")
+    write(qtbot, travel.editor, "150", Qt.Key.Key_Return)
+    assert desk.config.run.normal_force == 0.3
+    assert desk.config.run.travel == pytest.approx(150e-6)
+    assert load_row.name.text() == "● Load P"
+    assert load_row.reset.isVisible()
+
+    write(qtbot, load_row.editor, "12")
+    assert desk.config.run.normal_force == 0.3
+    assert "at most 10 N; found 12" in load_row.sentence.text()
+    assert load_row.sentence.isVisible()
+    assert load_row.editor.text() == "12"
+    assert "One setting can not be used as typed" in panel.refused.text()
+
+    write(qtbot, load_row.editor, "0.4")
+    assert desk.config.run.normal_force == 0.4
+    assert not load_row.sentence.isVisible()
+    assert not panel.refused.isVisible()
+
+
+def test_a_key_of_the_window_takes_what_was_typed_first(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    window = QMainWindow()
+    qtbot.addWidget(window)
+    window.setCentralWidget(panel)
+    begun: list[float] = []
+    QShortcut(QKeySequence(Qt.Key.Key_F5), window).activated.connect(
+        lambda: begun.append(desk.config.run.normal_force)
+    )
+    with qtbot.waitActive(window):
+        window.show()
+    write(qtbot, panel.row("run.normal_force").editor, "0.25", end=Qt.Key.Key_F5)
+    assert begun == [0.25]
+    window.takeCentralWidget()
+
+
+def test_a_field_is_reset_by_its_button_and_by_a_key(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    row = panel.row("run.normal_force")
+    for by_key in (False, True):
+        write(qtbot, row.editor, "0.3", end=Qt.Key.Key_Return)
+        if by_key:
+            qtbot.keyClick(row.editor, Qt.Key.Key_R, Qt.KeyboardModifier.ControlModifier)
+        else:
+            click(qtbot, row.reset)
+        assert desk.config.run.normal_force == 0.5
+        assert row.editor.text() == "0.5"
+        assert not row.reset.isVisible()
+
+
+def visible(panel: SetupPanel) -> set[str]:
+    rows = (pair for view in panel.groups for pair in view.rows.items())
+    return {key for key, row in rows if row.isVisible()}
+
+
+def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
+    assert not visible(panel)  # the tables are closed
+    qtbot.keyClicks(panel.search, "exposure ms")
+    assert "camera.exposure" in visible(panel)
+    assert not {key for key in visible(panel) if key.startswith("run.")}
+    panel.search.clear()
+    write(qtbot, panel.row("run.velocity").editor, "7")
+    panel.only_changed.click()
+    assert visible(panel) == {"run.velocity"}
+    panel.only_changed.click()
+    assert not visible(panel)
+    click(qtbot, panel.groups[0].head)
+    assert "run.velocity" in visible(panel)
+
+
+def test_both_rows_of_a_setting_show_it(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
+    click(qtbot, panel.groups[0].head)
+    rows = panel.rows["run.velocity"]
+    assert len(rows) == 2
+    write(qtbot, rows[1].editor, "8")
+    assert rows[0].editor.text() == "8"
+    assert desk.config.run.velocity == pytest.approx(8e-6)
+
+
+def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None:
+    preset = panel.row("dic.preset").editor
+    preset.setFocus()
+    qtbot.keyClicks(preset, "finest")
+    assert desk.config.dic.box == 38
+    assert panel.row("dic.box").editor.text() == "38"
+    view = next(view for view in panel.groups if view.group.table == "stress")
+    click(qtbot, view.head)
+    view.rows["stress.field"].editor.click()
+    assert desk.config.stress.field
+
+
+def test_the_protocol_is_chosen_edited_and_checked(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    editor = panel.protocol
+    assert editor.choice.currentText() == AS_SET
+    assert editor.steps.text().splitlines()[-1] == "4  drive 190 µm at 5 µm/s"
+    editor.choice.setFocus()
+    qtbot.keyClicks(editor.choice, "slide")
+    assert desk.config.run.steps == load(Path("slide-hold-slide")).run.steps
+    click(qtbot, editor.edit)
+    assert editor.text.isVisible()
+
+    before = desk.config
+    editor.text.setFocus()
+    qtbot.keyClick(editor.text, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
+    qtbot.keyClicks(editor.text, '[[run.steps]]\rdo = "drive"')
+    assert "step 1 (drive) moves the stage before the reference" in editor.sentence.text()
+    qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
+    assert desk.config == before
+    assert "moves the stage before" in editor.sentence.text()
+
+    good = '[[run.steps]]\rdo="approach"\r[[run.steps]]\rdo="reference"\r[[run.steps]]\rdo="drive"'
+    editor.text.setFocus()
+    qtbot.keyClick(editor.text, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
+    qtbot.keyClicks(editor.text, good)
+    assert not editor.sentence.isVisible()
+    assert desk.config == before
+    qtbot.keyClick(editor.text, Qt.Key.Key_Tab)
+    assert [step.kind for step in desk.config.run.steps] == ["approach", "reference", "drive"]
+    assert editor.choice.currentText() == OWN_STEPS
+
+
+def test_what_the_operator_says_of_the_run_is_in_its_settings(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    write(qtbot, panel.row("about.sample").editor, "PDMS 7")
+    write(qtbot, panel.row("about.operator").editor, "Ada")
+    write(qtbot, panel.row("about.note").editor, "new lens\rdry")
+    about = desk.config.about
+    assert (about.sample, about.operator, about.note) == ("PDMS 7", "Ada", "new lens\ndry")
+
+
+def test_the_session_is_named_and_its_full_path_shown(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk, tmp_path: Path
+) -> None:
+    assert "named by date and time" in panel.place.text()
+    write(qtbot, panel.session, "P0.5N")
+    assert desk.session == Path("P0.5N.h5")
+    assert panel.place.text() == f"{tmp_path / 'P0.5N.h5'} is free"
+    (tmp_path / "P0.5N.h5").touch()
+    desk.set_busy(True)
+    assert f"{tmp_path / 'P0.5N-2.h5'} is the next free name" in panel.place.text()
+    write(qtbot, panel.session, "nowhere/x")
+    assert "the folder nowhere does not exist" in panel.place.text()
+    write(qtbot, panel.row("run.velocity").editor, "6")
+    assert "the folder nowhere does not exist" in panel.place.text()
+    assert panel.session.text() == "nowhere/x"
+    assert desk.session == Path("P0.5N.h5")
+    write(qtbot, panel.session, "")
+    assert desk.session is None
+
+
+def test_save_and_load_by_the_dialogs(
+    qtbot: QtBot,
+    panel: SetupPanel,
+    desk: Desk,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    answers: Callable[..., tuple[str, str]] = lambda *a, **k: (str(tmp_path / "mine.toml"), "")  # noqa: E731
+    for name in ("getSaveFileName", "getOpenFileName"):
+        monkeypatch.setattr(f"app.gui.setup_panel.QFileDialog.{name}", answers)
+    write(qtbot, panel.row("run.normal_force").editor, "0.3")
+    click(qtbot, panel.save_button)
+    assert load(tmp_path / "mine.toml") == desk.config
+    assert "all as in mine.toml" in panel.compared.text()
+    write(qtbot, panel.row("run.normal_force").editor, "0.7")
+    assert "1 not as in mine.toml" in panel.compared.text()
+    panel.load_menu.menu().actions()[0].trigger()
+    assert desk.config.run.normal_force == 0.3
+    (tmp_path / "mine.toml").write_text("[run]\nvelocity = 'fast'")
+    panel.load_menu.menu().actions()[0].trigger()
+    assert desk.config.run.normal_force == 0.3
+    assert "The settings stay as they are" in said[-1]
+    assert "run.velocity must be a number" in said[-1]
+
+
+def test_what_differs_from_a_recorded_run_is_marked_and_can_be_taken(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    panel.compare(Path("old.h5"))
+    qtbot.waitUntil(lambda: "1 not as in old.h5" in panel.compared.text())
+    assert visible(panel) == {"run.normal_force"}
+    row = panel.row("run.normal_force")
+    assert "old.h5: 0.2 N" in row.reset.toolTip()
+    click(qtbot, row.reset)
+    assert desk.config.run.normal_force == 0.2
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    panel.compare(Path("new.h5"))
+    qtbot.waitUntil(lambda: bool(said))
+    assert said == ["The settings were not compared: new.h5: not a session"]
+
+
+def test_settings_from_elsewhere_are_shown_and_what_was_refused_is_forgotten(
+    qtbot: QtBot, panel: SetupPanel, desk: Desk
+) -> None:
+    row = panel.row("run.normal_force")
+    write(qtbot, row.editor, "12")
+    desk.set_config(replace(desk.config, run=RunSettings(normal_force=0.9)))
+    assert row.editor.text() == "0.9"
+    assert not row.sentence.isVisible()
+    assert not panel.busy.isVisible()
+    desk.set_busy(True)
+    assert panel.busy.isVisible()
+
+
+def test_another_driver_brings_options_of_its_own(panel: SetupPanel, desk: Desk) -> None:
+    panel.search.setText("camera latency")
+    assert not visible(panel)
+    desk.set_config(load(None, ("camera.source=labs.webcam:Webcam",)))
+    assert visible(panel) == {"camera.options.latency"}
+    desk.set_config(Config())
+    assert not visible(panel)
+
+
+def test_it_fits_a_narrow_dock(panel: SetupPanel) -> None:
+    for row in panel.findChildren(FieldRow):
+        if row.isVisible():
+            right = row.mapTo(panel, row.rect().bottomRight()).x()
+            assert right < 340, row.field.key
