@@ -465,6 +465,11 @@ class Health:
     question: str = ""
 
     @property
+    def step_number(self) -> int:
+        """Number of the step under way, from 1; 0 where there is none."""
+        return int(self.step.partition(" ")[0] or 0)
+
+    @property
     def doing(self) -> str:
         """The step under way, with the time left of it and of all: ``3 of 6: hold for 10 s; 4 s
         left, 60 s of all``.

@@ -9,8 +9,8 @@ from typing import Any
 
 from app.commands.ending import report_replay
 from app.commands.experiment import Made, made_run
-from app.commands.names import new_session_name
-from app.session.files import next_free
+from app.config import from_record
+from app.session.files import new_session_name, next_free
 from app.settings import Config
 
 
@@ -54,6 +54,14 @@ class Workshop:
 
         source = Replay(session, pace=1.0)
         return self._kept(Made(source, lambda: report_replay(source, self._as_json)))
+
+    def settings_of(self, session: Path) -> Config:
+        """See `app.gui.desk.Workshop`."""
+        from app.session.reader import SessionReader
+
+        with SessionReader(session) as reader:
+            text = reader.header.config_toml
+        return from_record(text, f"{session}: settings")
 
     def _kept(self, made: Made) -> Any:
         self._keep(made)

@@ -30,6 +30,9 @@ class Workshop(Protocol):
     def replay(self, session: Path) -> RunSource:
         """A recorded run, to be played."""
 
+    def settings_of(self, session: Path) -> Config:
+        """The settings of a recorded run."""
+
 
 class Part(Protocol):
     """A part of the window that shows a run: a widget with these methods."""

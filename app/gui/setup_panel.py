@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -10,6 +11,7 @@ from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
+    QLabel,
     QLineEdit,
     QMenu,
     QScrollArea,
@@ -105,6 +107,9 @@ class SetupPanel(Panel):
 
     name = "setup"
     title = "Set up"
+    keys = (
+        ("Ctrl+R", "The setting that is edited is again as it was in what it is compared with."),
+    )
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -113,6 +118,7 @@ class SetupPanel(Panel):
         self.rows: dict[str, list[FieldRow]] = {}
         self.groups: list[GroupView] = []
         self._values, self._base_values = self.form.values(), self.form.base_values()
+        self._changed: set[str] = set()
         self._is_misnamed = False  # what stands in the field of the session can not be used
         self._build()
         desk.settings_changed.connect(self._follow)
@@ -222,7 +228,7 @@ class SetupPanel(Panel):
                 self._show_row(one)
         self.protocol.refresh()
         self._show_refused()
-        changed = self._changed()
+        changed = self._changed = set(self.form.changed())
         self.compared.setText(
             f"● {len(changed)} not as in {self.form.base.name}"
             if changed
@@ -235,13 +241,9 @@ class SetupPanel(Panel):
         value, base = self._values[key], self._base_values.get(key)
         one.show_value(value, base, self.form.base.name, self.form.refused.get(key))
 
-    def _changed(self) -> set[str]:
-        there = self._base_values
-        return {key for key, value in self._values.items() if value != there.get(key)}
-
     def _filter(self) -> None:
         words = self.search.text().casefold().split()
-        changed = self._changed() if self.only_changed.isChecked() else None
+        changed = self._changed if self.only_changed.isChecked() else None
         for view in self.groups:
             view.show_only(words, changed)
 
@@ -322,7 +324,7 @@ class SetupPanel(Panel):
         reset.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
         reset.activated.connect(self._reset_focused)
 
-    def _banner(self, text: str) -> QWidget:
+    def _banner(self, text: str) -> QLabel:
         made = label(text, "detail")
         made.setWordWrap(True)
         made.hide()
@@ -379,8 +381,8 @@ class SetupPanel(Panel):
             "Takes the settings of a file, or of a bench that comes with the program",
             {
                 "A settings file …": self._browse_load,
-                **{f"Bench {name}": lambda n=name: self.load(Path(n)) for name in bench_names()},
-                "The defaults": lambda: self._load_defaults(),
+                **{f"Bench {name}": partial(self.load, Path(name)) for name in bench_names()},
+                "The defaults": self._load_defaults,
             },
         )
         self.save_button = QToolButton()

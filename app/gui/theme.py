@@ -76,8 +76,6 @@ QToolButton::menu-indicator {{ image: none; }}
 QToolButton#bare {{ background: transparent; border: 1px solid transparent; padding: 2px; }}
 QToolButton#bare:hover {{ background: #2a303a; }}
 QToolButton#bare:focus {{ border-color: #7fb4ec; }}
-QMenu {{ background: {PANEL}; border: 1px solid {EDGE}; }}
-QMenu::item:selected {{ background: {EDGE}; }}
 QWidget#page {{ background: {PANEL}; }}
 QScrollBar {{ background: {PANEL}; }}
 QSlider::groove:horizontal {{ height: 4px; background: {EDGE}; border-radius: 2px; }}
@@ -94,7 +92,7 @@ QTabBar {{ qproperty-drawBase: 0; }}
 QTabBar::tab {{ background: {PANEL}; color: {MUTED}; border: 1px solid {EDGE}; padding: 4px 10px; }}
 QTabBar::tab:selected {{ background: {EDGE}; color: {TEXT}; }}
 QScrollArea, QScrollArea > QWidget > QWidget {{ background: {WINDOW}; border: none; }}
-QPlainTextEdit, QLineEdit, QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
+QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
     background: {WINDOW}; border: 1px solid {EDGE}; }}
 QHeaderView::section {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 3px 6px; }}
 QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; padding: 4px; }}

@@ -23,6 +23,7 @@ from app.gui.frame_results import (
     shown_image,
 )
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
+from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Image, PlaybackSource, RunSource, Setup
 from app.records import F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot
 from app.summary import Summary
@@ -69,6 +70,7 @@ class ViewState:
     result: tuple[Cell, ...]
     outcome: Outcome | None
     behind: int
+    steps: RunSteps
     shed: int = 0
 
     @property
@@ -157,5 +159,13 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         result=cells.result_cells(outcome.summary) if outcome else cells.setting_cells(config),
         outcome=outcome,
         behind=waiting_frames(health.counts),
+        steps=run_steps(
+            config,
+            health,
+            outcome,
+            newest.conditions if newest else None,
+            (normal_n, shear_n),
+            previous.steps if previous else None,
+        ),
         shed=health.shed,
     )

@@ -1,0 +1,239 @@
+"""The experiment: the steps of the protocol, what the step under way waits for, and one key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent
+from PySide6.QtWidgets import (
+    QApplication,
+    QGridLayout,
+    QLineEdit,
+    QPlainTextEdit,
+    QPushButton,
+    QSizePolicy,
+    QWidget,
+)
+
+from app.gui import theme
+from app.gui.cells import Tone, number
+from app.gui.desk import Desk
+from app.gui.run_steps import TONES, Act, Band, RunSteps, Standing, StepLine, planned
+from app.gui.source import Setup
+from app.gui.view_state import ViewState
+from app.gui.widgets import STRETCH, Panel, column, label, row
+
+MARKS = {
+    Standing.TO_COME: "○",
+    Standing.UNDER_WAY: "▶",
+    Standing.DONE: "✓",
+    Standing.STOPPED: "■",
+    Standing.FAILED: "✗",
+}
+KEYS = {Act.BEGIN: "  F5", Act.ANSWER: "  F8 or Enter", Act.WAIT: ""}
+BAR_HEIGHT = 22
+
+
+class BandBar(QWidget):
+    """A force as a mark on a scale, with the band in which it must be."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.band: Band | None = None
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+    def sizeHint(self) -> QSize:
+        """As high as a line of text."""
+        return QSize(120, BAR_HEIGHT)
+
+    def show_band(self, band: Band) -> None:
+        """Show this."""
+        self.band = band
+        self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw scale, band and mark."""
+        if self.band is None:
+            return
+        band, painter = self.band, QPainter(self)
+        low, high = band.span_n
+        scale = self.width() / max(high - low, 1e-9)
+        middle, tone = self.height() / 2, theme.TONES[Tone.GOOD if band.is_within else Tone.WARN]
+        painter.fillRect(QRectF(0, middle - 2, self.width(), 4), QColor(theme.EDGE))
+        left, wide = (band.low_n - low) * scale, (band.high_n - band.low_n) * scale
+        painter.fillRect(QRectF(left, middle - 6, max(wide, 2), 12), QColor(theme.EDGE).lighter())
+        at = min(max((band.value_n - low) * scale, 1), self.width() - 3)
+        painter.fillRect(QRectF(at - 1, 0, 4, self.height()), QColor(tone))
+
+
+class BandRow(QWidget):
+    """A band with its name and value."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.name, self.value, self.bar = label("", "name"), label("", "count"), BandBar()
+        self.name.setMinimumWidth(96)
+        self.value.setMinimumWidth(84)
+        self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.setLayout(row(self.name, (self.bar, 1), self.value, spacing=8))
+
+    def show_band(self, band: Band) -> None:
+        """Show this."""
+        self.bar.show_band(band)
+        self.name.setText(band.name)
+        self.value.setText(f"{number(band.value_n, 4 if band.high_n < 0.1 else 3)} N")
+        tone = Tone.GOOD if band.is_within else Tone.WARN
+        self.value.setStyleSheet(f"color: {theme.TONES[tone]};")
+        self.setToolTip(
+            f"{band.name}: {number(band.value_n, 4)} N, to be between {number(band.low_n, 4)} and"
+            f" {number(band.high_n, 4)} N"
+        )
+
+
+class StepRow:
+    """A step: its mark, text and note."""
+
+    def __init__(self, grid: QGridLayout, at: int) -> None:
+        self.mark, self.text, self.note = label("", "count"), label("", "step"), label("", "muted")
+        self._shown: StepLine | None = None
+        for one in (self.text, self.note):
+            one.setWordWrap(True)
+        grid.addWidget(self.mark, 2 * at, 0, Qt.AlignmentFlag.AlignTop)
+        grid.addWidget(self.text, 2 * at, 1)
+        grid.addWidget(self.note, 2 * at + 1, 1)
+
+    def show_line(self, line: StepLine | None) -> None:
+        """Show a step, or none."""
+        if line == self._shown:
+            return
+        self._shown = line
+        for one in (self.mark, self.text, self.note):
+            one.setVisible(line is not None)
+        if line is None:
+            return
+        colour = theme.TONES[TONES[line.standing]]
+        is_now = line.standing is Standing.UNDER_WAY
+        is_over = line.standing in (Standing.STOPPED, Standing.FAILED)
+        self.mark.setText(MARKS[line.standing])
+        self.mark.setStyleSheet(f"color: {colour};")
+        self.mark.setToolTip(str(line.standing))
+        self.text.setText(f"{line.number}  {line.text}")
+        strong = f"color: {theme.TEXT}; font-weight: 600;"
+        self.text.setStyleSheet(strong if is_now or is_over else f"color: {theme.MUTED};")
+        self.text.setToolTip(str(line.standing))
+        self.note.setText(line.note)
+        self.note.setStyleSheet(f"color: {colour};" if is_over else "")
+        self.note.setVisible(bool(line.note))
+
+
+class ExperimentPanel(Panel):
+    """The protocol of the run that is shown, step by step, and the button that goes on."""
+
+    name = "experiment"
+    title = "Experiment"
+    keys = (("Enter", "Answers the question of the step under way, or does what the button says."),)
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.rows: list[StepRow] = []
+        self.bands = [BandRow() for _ in range(2)]
+        self._shown: RunSteps | None = None
+        self._has_run = False
+        self._build()
+        desk.settings_changed.connect(self._show_planned)
+        desk.busy_changed.connect(lambda _: self._show_button())
+        self._show_planned()
+
+    @property
+    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
+        """See `app.gui.desk.Part`."""
+        return (self.show_view,)
+
+    def show_setup(self, setup: Setup) -> None:
+        """Show the steps of a run that begins."""
+        self._has_run = True
+        self._show(planned(setup.config))
+
+    def show_view(self, view: ViewState) -> None:
+        """Show how far the run is."""
+        self.sentence.setText(view.sentence)
+        self._show(view.steps)
+
+    def go_on(self) -> None:
+        """Do what the button says."""
+        if self._shown is not None and self._shown.act is Act.ANSWER:
+            self.desk.answer_asked.emit(self.answer.text().strip() or "yes")
+            self.answer.clear()
+        elif not self.desk.is_busy:
+            self.desk.begin_asked.emit()
+
+    def _show_planned(self) -> None:
+        """The steps of the next run, until one is shown."""
+        if not self._has_run:
+            self._show(planned(self.desk.config))
+
+    def _show(self, steps: RunSteps) -> None:
+        before, self._shown = self._shown, steps
+        if steps == before:
+            return
+        while len(self.rows) < len(steps.lines):
+            self.rows.append(StepRow(self.grid, len(self.rows)))
+        for at, one in enumerate(self.rows):
+            one.show_line(steps.lines[at] if at < len(steps.lines) else None)
+        for at, band in enumerate(self.bands):
+            band.setVisible(at < len(steps.bands))
+            if at < len(steps.bands):
+                band.show_band(steps.bands[at])
+        self.left.setText(steps.left and f"{steps.left}, without the time that an operator takes")
+        self.left.setVisible(bool(steps.left))
+        if before is None or steps.question != before.question:
+            self._show_question(steps.question)
+        self._show_button()
+
+    def _show_question(self, question: str) -> None:
+        self.question.setText(question)
+        for one in (self.question, self.answer):
+            one.setVisible(bool(question))
+        is_typing = isinstance(QApplication.focusWidget(), QLineEdit | QPlainTextEdit)
+        if question and not is_typing:
+            self.answer.setFocus()
+
+    def _show_button(self) -> None:
+        steps = self._shown
+        if steps is None:
+            return
+        is_begin = steps.act is Act.BEGIN
+        can_act = steps.act is Act.ANSWER or (is_begin and not self.desk.is_busy)
+        self.button.setText(steps.acts + (KEYS[steps.act] if can_act else " …"))
+        self.button.setEnabled(can_act)
+        style = "start" if can_act else "wait"
+        if self.button.objectName() != style:
+            self.button.setObjectName(style)
+            self.button.style().polish(self.button)
+
+    def _build(self) -> None:
+        self.sentence, self.question = label("", "muted"), label("", "heading")
+        self.left, self.answer, self.button = label("", "muted"), QLineEdit(), QPushButton("")
+        for words in (self.sentence, self.question, self.left):
+            words.setWordWrap(True)
+        self.answer.setPlaceholderText("yes")
+        self.answer.setAccessibleName("Answer")
+        self.answer.setToolTip("The answer that goes into the session; empty: yes")
+        self.answer.returnPressed.connect(self.go_on)
+        self.button.setMinimumHeight(48)
+        self.button.setAutoDefault(True)  # so that Enter presses it
+        self.button.clicked.connect(self.go_on)
+        self.grid = QGridLayout()
+        self.grid.setColumnStretch(1, 1)
+        self.grid.setHorizontalSpacing(8)
+        self.grid.setVerticalSpacing(2)
+        asks = column(self.button, self.question, self.answer, spacing=8)
+        self.setLayout(
+            column(
+                *(asks, *self.bands, self.sentence, self.grid, self.left, STRETCH),
+                spacing=8,
+                margins=(10, 8, 10, 8),
+            )
+        )

@@ -1,0 +1,206 @@
+"""How far the protocol of a run is, and what it waits for, as plain values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from app.engine.experiment import TOUCH_FRACTION, phase_of
+from app.gui.cells import Tone
+from app.gui.form import proper
+from app.records import Conditions, Health, Outcome
+from app.settings import Config
+from app.steps import Approach, Ask, Background, Motion, Reference, Step, Zero
+
+STARTING = ("idle", "")  # states of a run that was not begun
+
+
+class Standing(StrEnum):
+    """What has become of a step."""
+
+    TO_COME = "to come"
+    UNDER_WAY = "under way"
+    DONE = "done"
+    STOPPED = "stopped"  # the run was ended in it
+    FAILED = "failed"
+
+
+TONES = {
+    Standing.TO_COME: Tone.NEUTRAL,
+    Standing.UNDER_WAY: Tone.BUSY,
+    Standing.DONE: Tone.GOOD,
+    Standing.STOPPED: Tone.WARN,
+    Standing.FAILED: Tone.BAD,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class StepLine:
+    """A step of the protocol; `note` is why it waits or ended, or the time left of it."""
+
+    number: int
+    text: str
+    standing: Standing
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A force, and the band that it must be in for the step to go on."""
+
+    name: str
+    value_n: float
+    low_n: float
+    high_n: float
+
+    @property
+    def is_within(self) -> bool:
+        """Whether it is in its band."""
+        return self.low_n <= self.value_n <= self.high_n
+
+    @property
+    def span_n(self) -> tuple[float, float]:
+        """What a drawing of it shows: the band in its middle half, and zero."""
+        width = self.high_n - self.low_n
+        return min(0.0, self.low_n - width / 2), self.high_n + max(width / 2, 0.15 * self.high_n)
+
+
+class Act(StrEnum):
+    """What the one key does."""
+
+    BEGIN = "begin"
+    ANSWER = "answer"
+    WAIT = "wait"
+
+
+@dataclass(frozen=True, slots=True)
+class RunSteps:
+    """The protocol of a run as it stands.
+
+    Attributes
+    ----------
+    number : int
+        Of the step under way, or in which the run ended; 0 before the first.
+    bands : tuple of Band
+        Forces that the step under way waits for.
+    act, acts : Act, str
+        What the one key does now, and in words.
+    question : str
+        That waits for an answer.
+    left : str
+        The time left of all steps.
+    """
+
+    number: int
+    lines: tuple[StepLine, ...]
+    bands: tuple[Band, ...]
+    act: Act
+    acts: str
+    question: str = ""
+    left: str = ""
+
+
+def planned(config: Config) -> RunSteps:
+    """The steps of a run that is not begun."""
+    return RunSteps(0, _lines(config, 0, Standing.TO_COME, ""), (), Act.BEGIN, "Start the run")
+
+
+def run_steps(
+    config: Config,
+    health: Health,
+    outcome: Outcome | None,
+    newest: Conditions | None,
+    forces_n: tuple[float, float],
+    before: RunSteps | None,
+) -> RunSteps:
+    """The steps of a run as they stand, `before` at the last look; `newest` is what is known of its
+    newest frame, and `forces_n` are P and Q.
+    """
+    steps = config.run.protocol
+    if outcome is not None:
+        is_whole = outcome.is_complete
+        at = len(steps) if is_whole else before.number if before else 0
+        how = Standing.FAILED if outcome.state == "failed" else Standing.STOPPED
+        lines = _lines(config, at, Standing.DONE if is_whole else how, outcome.reason)
+        return RunSteps(at, lines, (), Act.BEGIN, "Start the next run")
+    if health.state in STARTING:
+        return planned(config)
+    number = _number(steps, health, newest) or (before.number if before else 0)
+    step = steps[number - 1] if number else None
+    advice = "" if health.question or health.state != "running" else health.reason
+    note = "; ".join(filter(None, (proper(advice), _left(health.left_s))))
+    act, acts = _acts(health, step)
+    return RunSteps(
+        number,
+        _lines(config, number, Standing.UNDER_WAY, note),
+        _bands(config, step, *forces_n),
+        act,
+        acts,
+        health.question,
+        _left(health.all_left_s),
+    )
+
+
+def _number(steps: tuple[Step, ...], health: Health, newest: Conditions | None) -> int:
+    """Number of the step under way; 0 where none is. A replay knows it by its frames, an older
+    session by its phases only.
+    """
+    if health.step:
+        return health.step_number
+    if newest is not None and newest.step:
+        return newest.step
+    phases = [str(phase_of(steps, number)) for number in range(1, len(steps) + 1)]
+    return phases.index(health.phase) + 1 if health.phase in phases else 0
+
+
+def _lines(config: Config, number: int, standing: Standing, note: str) -> tuple[StepLine, ...]:
+    """All steps, the one of this number with its standing and note."""
+    return tuple(
+        StepLine(n, proper(str(step)), standing, note)
+        if n == number
+        else StepLine(n, proper(str(step)), Standing.DONE if n < number else Standing.TO_COME)
+        for n, step in enumerate(config.run.protocol, 1)
+    )
+
+
+def _left(seconds: float) -> str:
+    if not math.isfinite(seconds) or seconds < 0.5:
+        return ""
+    return f"{seconds:.0f} s left" if seconds < 100 else f"{seconds / 60:.0f} min left"
+
+
+def _acts(health: Health, step: Step | None) -> tuple[Act, str]:
+    """What the one key does, and in words; or what is waited for."""
+    if health.question:
+        return Act.ANSWER, "Answer and go on"
+    match step:
+        case Zero() | Background():
+            return Act.WAIT, "The block hangs free"
+        case Approach():
+            return Act.WAIT, "Waits for the load"
+        case Reference():
+            return Act.WAIT, "Takes the reference"
+        case Motion():
+            return Act.WAIT, "The stage moves"
+        case Ask():
+            return Act.WAIT, "Asks"
+        case None:
+            return Act.WAIT, "The bench is made ready"
+    return Act.WAIT, "The stage stands"
+
+
+def _bands(config: Config, step: Step | None, normal_n: float, shear_n: float) -> tuple[Band, ...]:
+    """The forces that a step waits for, with their bands."""
+    run = config.run
+    if isinstance(step, Background):
+        most = TOUCH_FRACTION * run.normal_force
+        return (Band("P, block free", normal_n, -most, most),)
+    if isinstance(step, Approach):
+        load, most = step.normal_force, run.shear_tolerance * max(normal_n, 0.0)
+        slack = run.settle_tolerance * load
+        return (
+            Band("P, the load", normal_n, load - slack, load + slack),
+            Band(f"Q, within {run.shear_tolerance:.2g} P", shear_n, -most, most),
+        )
+    return ()

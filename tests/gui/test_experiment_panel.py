@@ -1,0 +1,227 @@
+"""The experiment panel: the steps of the protocol as they stand, the bands, and the key that goes
+on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+from scripted_run import BACKGROUND, REFERENCE, P, ScriptedRun
+
+from app.config import load
+from app.gui.desk import Desk
+from app.gui.experiment_panel import ExperimentPanel
+from app.gui.run_steps import Act, Band, RunSteps, Standing, planned, run_steps
+from app.gui.source import setup_of
+from app.gui.view_state import ViewState, read, resolve
+from app.records import Counts, Health, Outcome
+from app.settings import Config
+from app.steps import Approach
+
+DONE, NOW, COMES = Standing.DONE, Standing.UNDER_WAY, Standing.TO_COME
+HEALTH = Health("running", "", "contact", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5)
+ASKS = (
+    'run.steps=[{do="background"}, {do="ask", question="Is it dry?"}, {do="approach"},'
+    ' {do="reference"}, {do="drive"}]'
+)
+
+
+def steps_of(
+    config: Config, outcome: Outcome | None = None, before: RunSteps | None = None, **health: object
+) -> RunSteps:
+    return run_steps(config, replace(HEALTH, **health), outcome, None, (0.31, 0.002), before)
+
+
+def test_the_steps_stand_as_the_run_says() -> None:
+    config = load(None, (ASKS,))
+    assert [line.standing for line in planned(config).lines] == [COMES] * 5
+    now = steps_of(config, step="3 of 5: approach to 0.5 N", left_s=math.nan, all_left_s=44.0,
+                   reason="press the contact to 0.5 N (P is 0.310 N)")  # fmt: skip
+    assert [line.standing for line in now.lines] == [DONE, DONE, NOW, COMES, COMES]
+    assert now.lines[2].note == "press the contact to 0.5 N (P is 0.310 N)"
+    assert now.lines[4].text == "drive 190 µm at 5 µm/s"
+    assert (now.act, now.acts, now.left) == (Act.WAIT, "Waits for the load", "44 s left")
+    hold = steps_of(config, step="5 of 5: drive", phase="drive", left_s=12.4, all_left_s=12.4)
+    assert hold.lines[4].note == "12 s left"
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "standings"),
+    [
+        ("done", "the drive of 190 um is complete", [DONE] * 4),
+        ("done", "the operator ended the run", [DONE, Standing.STOPPED, COMES, COMES]),
+        ("failed", "contact: not ready", [DONE, Standing.FAILED, COMES, COMES]),
+    ],
+)
+def test_the_end_of_a_run_stands_at_its_step(
+    state: str, reason: str, standings: list[Standing]
+) -> None:
+    before = steps_of(Config(), step="2 of 4: approach to 0.5 N")
+    ended = steps_of(Config(), Outcome(state, reason, Counts(), None), before, state=state)
+    assert [line.standing for line in ended.lines] == standings
+    assert reason in (ended.lines[1].note, ended.lines[3].note)
+    assert ended.act is Act.BEGIN
+
+
+def test_the_bands_are_those_of_the_settings() -> None:
+    config = load(None, ("run.settle_tolerance=0.04", "run.shear_tolerance=0.01"))
+    load_band, shear = steps_of(config, step="2 of 4: approach to 0.5 N").bands
+    assert (load_band.low_n, load_band.high_n) == pytest.approx((0.48, 0.52))
+    assert not load_band.is_within
+    assert (shear.low_n, shear.high_n) == pytest.approx((-0.0031, 0.0031))
+    assert shear.is_within
+    (free,) = steps_of(config, step="1 of 4: background, 1 s").bands
+    assert free.high_n == pytest.approx(0.05 * 0.5)
+    assert not steps_of(config, step="4 of 4: drive 190 um at 5 um/s").bands
+    other = load(None, ('run.steps=[{do="approach", normal_force=1.2}, {do="reference"},'
+                        ' {do="drive"}]',))  # fmt: skip
+    assert isinstance(other.run.steps[0], Approach)
+    assert steps_of(other, step="1 of 3: approach to 1.2 N").bands[0].high_n > 1.2
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, 0.5, 9.0])
+def test_a_band_is_drawn_whole(value: float) -> None:
+    band = Band("P", value, 0.49, 0.51)
+    low, high = band.span_n
+    assert low <= 0 < band.low_n < band.high_n < high
+
+
+class Asking(ScriptedRun):
+    """Its steps and its question as the protocol has them."""
+
+    def __init__(self) -> None:
+        super().__init__(320, 240, frames=60)
+        self.config = load(None, (ASKS,))
+        self.answers: list[str] = []
+
+    def answer(self, text: str) -> None:
+        self.answers.append(text)
+
+    def health(self) -> Health:
+        health, steps = super().health(), self.config.run.protocol
+        if not self.started:
+            return health
+        asks = self.frame >= BACKGROUND and not self.answers
+        number = (
+            1 if self.frame < BACKGROUND else 2 if asks else 3 if self.frame < REFERENCE - 4
+            else 4 if self.frame < REFERENCE else 5
+        )  # fmt: skip
+        return replace(
+            health,
+            step=f"{number} of 5: {steps[number - 1]}",
+            question="Is it dry?" if asks else "",
+            all_left_s=(60 - self.frame) / 8,
+        )
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk(None, load(None, (ASKS,)))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, desk: Desk) -> ExperimentPanel:
+    made = ExperimentPanel(desk)
+    qtbot.addWidget(made)
+    made.resize(360, 640)
+    with qtbot.waitActive(made):
+        made.show()
+    return made
+
+
+def standings(panel: ExperimentPanel) -> str:
+    return "".join(row.mark.text() for row in panel.rows if row.text.isVisible())
+
+
+def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Desk) -> None:
+    run = Asking()
+    view: list[ViewState | None] = [None]
+
+    def look(frame: int) -> None:
+        run.at(frame)
+        before = view[0]
+        seen = before.curves.seen if before else 0
+        view[0] = resolve(setup_of(run), read(run, seen), before)
+        for show in panel.parts:
+            show(view[0])
+
+    desk.begin_asked.connect(run.start)
+    desk.begin_asked.connect(lambda: desk.set_busy(True))
+    desk.answer_asked.connect(run.answer)
+
+    assert standings(panel) == "○○○○○"
+    assert panel.button.text() == "Start the run  F5"
+    panel.button.setFocus()
+    qtbot.keyClick(panel.button, Qt.Key.Key_Return)
+    assert run.started
+    panel.show_setup(setup_of(run))
+    assert not panel.button.isEnabled()
+
+    look(4)
+    assert standings(panel) == "▶○○○○"
+    assert panel.button.text() == "The block hangs free …"
+    assert [band.isVisible() for band in panel.bands] == [True, False]
+
+    look(BACKGROUND)
+    assert standings(panel) == "✓▶○○○"
+    assert panel.question.text() == "Is it dry?"
+    assert panel.button.text() == "Answer and go on  F8 or Enter"
+    assert "Is it dry? (F8 answers yes" in panel.sentence.text()
+    assert panel.answer.hasFocus()
+    qtbot.keyClicks(panel.answer, "quite")
+    qtbot.keyClick(panel.answer, Qt.Key.Key_Return)
+    assert run.answers == ["quite"]
+
+    look(BACKGROUND + 4)
+    assert standings(panel) == "✓✓▶○○"
+    assert not panel.answer.isVisible()
+    assert [band.isVisible() for band in panel.bands] == [True, True]
+    assert panel.bands[0].value.text() == "0.200 N"  # on its way from 0 to P
+    assert not panel.bands[0].bar.band.is_within
+    look(BACKGROUND + 10)
+    assert panel.bands[0].bar.band.value_n == pytest.approx(P, abs=0.003)
+    assert panel.bands[0].bar.band.is_within
+
+    look(50)
+    assert standings(panel) == "✓✓✓✓▶"
+    assert not panel.bands[0].isVisible()
+    assert panel.left.text().startswith("1 s left")
+
+    look(60)
+    desk.set_busy(False)
+    assert standings(panel) == "✓✓✓✓✓"
+    assert panel.button.text() == "Start the next run  F5"
+    qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
+    assert desk.is_busy
+
+
+def test_the_button_answers_yes(qtbot: QtBot, panel: ExperimentPanel, desk: Desk) -> None:
+    run = Asking()
+    run.start()
+    answers: list[str] = []
+    desk.answer_asked.connect(answers.append)
+    panel.show_view(resolve(setup_of(run), read(run.at(BACKGROUND), 0), None))
+    qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
+    assert answers == ["yes"]
+
+
+def test_steps_of_the_next_run_follow_the_settings(panel: ExperimentPanel, desk: Desk) -> None:
+    desk.set_config(load(Path("cyclic-shear")))
+    assert panel.rows[4].text.text() == "5  reverse 6 times at 10 µm/s"
+    desk.set_config(Config())
+    assert standings(panel) == "○○○○"
+
+
+def test_a_replay_of_an_older_session_goes_by_its_phases() -> None:
+    run = ScriptedRun(320, 240, frames=60)
+    run.start()
+
+    def look(frame: int) -> RunSteps:
+        return resolve(setup_of(run), read(run.at(frame), 0), None).steps
+
+    assert [look(n).number for n in (3, 12, 22, 50)] == [1, 2, 3, 4]
