@@ -33,6 +33,7 @@ MARKS = {
 }
 KEYS = {Act.BEGIN: "  F5", Act.ANSWER: "  F8 or Enter", Act.WAIT: ""}
 BAR_HEIGHT = 22
+SMALL_N = 0.1  # a band below this is told in mN
 
 
 class BandBar(QWidget):
@@ -82,13 +83,16 @@ class BandRow(QWidget):
         """Show this."""
         self.bar.show_band(band)
         self.name.setText(band.name)
-        self.value.setText(f"{number(band.value_n, 4 if band.high_n < 0.1 else 3)} N")
+        self.value.setText(_force(band.value_n, band))
         tone = Tone.GOOD if band.is_within else Tone.WARN
         self.value.setStyleSheet(f"color: {theme.TONES[tone]};")
-        self.setToolTip(
-            f"{band.name}: {number(band.value_n, 4)} N, to be between {number(band.low_n, 4)} and"
-            f" {number(band.high_n, 4)} N"
-        )
+        now, low, high = (_force(n, band) for n in (band.value_n, band.low_n, band.high_n))
+        self.setToolTip(f"{band.name}: {now}, to be between {low} and {high}")
+
+
+def _force(force_n: float, band: Band) -> str:
+    is_small = band.high_n < SMALL_N
+    return f"{number(force_n * 1e3, 1)} mN" if is_small else f"{number(force_n, 3)} N"
 
 
 class StepRow:

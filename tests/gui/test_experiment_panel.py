@@ -186,6 +186,7 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
     look(BACKGROUND + 10)
     assert panel.bands[0].bar.band.value_n == pytest.approx(P, abs=0.003)
     assert panel.bands[0].bar.band.is_within
+    assert panel.bands[1].value.text().endswith(" mN")
 
     look(50)
     assert standings(panel) == "✓✓✓✓▶"
@@ -196,6 +197,7 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
     desk.set_busy(False)
     assert standings(panel) == "✓✓✓✓✓"
     assert panel.button.text() == "Start the next run  F5"
+    desk.begin_asked.disconnect(run.start)
     qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
     assert desk.is_busy
 
