@@ -102,7 +102,7 @@ class _Work:
         begins = self.found[run.number].state is not State.RUNNING
         asks, answer = self.plan.pauses, GO
         if asks and begins:
-            answer = self._ask(f"next, {self._orders(run)}", BEGIN)
+            answer = self._ask(f"next, {orders(self.plan, run)}", BEGIN)
         while answer in (GO, REPEAT):
             found = self._do(run)
             if found.state is State.STOPPED:
@@ -127,7 +127,7 @@ class _Work:
         if before.is_there and (kept := keep(run.session)):
             say(f"{run.name}: {before.reason}; what there is of it is now {kept}")
         if not self.as_json:
-            say(f"{self._orders(run)}; {self.progress().sentence()}")
+            say(f"{orders(self.plan, run)}; {self.progress().sentence()}")
         self.found[number] = Found(State.RUNNING)
         self._write_page()
         began = time.monotonic()
@@ -180,25 +180,7 @@ class _Work:
         else:
             seconds /= self.pace
         asks = " and the operator's time" if self.plan.pauses else ""
-        return f"about {_duration(seconds)}{asks} left"
-
-    def _orders(self, run: PlannedRun) -> str:
-        """What is to be done at the bench for a run, and what is another than in the one before."""
-        config, others = run.config, self.plan.runs
-        former = others[max(run.number - 2, 0)]
-        before = former.config
-        told = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
-        told += [
-            f"{key} = {value}"
-            for key, value in run.varied.items()
-            if key not in TOLD and value != former.varied.get(key)
-        ]
-        if config.about.sample:
-            verb = "mount " if config.about.sample != before.about.sample else ""
-            told.insert(0, f"{verb}sample {config.about.sample}")
-        if config.about.note != before.about.note:
-            told.append(config.about.note)
-        return f"run {run.number} of {len(others)}, {run.name}: {'; '.join(told)}"
+        return f"about {duration(seconds)}{asks} left"
 
     def _ask(self, what: str, keys: dict[str, str]) -> str:
         """Which of the keys the operator presses."""
@@ -219,10 +201,23 @@ class _Work:
             say(f"no page: {error}")
 
 
-def _duration(seconds: float) -> str:
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+def orders(plan: Campaign, run: PlannedRun) -> str:
+    """What is to be done at the bench for a run, and what is another than in the one before."""
+    config, others = run.config, plan.runs
+    former = others[max(run.number - 2, 0)]
+    before = former.config
+    told = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
+    told += [
+        f"{key} = {value}"
+        for key, value in run.varied.items()
+        if key not in TOLD and value != former.varied.get(key)
+    ]
+    if config.about.sample:
+        verb = "mount " if config.about.sample != before.about.sample else ""
+        told.insert(0, f"{verb}sample {config.about.sample}")
+    if config.about.note != before.about.note:
+        told.append(config.about.note)
+    return f"run {run.number} of {len(others)}, {run.name}: {'; '.join(told)}"
 
 
 # ---------------------------------------------------------------------- before anything moves
@@ -259,7 +254,7 @@ def _check(work: _Work, due: Sequence[PlannedRun], bar: Bar) -> None:
         say(
             f"{plan.name}: {len(plan.runs)} runs, {len(due)} to do: {needed / 1e9:.2f} GB in"
             f" {plan.folder} (the largest {each / 1e9:.2f} GB; {free / 1e9:.0f} GB are free), about"
-            f" {_duration(seconds / (work.pace or 1))}{pace}"
+            f" {duration(seconds / (work.pace or 1))}{pace}"
         )
 
 

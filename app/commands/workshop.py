@@ -63,6 +63,22 @@ class Workshop:
             text = reader.header.config_toml
         return from_record(text, f"{session}: settings")
 
+    def campaigns(self) -> list[str]:
+        """See `app.gui.desk.Workshop`."""
+        return campaign_names()
+
+    def campaign(self, file: Path) -> Any:
+        """See `app.gui.desk.Workshop`."""
+        return campaign_lines.look(file)
+
+    def campaign_taken(self, file: Path, number: int) -> Any:
+        """See `app.gui.desk.Workshop`."""
+        return campaign_lines.taken(file, number)
+
+    def campaign_renewed(self, file: Path) -> Any:
+        """See `app.gui.desk.Workshop`."""
+        return campaign_lines.renewed(file)
+
     def _kept(self, made: Made) -> Any:
         self._keep(made)
         return made.source

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from PySide6.QtCore import QObject, Signal
 
+from app.gui.campaign_lines import CampaignLines
 from app.gui.source import RunSource, Setup
 from app.gui.view_state import ViewState
 from app.settings import Config
@@ -32,6 +33,18 @@ class Workshop(Protocol):
 
     def settings_of(self, session: Path) -> Config:
         """The settings of a recorded run."""
+
+    def campaigns(self) -> list[str]:
+        """Names of the campaigns that come with the program."""
+
+    def campaign(self, file: Path) -> CampaignLines:
+        """The runs of a campaign, as their sessions say."""
+
+    def campaign_taken(self, file: Path, number: int) -> CampaignLines:
+        """Make way for a run of it: what there was of the run is kept aside."""
+
+    def campaign_renewed(self, file: Path) -> CampaignLines:
+        """The runs after one of them, with the campaign's page as of now."""
 
 
 class Part(Protocol):

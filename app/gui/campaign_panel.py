@@ -1,0 +1,192 @@
+"""The campaign: its runs with what has become of them, and the next one for the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QBrush, QColor
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QHeaderView,
+    QMenu,
+    QPushButton,
+    QToolButton,
+    QTreeWidget,
+    QTreeWidgetItem,
+)
+
+from app.gui import theme
+from app.gui.campaign_lines import CampaignLines, CampaignRun, duration
+from app.gui.desk import Desk
+from app.gui.later import Later
+from app.gui.widgets import STRETCH, Panel, column, label, row
+
+CAMPAIGN_FILES = "Campaigns (*.toml);;All files (*)"
+NUMBER, RUN, STATE, TIME = range(4)
+
+
+class CampaignPanel(Panel):
+    """The runs of a campaign file; one is put on the desk, so that Start runs it."""
+
+    name = "campaign"
+    title = "Campaign"
+    keys = (("Enter", "Takes the run that is chosen in the list: Start runs it."),)
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk, self.later = desk, Later(self)
+        self.lines: CampaignLines | None = None
+        self._build()
+        desk.settings_changed.connect(self._show_set)
+        desk.busy_changed.connect(lambda _: self._show_set())
+        desk.ended.connect(lambda _: self.renew())
+        self._show()
+
+    # ------------------------------------------------------------------ what the operator does
+
+    def open(self, file: Path) -> None:
+        """Show the runs of a campaign."""
+        self._do(lambda: self.desk.workshop.campaign(file), self._take_lines)
+
+    def renew(self) -> None:
+        """Look again what has become of the runs, and renew the campaign's page."""
+        if self.lines is not None:
+            file = self.lines.file
+            self._do(lambda: self.desk.workshop.campaign_renewed(file), self._take_lines)
+
+    def take(self, run: CampaignRun) -> None:
+        """Put a run on the desk; what there was of it is kept aside."""
+        if self.lines is None:
+            return
+        file, number = self.lines.file, run.number
+
+        def put(lines: CampaignLines) -> None:
+            self._take_lines(lines)
+            taken = lines.runs[number - 1]
+            self.desk.set_config(taken.config)
+            self.desk.set_session(taken.session)
+            self.desk.said.emit(f"Start (F5) begins {taken.orders}.", False)
+
+        self._do(lambda: self.desk.workshop.campaign_taken(file, number), put)
+
+    # ------------------------------------------------------------------ drawing
+
+    def _do(
+        self, work: Callable[[], CampaignLines], done: Callable[[CampaignLines], object]
+    ) -> None:
+        self.later.do(work, done, lambda why: self.desk.said.emit(f"Campaign: {why}", False))
+
+    def _take_lines(self, lines: CampaignLines) -> None:
+        self.lines = lines
+        self._show()
+
+    def _show(self) -> None:
+        lines = self.lines
+        self.heading.setText(lines.name if lines else "No campaign is open.")
+        self.folder.setText(f"Sessions in {lines.folder.absolute()}" if lines else "")
+        self.sentence.setText(lines.sentence if lines else "")
+        chosen = self.list.indexOfTopLevelItem(self.list.currentItem())
+        self.list.clear()
+        for run in lines.runs if lines else ():
+            texts = (str(run.number), run.name, run.state, duration(run.seconds))
+            item = QTreeWidgetItem(list(texts))
+            item.setForeground(STATE, QBrush(QColor(theme.TONES[run.tone])))
+            item.setToolTip(RUN, "\n".join(filter(None, (run.orders, run.reason))))
+            item.setToolTip(STATE, run.reason)
+            item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
+            self.list.addTopLevelItem(item)
+        if 0 <= chosen < self.list.topLevelItemCount():
+            self.list.setCurrentItem(self.list.topLevelItem(chosen))
+        self._show_set()
+        self._show_chosen()
+
+    def _show_set(self) -> None:
+        """Mark the run that Start would begin, and say what the button does."""
+        lines = self.lines
+        on_desk = self._on_desk()
+        for at, run in enumerate(lines.runs if lines else ()):
+            item = self.list.topLevelItem(at)
+            font = item.font(RUN)
+            font.setBold(run is on_desk)
+            item.setFont(RUN, font)
+            item.setText(NUMBER, f"▶ {run.number}" if run is on_desk else str(run.number))
+        due = lines.next if lines else None
+        is_set = due is not None and due is on_desk
+        self.next.setEnabled(due is not None and not is_set)
+        if due is None:
+            self.next.setText("All is done" if lines else "Next run")
+        elif is_set:
+            self.next.setText(f"Run {due.number} is set: F5 starts it")
+        else:
+            self.next.setText(f"Next: run {due.number}, {due.name}")
+
+    def _on_desk(self) -> CampaignRun | None:
+        """The run whose settings and file the next run has, until it is done."""
+        for run in self.lines.runs if self.lines else ():
+            is_same = run.session == self.desk.session and run.config == self.desk.config
+            if is_same and run.is_due:
+                return run
+        return None
+
+    def _show_chosen(self) -> None:
+        at = self.list.indexOfTopLevelItem(self.list.currentItem())
+        run = self.lines.runs[at] if self.lines and at >= 0 else None
+        parts = (run.orders, run.reason) if run else ()
+        self.about.setText("\n".join(filter(None, parts)))
+        self.about.setVisible(run is not None)
+
+    def _take_next(self) -> None:
+        if self.lines is not None and self.lines.next is not None:
+            self.take(self.lines.next)
+
+    def _take_chosen(self, item: QTreeWidgetItem) -> None:
+        if self.lines is not None:
+            self.take(self.lines.runs[self.list.indexOfTopLevelItem(item)])
+
+    def _browse(self) -> None:
+        name, _ = QFileDialog.getOpenFileName(self, "Open a campaign", "", CAMPAIGN_FILES)
+        if name:
+            self.open(Path(name))
+
+    def _fill_menu(self) -> None:
+        self.menu.clear()
+        self.menu.addAction("A campaign file …").triggered.connect(self._browse)
+        for name in self.desk.workshop.campaigns():
+            act = self.menu.addAction(f"Campaign {name}")
+            act.triggered.connect(lambda _=False, name=name: self.open(Path(name)))
+
+    # ------------------------------------------------------------------ building
+
+    def _build(self) -> None:
+        self.heading, self.folder = label("", "heading"), label("", "muted")
+        self.sentence, self.about = label("", "muted"), label("", "muted")
+        for words in (self.folder, self.sentence, self.about):
+            words.setWordWrap(True)
+        self.open_button, self.menu = QToolButton(), QMenu(self)
+        self.open_button.setText("Open")
+        self.open_button.setToolTip("Opens a campaign: a file of runs over loads, samples, repeats")
+        self.open_button.setMenu(self.menu)
+        self.open_button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self.menu.aboutToShow.connect(self._fill_menu)
+        self.next = QPushButton("Next run")
+        self.next.setAutoDefault(True)
+        self.next.setToolTip("Puts settings and file of the next run on the desk; Start runs it")
+        self.next.clicked.connect(self._take_next)
+        self.list = QTreeWidget()
+        self.list.setRootIsDecorated(False)
+        self.list.setHeaderLabels(["", "run", "state", "time"])
+        self.list.setMinimumHeight(120)
+        self.list.setToolTip("Enter or a double click puts a run on the desk, also one that failed")
+        self.list.setAccessibleName("Runs of the campaign")
+        head = self.list.header()
+        head.setStretchLastSection(False)
+        head.setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)
+        for part in (NUMBER, STATE, TIME):
+            head.setSectionResizeMode(part, QHeaderView.ResizeMode.ResizeToContents)
+        self.list.itemActivated.connect(self._take_chosen)
+        self.list.currentItemChanged.connect(lambda *_: self._show_chosen())
+        top = row(self.heading, STRETCH, self.open_button, spacing=6)
+        parts = (self.sentence, self.folder, self.next, (self.list, 1), self.about)
+        self.setLayout(column(top, *parts, spacing=6, margins=(10, 8, 10, 8)))
