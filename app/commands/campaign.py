@@ -16,6 +16,7 @@ from app.commands.names import parse_pace
 from app.commands.terminal import DONE, FAILED, Bar, output, print_json, print_table, say
 from app.disk import free_bytes
 from app.errors import UserError
+from app.gui.campaign_lines import duration
 from app.live import check_run, expected_bytes, expected_seconds, make_bench
 from app.session.files import check_new_session
 from app.settings import Config

@@ -65,18 +65,26 @@ class Workshop:
 
     def campaigns(self) -> list[str]:
         """See `app.gui.desk.Workshop`."""
+        from app.campaigns.plan import campaign_names
+
         return campaign_names()
 
     def campaign(self, file: Path) -> Any:
         """See `app.gui.desk.Workshop`."""
+        from app.commands import campaign_lines
+
         return campaign_lines.look(file)
 
     def campaign_taken(self, file: Path, number: int) -> Any:
         """See `app.gui.desk.Workshop`."""
+        from app.commands import campaign_lines
+
         return campaign_lines.taken(file, number)
 
     def campaign_renewed(self, file: Path) -> Any:
         """See `app.gui.desk.Workshop`."""
+        from app.commands import campaign_lines
+
         return campaign_lines.renewed(file)
 
     def _kept(self, made: Made) -> Any:

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.campaign_lines import CampaignLines, CampaignRun, duration
 from app.gui.desk import Desk
+from app.gui.form import proper
 from app.gui.later import Later
 from app.gui.widgets import STRETCH, Panel, column, label, row
 
@@ -67,7 +68,7 @@ class CampaignPanel(Panel):
             taken = lines.runs[number - 1]
             self.desk.set_config(taken.config)
             self.desk.set_session(taken.session)
-            self.desk.said.emit(f"Start (F5) begins {taken.orders}.", False)
+            self.desk.said.emit(f"Start (F5) begins {proper(taken.orders)}.", False)
 
         self._do(lambda: self.desk.workshop.campaign_taken(file, number), put)
 
@@ -93,7 +94,7 @@ class CampaignPanel(Panel):
             texts = (str(run.number), run.name, run.state, duration(run.seconds))
             item = QTreeWidgetItem(list(texts))
             item.setForeground(STATE, QBrush(QColor(theme.TONES[run.tone])))
-            item.setToolTip(RUN, "\n".join(filter(None, (run.orders, run.reason))))
+            item.setToolTip(RUN, "\n".join(filter(None, (proper(run.orders), proper(run.reason)))))
             item.setToolTip(STATE, run.reason)
             item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
             self.list.addTopLevelItem(item)
@@ -133,7 +134,7 @@ class CampaignPanel(Panel):
     def _show_chosen(self) -> None:
         at = self.list.indexOfTopLevelItem(self.list.currentItem())
         run = self.lines.runs[at] if self.lines and at >= 0 else None
-        parts = (run.orders, run.reason) if run else ()
+        parts = (proper(run.orders), proper(run.reason)) if run else ()
         self.about.setText("\n".join(filter(None, parts)))
         self.about.setVisible(run is not None)
 

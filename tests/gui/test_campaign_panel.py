@@ -1,0 +1,159 @@
+"""The campaign in the window: its runs, the next one on the desk, what is kept, and the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+from short_run import SMALL
+
+from app.campaigns.page import PAGE
+from app.commands.workshop import Workshop
+from app.gui.campaign_lines import duration
+from app.gui.campaign_panel import NUMBER, STATE, CampaignPanel
+from app.gui.desk import Desk
+from app.settings import Config
+
+THREE = f"""
+name = "loads"
+sessions = "{{name}}-{{load:.2f}}N"
+
+[settings]
+{chr(10).join(one.replace("none", '"none"') for one in SMALL if "normal" not in one)}
+recording.results = "forces"
+run.velocity = 30
+
+[[runs]]
+run.normal_force = 0.1
+[[runs]]
+run.normal_force = 0.11
+limits.shear_force = 0.01
+[[runs]]
+run.normal_force = 0.12
+"""
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loads.toml").write_text(THREE)
+    return Desk(Workshop(lambda _: None, pace=None), Config())
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, desk: Desk) -> CampaignPanel:
+    made = CampaignPanel(desk)
+    qtbot.addWidget(made)
+    made.resize(340, 500)
+    with qtbot.waitActive(made):
+        made.show()
+    return made
+
+
+def opened(qtbot: QtBot, panel: CampaignPanel) -> CampaignPanel:
+    panel.open(Path("loads.toml"))
+    qtbot.waitUntil(lambda: panel.lines is not None)
+    return panel
+
+
+def column(panel: CampaignPanel, at: int) -> list[str]:
+    items = (panel.list.topLevelItem(n) for n in range(panel.list.topLevelItemCount()))
+    return [item.text(at) for item in items]
+
+
+def test_the_runs_of_a_campaign_and_the_next_one(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+) -> None:
+    assert not panel.next.isEnabled()
+    opened(qtbot, panel)
+    assert column(panel, STATE) == ["waiting"] * 3
+    assert panel.sentence.text().startswith("0 of 3 runs done, about ")
+    assert not (tmp_path / "loads").exists()  # to look writes nothing
+    assert panel.next.text() == "Next: run 1, loads-0.10N"
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: desk.session is not None)
+    assert desk.session == Path("loads") / "loads-0.10N.h5"
+    assert (desk.config.run.normal_force, desk.config.run.travel) == pytest.approx((0.1, 60e-6))
+    assert column(panel, NUMBER) == ["▶ 1", "2", "3"]
+    assert panel.next.text() == "Run 1 is set: F5 starts it"
+    assert said == ["Start (F5) begins run 1 of 3, loads-0.10N: P = 0.1 N, 30 µm/s."]
+    assert (tmp_path / "loads" / PAGE).exists()
+    assert (tmp_path / "loads" / "campaign.toml").exists()
+
+
+def test_the_copy_beside_the_sessions_goes_on_with_them(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk
+) -> None:
+    opened(qtbot, panel)
+    panel.take(panel.lines.runs[2])
+    qtbot.waitUntil(lambda: desk.session is not None)
+    panel.lines = None
+    panel.open(Path("loads") / "campaign.toml")
+    qtbot.waitUntil(lambda: panel.lines is not None)
+    assert panel.lines.runs[2].session == Path("loads") / "loads-0.12N.h5"
+
+
+def run_it(desk: Desk) -> None:
+    """Run what is on the desk, as the window does."""
+    source: Any = desk.workshop.run(desk.config, desk.session)
+    source.start()
+    assert source.wait(60) is not None
+    desk.ended.emit(source)
+
+
+def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+) -> None:
+    opened(qtbot, panel)
+    for number, state in ((1, "done"), (2, "failed")):
+        qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+        qtbot.waitUntil(lambda n=number: column(panel, NUMBER)[n - 1] == f"▶ {n}")
+        run_it(desk)
+        qtbot.waitUntil(lambda n=number, s=state: column(panel, STATE)[n - 1] == s)
+    assert panel.sentence.text().startswith("1 of 3 runs done, 1 failed, about ")
+    assert panel.next.text() == "Next: run 3, loads-0.12N"
+    assert "failed" in (tmp_path / "loads" / PAGE).read_text(encoding="utf-8")
+
+    panel.list.setFocus()
+    panel.list.setCurrentItem(panel.list.topLevelItem(1))
+    assert "run 2 of 3, loads-0.11N: P = 0.11 N" in panel.about.text()
+    assert "limits.shear_force is 0.01 N" in panel.about.text()
+    qtbot.keyClick(panel.list, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: column(panel, NUMBER)[1] == "▶ 2")
+    assert column(panel, STATE) == ["done", "waiting", "waiting"]
+    assert desk.session == Path("loads") / "loads-0.11N.h5"
+    assert not desk.session.exists()
+    assert (tmp_path / "loads" / "kept" / "loads-0.11N.h5").exists()
+
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    panel.take(panel.lines.runs[0])
+    qtbot.waitUntil(lambda: bool(said))
+    assert said == ["Campaign: run 1, loads-0.10N: it is done; choose another run"]
+
+
+def test_a_campaign_that_can_not_be_read_gives_a_sentence(
+    qtbot: QtBot, panel: CampaignPanel, desk: Desk, tmp_path: Path
+) -> None:
+    opened(qtbot, panel)
+    (tmp_path / "loads.toml").write_text("[vary]\nrun.normal_force = [50]")
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
+    panel.open(Path("loads.toml"))
+    qtbot.waitUntil(lambda: bool(said))
+    assert said[0].startswith("Campaign: loads.toml, run 1: run.normal_force must be")
+    assert column(panel, STATE) == ["waiting"] * 3
+    panel.menu.aboutToShow.emit()
+    assert "Campaign six-loads" in [act.text() for act in panel.menu.actions()]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(42.4, "42 s"), (720.0, "12 min"), (9000.0, "2.5 h")]
+)
+def test_times_in_words(seconds: float, words: str) -> None:
+    assert duration(seconds) == words
