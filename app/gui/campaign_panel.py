@@ -115,11 +115,13 @@ class CampaignPanel(Panel):
             item.setText(NUMBER, f"▶ {run.number}" if run is on_desk else str(run.number))
         due = lines.next if lines else None
         is_set = due is not None and due is on_desk
-        self.next.setEnabled(due is not None and not is_set)
+        is_busy = self.desk.is_busy
+        self.next.setEnabled(due is not None and not (is_set and is_busy))
         if due is None:
             self.next.setText("All is done" if lines else "Next run")
         elif is_set:
-            self.next.setText(f"Run {due.number} is set: F5 starts it")
+            at = f"run {due.number}, {due.name}"
+            self.next.setText(f"{at} is under way" if is_busy else f"Start {at}  F5")
         else:
             self.next.setText(f"Next: run {due.number}, {due.name}")
 
@@ -138,9 +140,13 @@ class CampaignPanel(Panel):
         self.about.setText("\n".join(filter(None, parts)))
         self.about.setVisible(run is not None)
 
-    def _take_next(self) -> None:
-        if self.lines is not None and self.lines.next is not None:
-            self.take(self.lines.next)
+    def _go_on(self) -> None:
+        """Put the next run on the desk; start it where it is there."""
+        due = self.lines.next if self.lines else None
+        if due is not None and due is self._on_desk():
+            self.desk.begin_asked.emit()
+        elif due is not None:
+            self.take(due)
 
     def _take_chosen(self, item: QTreeWidgetItem) -> None:
         if self.lines is not None:
@@ -173,8 +179,8 @@ class CampaignPanel(Panel):
         self.menu.aboutToShow.connect(self._fill_menu)
         self.next = QPushButton("Next run")
         self.next.setAutoDefault(True)
-        self.next.setToolTip("Puts settings and file of the next run on the desk; Start runs it")
-        self.next.clicked.connect(self._take_next)
+        self.next.setToolTip("Puts settings and file of the next run on the desk, then starts it")
+        self.next.clicked.connect(self._go_on)
         self.list = QTreeWidget()
         self.list.setRootIsDecorated(False)
         self.list.setHeaderLabels(["", "run", "state", "time"])

@@ -80,7 +80,12 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert desk.session == Path("loads") / "loads-0.10N.h5"
     assert (desk.config.run.normal_force, desk.config.run.travel) == pytest.approx((0.1, 60e-6))
     assert column(panel, NUMBER) == ["▶ 1", "2", "3"]
-    assert panel.next.text() == "Run 1 is set: F5 starts it"
+    assert panel.next.text() == "Start run 1, loads-0.10N  F5"
+    with qtbot.waitSignal(desk.begin_asked):
+        qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    desk.set_busy(True)
+    assert panel.next.text() == "run 1, loads-0.10N is under way"
+    assert not panel.next.isEnabled()
     assert said == ["Start (F5) begins run 1 of 3, loads-0.10N: P = 0.1 N, 30 µm/s."]
     assert (tmp_path / "loads" / PAGE).exists()
     assert (tmp_path / "loads" / "campaign.toml").exists()
