@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from analysis.options import UNITS, Section, option, options
 
@@ -85,6 +86,34 @@ class Uncertainties(Section):
     )
 
 
+MOST_CORNERS, MOST_POLYGONS = 100, 20
+_POLYGON = re.compile(rf"(inside|outside)((?: -?\d{{1,5}} -?\d{{1,5}}){{3,{MOST_CORNERS}}})")
+
+
+class Polygon(NamedTuple):
+    """A part of the picture that is measured, or left out; its corners are (x, y), px."""
+
+    is_measured: bool
+    corners: tuple[tuple[int, int], ...]
+
+    @property
+    def text(self) -> str:
+        """As it is written in the settings."""
+        numbers = " ".join(f"{x} {y}" for x, y in self.corners)
+        return f"{'inside' if self.is_measured else 'outside'} {numbers}"
+
+
+def _polygon(text: str) -> Polygon:
+    found = _POLYGON.fullmatch(text)
+    if found is None:
+        raise ValueError(
+            f"dic.region: '{text[:200]}' can not be read; write inside or outside, then x and y of"
+            f" 3 to {MOST_CORNERS} corners in whole px, such as 'inside 100 100 700 100 400 500'"
+        )
+    numbers = [int(one) for one in found[2].split()]
+    return Polygon(found[1] == "inside", tuple(zip(numbers[::2], numbers[1::2], strict=True)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Correlation(Section):
     """Digital image correlation of each frame with the reference.
@@ -118,6 +147,12 @@ class Correlation(Section):
     )
     box: int = option(20, "Side of the correlation box", "px", ge=4, le=200)
     step: int = option(10, "Pitch of the grid of boxes", "px", ge=1, le=200)
+    region: tuple[str, ...] = option(
+        (),
+        "Where displacements are measured: polygons, each 'inside' or 'outside' and the corners x y"
+        " in whole px; a box counts by its centre, which lies in one inside, if there is any, and"
+        " in none outside; none: the whole picture",
+    )
     order: int = option(
         1,
         "Deformation of a box: in icgn 0 a shift, 1 and its gradient, 2 and its curvature; in"
@@ -193,6 +228,15 @@ class Correlation(Section):
                 f" '{self.update}', of which nothing can be left out; use method 'shared' or"
                 " 'icgn', and update 'never'"
             )
+        if len(self.region) > MOST_POLYGONS:
+            raise ValueError(
+                f"dic.region has {len(self.region)} polygons; {MOST_POLYGONS} is the most"
+            )
+        if self.polygons and self.method == "direct":
+            raise ValueError(
+                "dic.region asked with method 'direct', which measures the whole picture; use"
+                " method 'shared' or 'icgn'"
+            )
         if self.preset != "custom":
             raise ValueError(
                 f"correlation: the preset '{self.preset}' is replaced by its settings when settings"
@@ -223,6 +267,11 @@ class Correlation(Section):
                 " and what is given is kept; leave out what the preset is to decide"
             )
         return {**preset, **written, "preset": "custom"}
+
+    @property
+    def polygons(self) -> tuple[Polygon, ...]:
+        """The region in which displacements are measured; ValueError if one can not be read."""
+        return tuple(map(_polygon, self.region))
 
     @property
     def averaging_box_px(self) -> float:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.options import quantity
+from analysis.region import measured
 from app.certificate import known
 from app.engine.analyst import FrameAnalysis
 from app.engine.intake import BenchDevices
 from app.engine.run import Run
-from app.engine.setup import header_of
+from app.engine.setup import grid_of, header_of
 from app.errors import UserError
 from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
@@ -278,6 +279,11 @@ def check_run(config: Config, output: Path, pace: float | None, overwrite: bool)
             f"sample.thickness = {quantity(sample, 'thickness')} is too thin for a shear traction"
             f" on points that are {pitch * 1e6:g} um apart; use {thinnest * 1e3:g} mm or more, 0"
             " for a half-space, or stress.method = 'none'"
+        )
+    grid = grid_of(config)
+    if not measured(dic.polygons, grid.x_px, grid.y_px[:, None]).any():
+        raise UserError(
+            f"dic.region: no box of {dic.box} px has its centre in it; widen it, or leave it out"
         )
     _check_world(config, natures)
     if pace != 1.0 and "real" in natures:

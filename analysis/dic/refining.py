@@ -27,6 +27,7 @@ from analysis.dic.status import (
     explain,
 )
 from analysis.dic.tracker import Estimate, Reference
+from analysis.region import measured
 from analysis.settings import Correlation
 
 # share of the points that were followed so far; if more are lost at once, they are searched for in
@@ -81,7 +82,8 @@ class Refinement:
     ----------
     reference : Reference
     settings : Correlation
-        `search`, `min_correlation`, `min_contrast`, `max_saturated` and `full_scale` are used.
+        `search`, `min_correlation`, `min_contrast`, `max_saturated`, `full_scale` and `region` are
+        used; points outside the region are MASKED as with `roi`.
     make : callable
         Makes the refiner.
     quick : callable or None
@@ -119,6 +121,7 @@ class Refinement:
         x, y = np.meshgrid(self._grid.x_px, self._grid.y_px)
         left, top, right, bottom = roi or (0, 0, self._image.shape[1], self._image.shape[0])
         self._outside = (x < left) | (x > right) | (y < top) | (y > bottom)
+        self._outside |= ~measured(settings.polygons, x, y)
         if (self._outside | (self._fixed == MASKED)).all():
             raise ValueError(
                 f"tracker: no box of {self._grid.box_px} px lies in the region and mask asked for;"

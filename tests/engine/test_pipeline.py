@@ -1,11 +1,13 @@
 """The pipeline alone, fed by hand with a recorded run."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import short_run
 
+from analysis.dic import Status
 from app import config, live
 from app.engine.conclusions import conclude
 from app.engine.pipeline import Pipeline
@@ -42,6 +44,26 @@ def analysed(used, frames):
 @pytest.fixture(scope="module")
 def whole(recorded):
     return analysed(*recorded)[0]
+
+
+def test_a_region_leaves_what_is_measured_in_it_as_it_is(recorded, whole):
+    used, frames = recorded
+    region = ("inside 60 20 420 20 420 340 60 340", "outside 60 20 130 20 130 90 60 90")
+    part, _ = analysed(replace(used, dic=replace(used.dic, region=region)), frames[:45])
+    grid = Pipeline(used).grid
+    x, y = np.meshgrid(grid.x_px, grid.y_px)
+    here = (x > 60) & (x < 420) & (y > 20) & (y < 340) & ~((x < 130) & (y < 90))
+    compared = 0
+    for n, snapshot in part.items():
+        if snapshot.field is None:
+            continue
+        compared += 1
+        assert (snapshot.field.status[~here] == Status.MASKED).all()
+        for name in ("ux_px", "uy_px", "status"):
+            found, expected = getattr(snapshot.field, name), getattr(whole[n].field, name)
+            np.testing.assert_array_equal(found[here], expected[here])
+    assert compared > 20
+    assert np.isfinite(part[frames[44][0]].stick_radius)
 
 
 @pytest.mark.parametrize(

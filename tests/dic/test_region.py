@@ -1,0 +1,95 @@
+"""Where displacements are measured: the polygons of the settings."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from blobs import Speckle, way
+from matplotlib.path import Path as Outline
+
+from analysis.dic import Correlation, Status, open_tracker
+from analysis.region import measured
+
+SPECKLE = Speckle((240, 320))
+IMAGES = [SPECKLE.image(noise=2, seed=1), SPECKLE.image(1.3, -0.4, noise=2, seed=2)]
+SHAPES = ("inside 40 30 250 50 200 200 60 180", "inside 260 20 300 20 300 220 260 220",
+          "outside 100 80 160 80 130 150")  # fmt: skip
+
+
+def fields(method: str, region: tuple[str, ...]) -> list:
+    tracker = open_tracker(Correlation(**way(method), threads=1, region=region), IMAGES[0])
+    found = [tracker.track(image) for image in (*IMAGES, *IMAGES)]
+    tracker.close()
+    return found
+
+
+def expected(x: np.ndarray, y: np.ndarray, shapes: tuple[str, ...] = SHAPES) -> np.ndarray:
+    """Matplotlib's answer."""
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    inside, outside = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    for text in shapes:
+        word, *numbers = text.split()
+        found = Outline(np.array(numbers, float).reshape(-1, 2)).contains_points(points)
+        if word == "inside":
+            inside |= found
+        else:
+            outside |= found
+    return (inside & ~outside).reshape(x.shape)
+
+
+def test_points_lie_in_polygons_as_another_program_says() -> None:
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(0, 320, (50, 40)), rng.uniform(0, 240, (50, 40))
+    polygons = Correlation(region=SHAPES).polygons
+    is_in = measured(polygons, x, y)
+    assert (is_in == expected(x, y)).all()
+    assert 0.2 < is_in.mean() < 0.8
+    bow = ("inside 20 20 300 220 300 20 20 220",)  # its edges cross: two triangles
+    assert (measured(Correlation(region=bow).polygons, x, y) == expected(x, y, bow)).all()
+    assert measured((), x, y).all()
+    left_out = measured(Correlation(region=SHAPES[2:]).polygons, x, y)
+    assert left_out.sum() > is_in.sum()
+
+
+@pytest.mark.parametrize("method", ["shared", "quadratic", "icgn"])
+def test_inside_the_region_a_field_is_the_same_to_the_bit(method: str) -> None:
+    for whole, part in zip(fields(method, ()), fields(method, SHAPES), strict=True):
+        grid = open_tracker(Correlation(**way(method), threads=1), IMAGES[0]).grid
+        x, y = np.meshgrid(grid.x_px, grid.y_px)
+        here = expected(x, y)
+        assert (part.status[~here] == Status.MASKED).all()
+        assert np.isnan(part.ux_px[~here]).all()
+        for name in ("ux_px", "uy_px", "zncc", "ux_std_px", "status"):
+            np.testing.assert_array_equal(getattr(part, name)[here], getattr(whole, name)[here])
+        assert (part.status[here] == Status.OK).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("region", "sentence"),
+    [
+        (("inside 1 2 3 4",), "'inside 1 2 3 4' can not be read; write inside or outside"),
+        (("within 1 2 3 4 5 6",), "can not be read"),
+        (("inside 1 2 3 4 5 6.5",), "can not be read"),
+        (("inside 1 2 3 4 5 6 7",), "can not be read"),
+        (("inside 1 2 3 4 5 6",) * 21, "has 21 polygons; 20 is the most"),
+    ],
+)
+def test_a_region_that_can_not_be_read_is_refused(region: tuple[str, ...], sentence: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        Correlation(region=region)
+
+
+def test_the_direct_method_and_a_region_without_a_box_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"dic\.region asked with method 'direct'"):
+        Correlation(method="direct", region=SHAPES)
+    nowhere = Correlation(region=("inside 0 0 3 0 3 3",), threads=1)
+    with pytest.raises(ValueError, match="no box of 20 px lies in the region"):
+        open_tracker(nowhere, IMAGES[0])
+
+
+def test_a_polygon_is_written_as_it_is_read() -> None:
+    for text in SHAPES:
+        (polygon,) = Correlation(region=(text,)).polygons
+        assert polygon.text == text
