@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
-import pyqtgraph as pg
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QHideEvent, QKeySequence, QShortcut, QShowEvent, QUndoCommand, QUndoStack
 from PySide6.QtWidgets import QListWidget, QPushButton, QToolButton
 
 from analysis.settings import Polygon
-from app.gui import theme
-from app.gui.cells import Tone
 from app.gui.desk import Desk
-from app.gui.image_view import InterfaceView
+from app.gui.region_overlay import Picture, RegionOverlay
 from app.gui.widgets import STRETCH, Panel, column, label, row
 
 SHARES = {True: 0.3, False: 0.1}  # half the side of a new polygon, of the picture
-CHANGES = {True: "measure", False: "leave out"}
-ABOVE = 100  # the picture and all that is drawn on it
+NAMES = {True: "measure", False: "leave out"}
 
 
 class _Change(QUndoCommand):
@@ -46,9 +41,8 @@ class _Change(QUndoCommand):
 
 
 class RegionPanel(Panel):
-    """Draws the polygons of `dic.region` on the picture of a view while it is in sight.
+    """Shows the polygons of `dic.region` on a picture while it is in sight itself.
 
-    Corners are dragged; a click on an edge adds a corner, and the menu of a corner removes it.
     Every change can be undone. A run that is under way keeps the region that it began with.
     """
 
@@ -56,13 +50,13 @@ class RegionPanel(Panel):
     title = "Region"
     keys = (("Ctrl+Z, Ctrl+Y", "Undoes a change of the region, and does it again."),)
 
-    def __init__(self, desk: Desk, view: InterfaceView) -> None:
+    def __init__(self, desk: Desk, picture: Picture) -> None:
         super().__init__()
-        self.desk, self._view = desk, view
+        self.desk, self.overlay = desk, RegionOverlay(picture)
         self.undo_stack = QUndoStack(self)
-        self.drawn: list[Any] = []  # a PolyLineROI for each polygon
         self._shown: tuple[str, ...] = ()
         self._build()
+        self.overlay.changed.connect(self._moved)
         desk.settings_changed.connect(self._follow)
         desk.busy_changed.connect(lambda _: self._say())
         self._follow()
@@ -112,52 +106,28 @@ class RegionPanel(Panel):
             self._draw()
         self._say()
 
-    def _moved(self, at: int) -> None:
-        """A corner was dragged, added or removed."""
-        if at >= len(self.drawn):
-            return
-        roi = self.drawn[at]
-        places = (roi.mapToParent(place) for _, place in roi.getLocalHandlePositions())
-        corners = tuple((round(place.x()), round(place.y())) for place in places)
-        polygon = self.desk.config.dic.polygons[at]._replace(corners=corners)
+    def _moved(self, at: int, polygon: Polygon) -> None:
+        """A polygon has become another by the mouse."""
         self._change("move", (*self.region[:at], polygon.text, *self.region[at + 1 :]))
 
     # ------------------------------------------------------------------ drawing
 
     def _draw(self) -> None:
-        """Draw all polygons anew, on the picture and in the list."""
-        chosen = self.list.currentRow()
-        self._clear()
+        """Show all polygons, on the picture and in the list."""
+        chosen, polygons = self.list.currentRow(), self.desk.config.dic.polygons
+        self.overlay.show_polygons(polygons)
         self.list.clear()
-        for at, polygon in enumerate(self.desk.config.dic.polygons):
-            self.list.addItem(f"{CHANGES[polygon.is_measured]}: {len(polygon.corners)} corners")
+        for at, polygon in enumerate(polygons):
+            self.list.addItem(f"{NAMES[polygon.is_measured]}: {len(polygon.corners)} corners")
             self.list.item(at).setToolTip(f"{polygon.text} px")
-            if self.isVisible():
-                self._draw_one(at, polygon)
-        self.list.setCurrentRow(min(chosen, self.list.count() - 1))
-
-    def _draw_one(self, at: int, polygon: Polygon) -> None:
-        tone = theme.TONES[Tone.GOOD if polygon.is_measured else Tone.BAD]
-        pen = pg.mkPen(tone, width=2, style=Qt.PenStyle.SolidLine)
-        roi = pg.PolyLineROI(
-            [QPointF(*corner) for corner in polygon.corners], closed=True, movable=False, pen=pen
-        )
-        roi.setZValue(ABOVE)
-        roi.sigRegionChangeFinished.connect(lambda _, at=at: self._moved(at))
-        self._view.plot.getPlotItem().addItem(roi, ignoreBounds=True)
-        self.drawn.append(roi)
-
-    def _clear(self) -> None:
-        for roi in self.drawn:
-            roi.sigRegionChangeFinished.disconnect()
-            self._view.plot.getPlotItem().removeItem(roi)
-        self.drawn.clear()
+        self.list.setCurrentRow(min(chosen, len(polygons) - 1))
 
     def _say(self) -> None:
         polygons = self.desk.config.dic.polygons
         what = (
             "Displacements are measured inside the green polygons, or everywhere if there is none,"
-            " and not in the red ones. Drag a corner; click an edge for a new one."
+            " and not in the red ones. Drag a corner, or the square to move all; click an edge for"
+            " a new corner, and a corner twice to remove it."
             if polygons
             else "Displacements are measured in the whole picture."
         )
@@ -168,12 +138,12 @@ class RegionPanel(Panel):
     def showEvent(self, event: QShowEvent) -> None:
         """Draw on the picture."""
         super().showEvent(event)
-        self._draw()
+        self.overlay.show()
 
     def hideEvent(self, event: QHideEvent) -> None:
-        """Leave the picture."""
+        """Leave the picture alone."""
         super().hideEvent(event)
-        self._clear()
+        self.overlay.hide()
 
     # ------------------------------------------------------------------ building
 
