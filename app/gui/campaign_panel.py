@@ -39,6 +39,7 @@ class CampaignPanel(Panel):
         super().__init__()
         self.desk, self.later = desk, Later(self)
         self.lines: CampaignLines | None = None
+        self._items: list[QTreeWidgetItem] = []  # of the runs, in their order
         self._build()
         desk.settings_changed.connect(self._show_set)
         desk.busy_changed.connect(lambda _: self._show_set())
@@ -88,8 +89,9 @@ class CampaignPanel(Panel):
         self.heading.setText(lines.name if lines else "No campaign is open.")
         self.folder.setText(f"Sessions in {lines.folder.absolute()}" if lines else "")
         self.sentence.setText(lines.sentence if lines else "")
-        chosen = self.list.indexOfTopLevelItem(self.list.currentItem())
+        chosen = self._chosen()
         self.list.clear()
+        self._items = []
         for run in lines.runs if lines else ():
             texts = (str(run.number), run.name, run.state, duration(run.seconds))
             item = QTreeWidgetItem(list(texts))
@@ -98,8 +100,9 @@ class CampaignPanel(Panel):
             item.setToolTip(STATE, run.reason)
             item.setTextAlignment(TIME, Qt.AlignmentFlag.AlignRight)
             self.list.addTopLevelItem(item)
-        if 0 <= chosen < self.list.topLevelItemCount():
-            self.list.setCurrentItem(self.list.topLevelItem(chosen))
+            self._items.append(item)
+        if 0 <= chosen < len(self._items):
+            self.list.setCurrentItem(self._items[chosen])
         self._show_set()
         self._show_chosen()
 
@@ -107,8 +110,7 @@ class CampaignPanel(Panel):
         """Mark the run that Start would begin, and say what the button does."""
         lines = self.lines
         on_desk = self._on_desk()
-        for at, run in enumerate(lines.runs if lines else ()):
-            item = self.list.topLevelItem(at)
+        for item, run in zip(self._items, lines.runs if lines else (), strict=True):
             font = item.font(RUN)
             font.setBold(run is on_desk)
             item.setFont(RUN, font)
@@ -120,8 +122,8 @@ class CampaignPanel(Panel):
         if due is None:
             self.next.setText("All is done" if lines else "Next run")
         elif is_set:
-            at = f"run {due.number}, {due.name}"
-            self.next.setText(f"{at} is under way" if is_busy else f"Start {at}  F5")
+            what = f"run {due.number}, {due.name}"
+            self.next.setText(f"{what} is under way" if is_busy else f"Start {what}  F5")
         else:
             self.next.setText(f"Next: run {due.number}, {due.name}")
 
@@ -133,8 +135,13 @@ class CampaignPanel(Panel):
                 return run
         return None
 
+    def _chosen(self) -> int:
+        """Place of the run that is chosen in the list, from 0; -1 if none is."""
+        item = self.list.currentItem()
+        return -1 if item is None else self.list.indexOfTopLevelItem(item)
+
     def _show_chosen(self) -> None:
-        at = self.list.indexOfTopLevelItem(self.list.currentItem())
+        at = self._chosen()
         run = self.lines.runs[at] if self.lines and at >= 0 else None
         parts = (proper(run.orders), proper(run.reason)) if run else ()
         self.about.setText("\n".join(filter(None, parts)))

@@ -17,10 +17,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.form import Field, Refused
-from app.gui.widgets import label
+from app.gui.widgets import label, tint
 
 NAME_WIDTH, UNIT_WIDTH = 104, 52
 
@@ -174,7 +173,7 @@ class FieldRow(QWidget):
         self._shown = told
         is_changed = value != base
         self.name.setText(f"● {self._title}" if is_changed else self._title)
-        self.name.setStyleSheet(f"color: {theme.TONES[Tone.WARN]};" if is_changed else "")
+        tint(self.name, Tone.WARN if is_changed else None)
         there = f"{self.field.text(base)} {self.field.unit}".strip() if base is not None else "none"
         self.reset.setToolTip(f"{base_name}: {there}. Takes that again (Ctrl+R).")
         self.reset.setVisible(is_changed)
@@ -184,8 +183,7 @@ class FieldRow(QWidget):
             widget.setToolTip(tip)
         self.sentence.setText(refused.sentence if refused else "")
         self.sentence.setVisible(refused is not None)
-        bad = theme.TONES[Tone.BAD]
-        self.editor.setStyleSheet(f"border: 1px solid {bad};" if refused else "")
+        tint(self.editor, Tone.BAD if refused else None)
 
     def _build(self) -> None:
         self.reset.setText("↺")
@@ -197,7 +195,7 @@ class FieldRow(QWidget):
         self.reset.hide()
         for text in (self.name, self.sentence):
             text.setWordWrap(True)
-        self.sentence.setStyleSheet(f"color: {theme.TONES[Tone.BAD]};")
+        tint(self.sentence, Tone.BAD)
         self.sentence.hide()
         self.name.setFixedWidth(NAME_WIDTH)
         self.unit.setFixedWidth(UNIT_WIDTH)

@@ -22,7 +22,7 @@ from app.gui.desk import Desk
 from app.gui.run_steps import TONES, Act, Band, RunSteps, Standing, StepLine, planned
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, Panel, column, label, restyle, row, tint
 
 MARKS = {
     Standing.TO_COME: "○",
@@ -61,9 +61,11 @@ class BandBar(QWidget):
         low, high = band.span_n
         scale = self.width() / max(high - low, 1e-9)
         middle, tone = self.height() / 2, theme.TONES[Tone.GOOD if band.is_within else Tone.WARN]
-        painter.fillRect(QRectF(0, middle - 2, self.width(), 4), QColor(theme.EDGE))
+        faint = QColor(theme.TEXT)
+        faint.setAlpha(40)
+        painter.fillRect(QRectF(0, middle - 2, self.width(), 4), faint)
         left, wide = (band.low_n - low) * scale, (band.high_n - band.low_n) * scale
-        painter.fillRect(QRectF(left, middle - 6, max(wide, 2), 12), QColor(theme.EDGE).lighter())
+        painter.fillRect(QRectF(left, middle - 6, max(wide, 2), 12), faint)
         at = min(max((band.value_n - low) * scale, 1), self.width() - 3)
         painter.fillRect(QRectF(at - 1, 0, 4, self.height()), QColor(tone))
 
@@ -84,8 +86,7 @@ class BandRow(QWidget):
         self.bar.show_band(band)
         self.name.setText(band.name)
         self.value.setText(_force(band.value_n, band))
-        tone = Tone.GOOD if band.is_within else Tone.WARN
-        self.value.setStyleSheet(f"color: {theme.TONES[tone]};")
+        tint(self.value, Tone.GOOD if band.is_within else Tone.WARN)
         now, low, high = (_force(n, band) for n in (band.value_n, band.low_n, band.high_n))
         self.setToolTip(f"{band.name}: {now}, to be between {low} and {high}")
 
@@ -99,7 +100,7 @@ class StepRow:
     """A step: its mark, text and note."""
 
     def __init__(self, grid: QGridLayout, at: int) -> None:
-        self.mark, self.text, self.note = label("", "count"), label("", "step"), label("", "muted")
+        self.mark, self.text, self.note = label("", "count"), label("", "muted"), label("", "muted")
         self._shown: StepLine | None = None
         for one in (self.text, self.note):
             one.setWordWrap(True)
@@ -116,18 +117,16 @@ class StepRow:
             one.setVisible(line is not None)
         if line is None:
             return
-        colour = theme.TONES[TONES[line.standing]]
         is_now = line.standing is Standing.UNDER_WAY
         is_over = line.standing in (Standing.STOPPED, Standing.FAILED)
         self.mark.setText(MARKS[line.standing])
-        self.mark.setStyleSheet(f"color: {colour};")
+        tint(self.mark, TONES[line.standing])
         self.mark.setToolTip(str(line.standing))
         self.text.setText(f"{line.number}  {line.text}")
-        strong = f"color: {theme.TEXT}; font-weight: 600;"
-        self.text.setStyleSheet(strong if is_now or is_over else f"color: {theme.MUTED};")
+        restyle(self.text, "heading" if is_now or is_over else "muted")
         self.text.setToolTip(str(line.standing))
         self.note.setText(line.note)
-        self.note.setStyleSheet(f"color: {colour};" if is_over else "")
+        tint(self.note, TONES[line.standing] if is_over else None)
         self.note.setVisible(bool(line.note))
 
 
@@ -212,10 +211,7 @@ class ExperimentPanel(Panel):
         can_act = steps.act is Act.ANSWER or (is_begin and not self.desk.is_busy)
         self.button.setText(steps.acts + (KEYS[steps.act] if can_act else " …"))
         self.button.setEnabled(can_act)
-        style = "start" if can_act else "wait"
-        if self.button.objectName() != style:
-            self.button.setObjectName(style)
-            self.button.style().polish(self.button)
+        restyle(self.button, "start" if can_act else "wait")
 
     def _build(self) -> None:
         self.sentence, self.question = label("", "muted"), label("", "heading")
@@ -234,10 +230,6 @@ class ExperimentPanel(Panel):
         self.grid.setHorizontalSpacing(8)
         self.grid.setVerticalSpacing(2)
         asks = column(self.button, self.question, self.answer, spacing=8)
-        self.setLayout(
-            column(
-                *(asks, *self.bands, self.sentence, self.grid, self.left, STRETCH),
-                spacing=8,
-                margins=(10, 8, 10, 8),
-            )
-        )
+        bands = column(*self.bands, spacing=4)
+        parts = (asks, bands, self.sentence, self.grid, self.left, STRETCH)
+        self.setLayout(column(*parts, spacing=8, margins=(10, 8, 10, 8)))

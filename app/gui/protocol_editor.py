@@ -6,11 +6,10 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QFontDatabase
 from PySide6.QtWidgets import QToolButton, QWidget
 
-from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.editors import NAME_WIDTH, Choice, Lines
 from app.gui.form import OWN_STEPS, STEPS_KEY, Form, check_steps, protocols, steps_in_words
-from app.gui.widgets import column, label, row
+from app.gui.widgets import column, label, row, tint
 from app.plain import ConfigError, steps_lines
 
 TEXT_HEIGHT = 170
@@ -89,7 +88,7 @@ class ProtocolEditor(QWidget):
         self.edit.toggled.connect(self.text.setVisible)
         for words in (self.steps, self.sentence):
             words.setWordWrap(True)
-        self.sentence.setStyleSheet(f"color: {theme.TONES[Tone.BAD]};")
+        tint(self.sentence, Tone.BAD)
         name = label("Protocol", "name")
         name.setFixedWidth(NAME_WIDTH)
         head = row(name, (self.choice, 1), self.edit, spacing=6)

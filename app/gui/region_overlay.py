@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QWidget
 from analysis.settings import MOST_CORNERS, Polygon
 from app.gui import theme
 from app.gui.cells import Tone
+from app.gui.image_view import InterfaceView
 
 NEAR = 9.0  # of the pointer to a corner, logical px
 CLOSE = 5.0  # and to an edge
@@ -36,6 +37,22 @@ class Picture:
     widget: QWidget
     place: Callable[[float, float], QPointF]
     point: Callable[[QPointF], tuple[float, float]]
+
+
+def picture_of(view: InterfaceView) -> Picture:
+    """The picture of the interface."""
+    plot = view.plot
+    box = plot.getPlotItem().vb
+
+    def point(at: QPointF) -> tuple[float, float]:
+        found: tuple[float, float] = box.mapSceneToView(plot.mapToScene(at.toPoint())).toTuple()
+        return found
+
+    return Picture(
+        plot.viewport(),
+        lambda x, y: QPointF(plot.mapFromScene(box.mapViewToScene(QPointF(x, y)))),
+        point,
+    )
 
 
 @dataclass(frozen=True, slots=True)

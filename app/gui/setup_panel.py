@@ -22,7 +22,6 @@ from PySide6.QtWidgets import (
 
 from app.config import ConfigError, bench_names
 from app.errors import UserError
-from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.editors import NAME_WIDTH, FieldRow, Line
@@ -30,7 +29,7 @@ from app.gui.form import DEFAULTS, Base, Field, Form, Group
 from app.gui.later import Later
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, Panel, column, label, row, tint
 from app.settings import Config
 
 EVENING = {  # key -> its name, of what is another every evening
@@ -264,7 +263,7 @@ class SetupPanel(Panel):
 
     def _show(self, place: Place) -> None:
         self.place.setText(place.sentence)
-        self.place.setStyleSheet("" if place.is_usable else f"color: {theme.TONES[Tone.BAD]};")
+        tint(self.place, None if place.is_usable else Tone.BAD)
 
     def _show_busy(self, is_busy: bool) -> None:
         self.busy.setVisible(is_busy)
@@ -278,7 +277,7 @@ class SetupPanel(Panel):
     def _build(self) -> None:
         self.busy = self._banner("A run is on: what is changed here is for the next one.")
         self.refused = self._banner("")
-        self.refused.setStyleSheet(f"color: {theme.TONES[Tone.BAD]};")
+        tint(self.refused, Tone.BAD)
         self.help = label("What the setting that is edited means stands here.", "muted")
         self.help.setWordWrap(True)
         self.help.setAlignment(Qt.AlignmentFlag.AlignTop)

@@ -95,6 +95,8 @@ QScrollArea, QScrollArea > QWidget > QWidget {{ background: {WINDOW}; border: no
 QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
     background: {WINDOW}; border: 1px solid {EDGE}; }}
 QHeaderView::section {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 3px 6px; }}
+{"".join(f'QLabel[tone="{tone}"] {{ color: {colour}; }}' for tone, colour in TONES.items())}
+QLineEdit[tone="bad"], QPlainTextEdit[tone="bad"] {{ border-color: {TONES[Tone.BAD]}; }}
 QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; padding: 4px; }}
 """
 

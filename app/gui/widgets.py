@@ -6,6 +6,8 @@ from typing import TypeVar
 
 from PySide6.QtWidgets import QBoxLayout, QFrame, QHBoxLayout, QLabel, QLayout, QVBoxLayout, QWidget
 
+from app.gui.cells import Tone
+
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
 Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 STRETCH = -1  # in place of a gap: all the free space
@@ -58,3 +60,20 @@ def _filled(
         else:
             box.addSpacing(what)
     return box
+
+
+def tint(widget: QWidget, tone: Tone | None) -> None:
+    """Give a widget the colour of a tone, in the look of the window; None: its own again."""
+    _polish(widget, "tone", str(tone or ""))
+
+
+def restyle(widget: QWidget, style: str) -> None:
+    """Give a widget another of the styles of `theme.STYLE`."""
+    _polish(widget, "objectName", style)
+
+
+def _polish(widget: QWidget, name: str, value: str) -> None:
+    if (widget.property(name) or "") != value:
+        widget.setProperty(name, value)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)

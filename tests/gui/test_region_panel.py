@@ -7,11 +7,14 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
 
 from app.config import load
 from app.gui.desk import Desk
-from app.gui.region_overlay import Picture
+from app.gui.image_view import InterfaceView
+from app.gui.region_overlay import Picture, picture_of
 from app.gui.region_panel import RegionPanel
+from app.gui.source import setup_of
 
 SIZE = ("camera.width=320", "camera.height=240")
 MIDDLE = "inside 88 48 232 48 232 192 88 192"  # 0.3 of 240 px each way from (160, 120)
@@ -174,3 +177,20 @@ def test_a_method_that_knows_no_region_says_so(
     assert desk.config.dic.region == ()
     assert "dic.region asked with method 'direct'" in said[0]
     assert not panel.overlay.polygons
+
+
+def test_places_of_the_picture_are_found_in_the_view(qtbot: QtBot, desk: Desk) -> None:
+    view = InterfaceView()
+    qtbot.addWidget(view)
+    view.resize(700, 600)
+    with qtbot.waitExposed(view):
+        view.show()
+    run = ScriptedRun(320, 240, frames=30)
+    run.config = desk.config
+    view.show_setup(setup_of(run))
+    picture = picture_of(view)
+    x, y = picture.point(picture.place(100.0, 60.0))
+    assert (x, y) == pytest.approx((100, 60), abs=1.0)
+    left, right = picture.place(0.0, 0.0), picture.place(320.0, 0.0)
+    assert 300 < right.x() - left.x() < 700
+    assert picture.widget.rect().contains(right.toPoint())
