@@ -189,7 +189,7 @@ class ExperimentPanel(Panel):
             band.setVisible(at < len(steps.bands))
             if at < len(steps.bands):
                 band.show_band(steps.bands[at])
-        self.left.setText(steps.left and f"{steps.left}, without the time that an operator takes")
+        self.left.setText(steps.left and f"{steps.left} of all steps")
         self.left.setVisible(bool(steps.left))
         if before is None or steps.question != before.question:
             self._show_question(steps.question)

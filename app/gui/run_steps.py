@@ -138,7 +138,7 @@ def run_steps(
         act,
         acts,
         health.question,
-        _left(health.all_left_s),
+        _left(health.all_left_s) if health.all_left_s != health.left_s else "",
     )
 
 

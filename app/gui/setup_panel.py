@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -246,6 +246,14 @@ class SetupPanel(Panel):
         for view in self.groups:
             view.show_only(words, changed)
 
+    def _look_for(self) -> None:
+        """Show what is looked for, and bring it into view."""
+        self._filter()
+        QTimer.singleShot(0, self, self._scroll_to_found)
+
+    def _scroll_to_found(self) -> None:
+        self.scroll.verticalScrollBar().setValue(self.search.geometry().top() - 4)
+
     def _show_refused(self) -> None:
         count = len(self.form.refused)
         what = "One setting" if count == 1 else f"{count} settings"
@@ -309,7 +317,7 @@ class SetupPanel(Panel):
                 margins=(0, 0, 8, 0),
             )
         )
-        scroll = QScrollArea()
+        self.scroll = scroll = QScrollArea()
         scroll.setWidget(page)
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QScrollArea.Shape.NoFrame)
@@ -402,8 +410,8 @@ class SetupPanel(Panel):
         self.search.setMinimumWidth(60)
         self.compared = label("", "muted")
         self.compared.setWordWrap(True)
-        self.search.textChanged.connect(self._filter)
-        self.only_changed.toggled.connect(self._filter)
+        self.search.textChanged.connect(self._look_for)
+        self.only_changed.toggled.connect(self._look_for)
 
     def _menu(self, text: str, tip: str, acts: dict[str, Callable[[], object]]) -> QToolButton:
         button, menu = QToolButton(), QMenu(self)

@@ -29,6 +29,12 @@ TONES = {
     Tone.BAD: "#f0655c",
 }
 
+# a label of a tone has its colour whatever its style
+_TINTS = "".join(
+    f'QLabel[tone="{tone}"], QLabel#name[tone="{tone}"], QLabel#muted[tone="{tone}"],'
+    f' QLabel#detail[tone="{tone}"], QLabel#count[tone="{tone}"] {{ color: {colour}; }}\n'
+    for tone, colour in TONES.items()
+)
 STYLE = f"""
 QMainWindow, QWidget#body {{ background: {WINDOW}; }}
 QWidget {{ color: {TEXT}; font-size: 13px; }}
@@ -77,7 +83,11 @@ QToolButton#bare {{ background: transparent; border: 1px solid transparent; padd
 QToolButton#bare:hover {{ background: #2a303a; }}
 QToolButton#bare:focus {{ border-color: #7fb4ec; }}
 QWidget#page {{ background: {PANEL}; }}
-QScrollBar {{ background: {PANEL}; }}
+QScrollBar {{ background: transparent; border: none; }}
+QScrollBar:vertical {{ width: 10px; }}
+QScrollBar:horizontal {{ height: 10px; }}
+QScrollBar::handle {{ background: {GRID}; border-radius: 4px; min-height: 24px; min-width: 24px; }}
+QScrollBar::add-line, QScrollBar::sub-line {{ width: 0; height: 0; }}
 QSlider::groove:horizontal {{ height: 4px; background: {EDGE}; border-radius: 2px; }}
 QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-radius: 7px;
     background: {MUTED}; }}
@@ -95,7 +105,7 @@ QScrollArea, QScrollArea > QWidget > QWidget {{ background: {WINDOW}; border: no
 QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
     background: {WINDOW}; border: 1px solid {EDGE}; }}
 QHeaderView::section {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 3px 6px; }}
-{"".join(f'QLabel[tone="{tone}"] {{ color: {colour}; }}' for tone, colour in TONES.items())}
+{_TINTS}
 QLineEdit[tone="bad"], QPlainTextEdit[tone="bad"] {{ border-color: {TONES[Tone.BAD]}; }}
 QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; padding: 4px; }}
 """

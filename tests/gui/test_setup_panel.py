@@ -123,6 +123,8 @@ def test_search_and_only_changed(qtbot: QtBot, panel: SetupPanel) -> None:
     qtbot.keyClicks(panel.search, "exposure ms")
     assert "camera.exposure" in visible(panel)
     assert not {key for key in visible(panel) if key.startswith("run.")}
+    found = panel.rows["camera.exposure"][-1]
+    qtbot.waitUntil(lambda: panel.rect().contains(found.mapTo(panel, found.rect().center())))
     panel.search.clear()
     write(qtbot, panel.row("run.velocity").editor, "7")
     panel.only_changed.click()
