@@ -126,8 +126,13 @@ def _parameters(kind: type[Section] | Given) -> list[inspect.Parameter]:
     """One option of the command line for each setting of a section."""
     if isinstance(kind, Given):
         declared = options(kind.section).values()
-        return [_parameter(o.name, _option(o, o.type | None), None) for o in declared]
-    return [_parameter(o.name, _option(o, o.type), o.default) for o in options(kind).values()]
+        return [_parameter(o.name, _option(o, _type(o) | None), None) for o in declared]
+    return [_parameter(o.name, _option(o, _type(o)), o.default) for o in options(kind).values()]
+
+
+def _type(declared: Option) -> Any:
+    """What the command line takes for a setting; of texts, one each time that it is given."""
+    return list[str] if declared.type == tuple[str, ...] else declared.type
 
 
 def _option(declared: Option, kind: Any) -> Any:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from blobs import Speckle, way
 from matplotlib.path import Path as Outline
+from typer.testing import CliRunner
 
 from analysis.dic import Correlation, Status, open_tracker
 from analysis.region import measured
+from app.cli.program import app
 
 SPECKLE = Speckle((240, 320))
 IMAGES = [SPECKLE.image(noise=2, seed=1), SPECKLE.image(1.3, -0.4, noise=2, seed=2)]
@@ -87,6 +91,22 @@ def test_the_direct_method_and_a_region_without_a_box_are_refused() -> None:
     nowhere = Correlation(region=("inside 0 0 3 0 3 3",), threads=1)
     with pytest.raises(ValueError, match="no box of 20 px lies in the region"):
         open_tracker(nowhere, IMAGES[0])
+
+
+def test_a_region_of_plain_files(tmp_path: Path) -> None:
+    """Each polygon is an option of its own."""
+    names = [str(tmp_path / f"{n}.png") for n in range(2)]
+    for name, image in zip(names, IMAGES, strict=True):
+        cv2.imwrite(name, image)
+    output = tmp_path / "fields.npz"
+    words = [word for text in SHAPES for word in ("--region", text)]
+    done = CliRunner().invoke(app, ["dic", *names, "-o", str(output), *words])
+    assert done.exit_code == 0, done.output
+    with np.load(output) as found:
+        x, y = np.meshgrid(found["x_px"], found["y_px"])
+        masked = found["status"][0] == list(found["status_names"]).index("masked")
+        assert (masked == ~expected(x, y)).all()
+        assert SHAPES[0] in dict(found["settings"])["region"]
 
 
 def test_a_polygon_is_written_as_it_is_read() -> None:
