@@ -166,7 +166,7 @@ class FieldRow(QWidget):
         told = (value, base, base_name, refused)
         if told == self._shown:
             return
-        had = self._shown[3] if self._shown else None
+        had = self._shown and self._shown[3]
         text = refused.text if refused else self.field.text(value)
         if not self._shown or value != self._shown[0] or refused or had:
             self.editor.show_text(text)
@@ -215,8 +215,12 @@ class FieldRow(QWidget):
         grid.addWidget(self.reset, 0, 3)
         grid.addWidget(self.sentence, 1, 0, 1, 4)
         grid.setColumnStretch(1, 1)
-        self.editor.entered.connect(lambda text: self.entered.emit(self.field, text))
+        self.editor.entered.connect(self._enter)
         self.reset.clicked.connect(lambda: self.reset_asked.emit(self.field))
+
+    def _enter(self, text: str) -> None:
+        self._shown = ()  # what was typed is shown as it is written, also where nothing changes
+        self.entered.emit(self.field, text)
 
     def eventFilter(self, watched: Any, event: QEvent) -> bool:
         """Say that the editor has the focus now."""

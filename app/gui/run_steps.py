@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 from app.engine.experiment import TOUCH_FRACTION, phase_of
 from app.gui.cells import Tone
@@ -157,11 +158,16 @@ def _number(steps: tuple[Step, ...], health: Health, newest: Conditions | None) 
 def _lines(config: Config, number: int, standing: Standing, note: str) -> tuple[StepLine, ...]:
     """All steps, the one of this number with its standing and note."""
     return tuple(
-        StepLine(n, proper(str(step)), standing, note)
+        StepLine(n, text, standing, note)
         if n == number
-        else StepLine(n, proper(str(step)), Standing.DONE if n < number else Standing.TO_COME)
-        for n, step in enumerate(config.run.protocol, 1)
+        else StepLine(n, text, Standing.DONE if n < number else Standing.TO_COME)
+        for n, text in enumerate(_texts(config.run.protocol), 1)
     )
+
+
+@lru_cache(maxsize=4)
+def _texts(steps: tuple[Step, ...]) -> tuple[str, ...]:
+    return tuple(proper(str(step)) for step in steps)
 
 
 def _left(seconds: float) -> str:

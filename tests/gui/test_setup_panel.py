@@ -150,6 +150,11 @@ def test_choices_and_checks(qtbot: QtBot, panel: SetupPanel, desk: Desk) -> None
     qtbot.keyClicks(preset, "finest")
     assert desk.config.dic.box == 38
     assert panel.row("dic.box").editor.text() == "38"
+    preset.setFocus()
+    qtbot.keyClicks(preset, "custom")  # which is none: the settings stay, and so does their name
+    assert preset.currentText() == "finest"
+    write(qtbot, panel.row("dic.box").editor, "38.0")
+    assert panel.row("dic.box").editor.text() == "38"
     view = next(view for view in panel.groups if view.group.table == "stress")
     click(qtbot, view.head)
     view.rows["stress.field"].editor.click()
