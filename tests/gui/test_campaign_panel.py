@@ -122,7 +122,7 @@ def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(
         qtbot.waitUntil(lambda n=number, s=state: column(panel, STATE)[n - 1] == s)
     assert panel.sentence.text().startswith("1 of 3 runs done, 1 failed, about ")
     assert panel.next.text() == "Next: run 3, loads-0.12N"
-    assert "failed" in (tmp_path / "loads" / PAGE).read_text(encoding="utf-8")
+    assert '<tr class="failed">' in (tmp_path / "loads" / PAGE).read_text(encoding="utf-8")
 
     panel.list.setFocus()
     panel.list.setCurrentItem(panel.list.topLevelItem(1))

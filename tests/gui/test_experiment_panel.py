@@ -19,7 +19,7 @@ from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_steps import Act, Band, RunSteps, Standing, planned, run_steps
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
-from app.records import Counts, Health, Outcome
+from app.records import Conditions, Counts, Health, Outcome, Phase
 from app.settings import Config
 from app.steps import Approach
 
@@ -227,3 +227,10 @@ def test_a_replay_of_an_older_session_goes_by_its_phases() -> None:
         return resolve(setup_of(run), read(run.at(frame), 0), None).steps
 
     assert [look(n).number for n in (3, 12, 22, 50)] == [1, 2, 3, 4]
+
+
+def test_a_replay_goes_by_the_steps_of_its_frames() -> None:
+    frame = Conditions(Phase.CONTACT, math.nan, 0.3, 0.0, 0.0, step=3)
+    now = run_steps(load(None, (ASKS,)), HEALTH, None, frame, (0.3, 0.0), None)
+    assert now.number == 3  # by its phase alone it would be step 2
+    assert now.acts == "Waits for the load"

@@ -103,6 +103,8 @@ def test_a_preset_is_shown_by_its_name_and_sets_the_others(form: Form) -> None:
     assert preset_of(form.config) == form.values()["dic.preset"] == "finest"
     assert form.put("dic.box", 40)
     assert form.values()["dic.preset"] == "custom"
+    assert form.put("dic.preset", "finest")
+    assert form.config.dic.box == 38  # what was typed before gives way
 
 
 def test_another_driver_leaves_the_options_of_the_former_behind(form: Form) -> None:

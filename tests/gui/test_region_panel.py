@@ -121,8 +121,11 @@ def test_corners_are_added_and_removed_and_a_polygon_is_moved(
 def test_a_triangle_keeps_its_corners(qtbot: QtBot, panel: RegionPanel, desk: Desk) -> None:
     triangle = "outside 50 50 200 50 120 180"
     desk.set_config(load(None, (*SIZE, f'dic.region=["{triangle}"]')))
+    said: list[str] = []
+    desk.said.connect(lambda text, _: said.append(text))
     qtbot.mouseDClick(panel.overlay, Qt.MouseButton.LeftButton, pos=at(50, 50))
     assert desk.config.dic.region == (triangle,)
+    assert not said
 
 
 def test_what_is_beside_the_polygons_is_left_to_the_picture(
