@@ -179,6 +179,7 @@ class CampaignPanel(Panel):
         for words in (self.folder, self.sentence, self.about):
             words.setWordWrap(True)
         self.open_button, self.menu = QToolButton(), QMenu(self)
+        self.open_button.setObjectName("framed")
         self.open_button.setText("Open")
         self.open_button.setToolTip("Opens a campaign: a file of runs over loads, samples, repeats")
         self.open_button.setMenu(self.menu)

@@ -82,6 +82,7 @@ class ProtocolEditor(QWidget):
             " elsewhere. What a step leaves out is that of the load, travel and velocity above."
         )
         self.text.hide()
+        self.edit.setObjectName("framed")
         self.edit.setText("Edit")
         self.edit.setCheckable(True)
         self.edit.setToolTip("Shows the steps as text, to be edited")

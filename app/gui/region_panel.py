@@ -170,6 +170,8 @@ class RegionPanel(Panel):
             shortcut = QShortcut(QKeySequence(keys), self)
             shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
             shortcut.activated.connect(act)
+        for button in (self.remove_button, self.undo_button, self.redo_button):
+            button.setObjectName("framed")
         self.undo_button.setText("Undo")
         self.redo_button.setText("Redo")
         self.undo_stack.canUndoChanged.connect(self.undo_button.setEnabled)

@@ -375,6 +375,7 @@ class SetupPanel(Panel):
         self.place.setWordWrap(True)
         self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         browse = QToolButton()
+        browse.setObjectName("framed")
         browse.setText("…")
         browse.setToolTip("Choose folder and name of the session")
         browse.clicked.connect(self._browse)
@@ -393,6 +394,7 @@ class SetupPanel(Panel):
             },
         )
         self.save_button = QToolButton()
+        self.save_button.setObjectName("framed")
         self.save_button.setText("Save …")
         self.save_button.setToolTip("Writes the settings as a file for `slipscope run FILE`")
         self.save_button.clicked.connect(self._browse_save)
@@ -417,6 +419,7 @@ class SetupPanel(Panel):
         button, menu = QToolButton(), QMenu(self)
         for name, act in acts.items():
             menu.addAction(name).triggered.connect(lambda _=False, act=act: act())
+        button.setObjectName("framed")
         button.setText(text)
         button.setToolTip(tip)
         button.setMenu(menu)

@@ -74,11 +74,11 @@ QComboBox QAbstractItemView {{ background: {PANEL}; color: {TEXT};
 QLineEdit, QPlainTextEdit {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE};
     border-radius: 3px; padding: 2px 4px; selection-background-color: {TONES[Tone.BUSY]}; }}
 QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border-color: #7fb4ec; }}
-QToolButton {{ background: #2a303a; border: 1px solid #3b4350; border-radius: 4px;
+QToolButton#framed {{ background: #2a303a; border: 1px solid #3b4350; border-radius: 4px;
     padding: 3px 8px; }}
-QToolButton:hover, QToolButton:checked {{ background: #343c48; }}
-QToolButton:focus {{ border-color: #7fb4ec; }}
-QToolButton::menu-indicator {{ image: none; }}
+QToolButton#framed:hover, QToolButton#framed:checked {{ background: #343c48; }}
+QToolButton#framed:focus {{ border-color: #7fb4ec; }}
+QToolButton#framed::menu-indicator {{ image: none; }}
 QToolButton#bare {{ background: transparent; border: 1px solid transparent; padding: 2px; }}
 QToolButton#bare:hover {{ background: #2a303a; }}
 QToolButton#bare:focus {{ border-color: #7fb4ec; }}
