@@ -252,7 +252,7 @@ class SetupPanel(Panel):
         QTimer.singleShot(0, self, self._scroll_to_found)
 
     def _scroll_to_found(self) -> None:
-        self.scroll.verticalScrollBar().setValue(self.search.geometry().top() - 4)
+        self.area.verticalScrollBar().setValue(self.search.geometry().top() - 4)
 
     def _show_refused(self) -> None:
         count = len(self.form.refused)
@@ -317,7 +317,7 @@ class SetupPanel(Panel):
                 margins=(0, 0, 8, 0),
             )
         )
-        self.scroll = scroll = QScrollArea()
+        self.area = scroll = QScrollArea()
         scroll.setWidget(page)
         scroll.setWidgetResizable(True)
         scroll.setFrameShape(QScrollArea.Shape.NoFrame)
