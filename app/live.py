@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from analysis.region import measured
 from app.certificate import known
 from app.engine.analyst import FrameAnalysis
 from app.engine.intake import BenchDevices
+from app.engine.preview import Preview
 from app.engine.run import Run
 from app.engine.setup import grid_of, header_of
 from app.errors import UserError
@@ -42,6 +44,7 @@ from drivers.sources import DRIVERS, driver
 if TYPE_CHECKING:
     from app.session.receipt import Receipt
 
+FREE_S = 10.0  # of a simulated bench that is previewed: to see and zero the free block
 THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
 
 
@@ -100,13 +103,57 @@ def expected_seconds(config: Config) -> float:
 
 def expected_bytes(config: Config) -> int:
     """Size of the session that a run of these settings writes, to within about ten per cent."""
+    return int(expected_seconds(config) * bytes_per_s(config)) + RESERVE_BYTES
+
+
+def bytes_per_s(config: Config) -> float:
+    """What a second of a run of these settings takes on the disk."""
     camera = config.camera
     points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
     frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
-    rate = config.frame_rate_hz * frame + config.forces.sample_rate * (
-        32 + 8 * len(config.forces.auxiliary)
+    samples = config.forces.sample_rate * (32 + 8 * len(config.forces.auxiliary))
+    return config.frame_rate_hz * frame + samples
+
+
+def previewed(config: Config) -> Config:
+    """The settings whose simulated world a preview shows: its operator takes `FREE_S` before the
+    contact is pressed, and the contact can be sheared both ways.
+    """
+    sim = config.sim
+    law = "elasto-plastic" if sim.law == "cattaneo-mindlin" else sim.law
+    return replace(config, sim=replace(sim, law=law, press_time=max(FREE_S, sim.press_time)))
+
+
+def make_preview(
+    config: Config,
+    *,
+    pace: float = 1.0,
+    guard: Callable[[Bench, Preview], None] = lambda bench, preview: None,
+) -> Preview:
+    """The bench that the settings name, to be looked at without a run; nothing is opened before its
+    `start`.
+
+    Parameters
+    ----------
+    pace : float
+        Simulated seconds per second.
+    guard : callable
+        Called once before the stage is moved for the first time.
+
+    Raises
+    ------
+    UserError, DeviceError
+        There is no such bench.
+    """
+    bench = make_bench(previewed(config), pace)
+    preview = Preview(
+        config,
+        bench,
+        guard=lambda: guard(bench, preview),
+        can_restart=bench.world is None,
+        bytes_per_s=bytes_per_s(config),
     )
-    return int(expected_seconds(config) * rate) + RESERVE_BYTES
+    return preview
 
 
 def check_room(config: Config, output: Path) -> None:

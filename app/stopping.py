@@ -1,0 +1,74 @@
+"""What becomes of a stop of the stage, in four true answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+CUT_POWER = "STOP MOTION FAILED, cut the actuator's power"
+
+
+class Stop(StrEnum):
+    """The answers to a stop."""
+
+    SENT = "sent"
+    AT_REST = "at rest"
+    FAILED = "FAILED"
+    NOT_CONNECTED = "not connected"
+
+
+@dataclass(frozen=True, slots=True)
+class StopAnswer:
+    """What is known of a stop, and the sentence that says so.
+
+    `is_final` is False while the position of the stage is still to be read.
+    """
+
+    kind: Stop
+    sentence: str
+    is_final: bool = True
+
+
+def sent_to(name: str) -> StopAnswer:
+    """The actuator took the command; its position is not read yet."""
+    return StopAnswer(
+        Stop.SENT, f"STOP MOTION was sent to the {name}; its position is being read.", False
+    )
+
+
+def unread(name: str, problem: object) -> StopAnswer:
+    """The actuator took the command, and nobody knows whether it stands."""
+    return StopAnswer(
+        Stop.SENT,
+        f"STOP MOTION was sent to the {name}, and whether it stands could not be read: {problem};"
+        " watch the stage, and cut the actuator's power if it moves",
+    )
+
+
+def sent_from_outside() -> StopAnswer:
+    """The supervisor sent the command; it can not read the position."""
+    return StopAnswer(
+        Stop.SENT,
+        "STOP MOTION was sent by the supervisor, because the bench's process has ended; it can not"
+        " read whether the stage stands: watch it, and cut the actuator's power if it moves.",
+    )
+
+
+def at_rest(name: str, position_m: float, refusal: str = "") -> StopAnswer:
+    """The position of the stage was read, twice, and is the same."""
+    although = f", although the stop was refused ({refusal})" if refusal else ""
+    return StopAnswer(
+        Stop.AT_REST,
+        f"STOP MOTION: the {name} is at rest at {position_m * 1e3:.4f} mm; its position was read"
+        f" twice{although}.",
+    )
+
+
+def failed(problem: object, *, is_final: bool = True) -> StopAnswer:
+    """The stage may be moving, and this program can not stop it."""
+    return StopAnswer(Stop.FAILED, f"{CUT_POWER}: {problem}", is_final)
+
+
+def not_connected(why: str) -> StopAnswer:
+    """Nothing was sent, because there is nothing that it could be sent to."""
+    return StopAnswer(Stop.NOT_CONNECTED, f"STOP MOTION: nothing was sent, because {why}.")
