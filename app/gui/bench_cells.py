@@ -1,0 +1,246 @@
+"""What the bench panel says and draws of a connected bench, as plain values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from analysis.options import quantity
+from app.bench_view import BenchView, ForcesView, PictureView, StageView, State
+from app.gui.bench_link import Zeroed
+from app.gui.cells import DASH, Cell, Tone, number, typeset
+from app.settings import Config
+from app.steps import Approach, Zero
+
+LABELS = {"forces": "Forces", "camera": "Camera", "actuator": "Stage"}
+TONES = {
+    State.CONNECTING: Tone.BUSY,
+    State.READY: Tone.GOOD,
+    State.LOOK: Tone.WARN,
+    State.FAILED: Tone.BAD,
+    State.CLOSED: Tone.NEUTRAL,
+}
+MARKS = {  # so that a state is not told by its colour alone
+    Tone.BUSY: "…",
+    Tone.GOOD: "✓",
+    Tone.WARN: "!",
+    Tone.BAD: "✗",
+    Tone.NEUTRAL: "–",
+}
+FASTEST_JOG_M_S, SLOWER = 100e-6, 10.0  # the fast jog, and how much slower the other is
+TOO_BRIGHT = 0.02  # share of the pixels, as of `slipscope check`
+NEAR_LIMIT = 0.9
+NOISY_N = 5e-3  # five times the resolution of the bench of the paper
+DISK_WARNS_MIN, DISK_ALARMS_MIN = 30.0, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceLine:
+    """A device, its state, and the sentence that says so."""
+
+    kind: str
+    name: str
+    word: str
+    sentence: str
+    tone: Tone
+
+
+@dataclass(frozen=True, slots=True)
+class Gauge:
+    """A force with its scale: limits, the band where it should be, and its last ten seconds."""
+
+    symbol: str
+    text: str
+    tone: Tone
+    note: str
+    value: float
+    low: float
+    high: float
+    limits: tuple[float, ...]
+    band: tuple[float, float]
+    hint: str
+    time_s: tuple[float, ...] = ()
+    history: tuple[float, ...] = ()
+
+
+def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
+    """A line for each device."""
+    lines = []
+    for kind in LABELS:
+        device = view.devices.get(kind) if view else None
+        if device is None:
+            lines.append(DeviceLine(kind, LABELS[kind], "not connected", "", Tone.NEUTRAL))
+            continue
+        word = "look at it" if device.state is State.LOOK else str(device.state)
+        lines.append(
+            DeviceLine(
+                kind, f"{LABELS[kind]}: {device.name}", word, device.sentence, TONES[device.state]
+            )
+        )
+    return tuple(lines)
+
+
+def wanted_load(config: Config) -> float:
+    """The load that the contact is pressed to first."""
+    loads = (step.normal_force for step in config.run.protocol if isinstance(step, Approach))
+    return next(loads, config.run.normal_force)
+
+
+def gauges(forces: ForcesView | None, config: Config, *, is_still: bool) -> tuple[Gauge, Gauge]:
+    """P and Q; the noise is that of a bench at rest, so it is judged only where the stage stands."""
+    run, limits, load = config.run, config.limits, wanted_load(config)
+    most, least = limits.normal_force, -0.1 * limits.normal_force
+    width = run.settle_tolerance * load
+    normal = Gauge(
+        "P",
+        DASH,
+        Tone.NEUTRAL,
+        "",
+        math.nan,
+        least,
+        1.1 * most,
+        (most,),
+        (load - width, load + width),
+        f"Normal force; the band is {load:g} N ± {run.settle_tolerance:.0%}, the red line"
+        f" limits.normal_force = {quantity(limits, 'normal_force')}",
+    )
+    most, width = limits.shear_force, run.shear_tolerance * load
+    shear = Gauge(
+        "Q",
+        DASH,
+        Tone.NEUTRAL,
+        "",
+        math.nan,
+        -1.1 * most,
+        1.1 * most,
+        (-most, most),
+        (-width, width),
+        f"Shear force; the band is ± {run.shear_tolerance:.0%} of {load:g} N, in which a run"
+        f" begins, the red lines limits.shear_force = {quantity(limits, 'shear_force')}",
+    )
+    if forces is None:
+        return normal, shear
+    return (
+        _measured(normal, forces, 0, is_still=is_still),
+        _measured(shear, forces, 1, is_still=is_still),
+    )
+
+
+def _measured(gauge: Gauge, forces: ForcesView, column: int, *, is_still: bool) -> Gauge:
+    value, noise, used = forces.newest[column], forces.noise[column], forces.used[column]
+    limit = max(gauge.limits)
+    tone, note = Tone.NEUTRAL, f"noise {number(noise * 1e3, 1)} mN"
+    if gauge.band[0] <= value <= gauge.band[1]:
+        tone = Tone.GOOD
+    if is_still and noise > NOISY_N:
+        tone, note = Tone.WARN, f"{note}: too much"
+    if abs(value) > NEAR_LIMIT * limit:
+        tone, note = Tone.WARN, f"near its limit of {limit:g} N"
+    if used >= 0.98:
+        tone, note = Tone.BAD, "sensor at the end of its range"
+    elif abs(value) > limit:
+        tone, note = Tone.BAD, f"beyond its limit of {limit:g} N"
+    if forces.age_s > 1.0:
+        tone, note = Tone.BAD, f"no reading for {forces.age_s:.0f} s"
+    return replace(
+        gauge,
+        text=number(value, 3),
+        tone=tone,
+        note=note,
+        value=value,
+        time_s=tuple(forces.time_s.tolist()),
+        history=tuple(forces.history[:, column].tolist()),
+    )
+
+
+def picture_cells(picture: PictureView | None) -> tuple[Cell, ...]:
+    """Brightness, saturated pixels and focus of the live picture."""
+    focus_hint = (
+        "Variance of the Laplacian over the square of the mean grey level, in thousandths"
+        " (Pech-Pacheco et al., ICPR 2000): focus until it is greatest. It compares pictures of the"
+        " same scene only, so it changes with the contact"
+    )
+    if picture is None:
+        return (
+            Cell("mean grey", DASH),
+            Cell("saturated", DASH),
+            Cell("focus", DASH, hint=focus_hint),
+        )
+    bright = Tone.WARN if picture.saturated > TOO_BRIGHT else Tone.NEUTRAL
+    dim = Tone.WARN if not 0.05 <= picture.mean <= 0.9 else Tone.NEUTRAL
+    return (
+        Cell(
+            "mean grey",
+            f"{picture.mean:.0%}",
+            tone=dim,
+            hint="Share of the grey scale; less than 5 % or more than 90 % is a wrong exposure",
+        ),
+        Cell(
+            "saturated",
+            f"{picture.saturated:.2%}",
+            tone=bright,
+            hint=f"Pixels at the end of the grey scale, red in the picture; more than"
+            f" {TOO_BRIGHT:.0%}: shorten the exposure, or dim the light",
+        ),
+        Cell("focus", number(picture.focus, 2 if picture.focus < 100 else 0), hint=focus_hint),
+    )
+
+
+def stage_text(stage: StageView | None) -> tuple[str, Tone]:
+    """Where the stage is, and whether it moves."""
+    if stage is None:
+        return DASH, Tone.NEUTRAL
+    word = "moving" if stage.is_moving else "at rest"
+    return f"{number(stage.position_m * 1e3, 4)} mm, {word}", (
+        Tone.BUSY if stage.is_moving else Tone.NEUTRAL
+    )
+
+
+def room_text(stage: StageView | None) -> str:
+    """How far the stage can be jogged."""
+    if stage is None:
+        return ""
+    back, on = ((end - stage.position_m) * 1e6 for end in (stage.low_m, stage.high_m))
+    return f"can be jogged by {number(back, 0)} to +{number(on, 0)} µm"
+
+
+def disk_text(bytes_per_s: float, free_bytes: int) -> tuple[str, Tone]:
+    """Minutes of recording for which there is room."""
+    if free_bytes < 0 or not bytes_per_s > 0:
+        return DASH, Tone.NEUTRAL
+    minutes = free_bytes / bytes_per_s / 60
+    tone = Tone.NEUTRAL
+    if minutes < DISK_WARNS_MIN:
+        tone = Tone.BAD if minutes < DISK_ALARMS_MIN else Tone.WARN
+    size = f"{free_bytes / 1e9:.0f} GB free"
+    text = f"{minutes:.0f} min" if minutes < 600 else f"{minutes / 60:.0f} h"
+    return f"{text} of recording, {size}", tone
+
+
+def jog_speeds(config: Config) -> tuple[float, float]:
+    """The slow and the fast one, m/s."""
+    fast = min(FASTEST_JOG_M_S, config.actuator.max_velocity)
+    return fast / SLOWER, fast
+
+
+def zeroed_text(zeroed: Zeroed, config: Config) -> str:
+    """What came of zeroing, and what the run makes of it."""
+    normal, shear = (typeset(f"{volts:+.4f}") for volts in zeroed.volts)
+    p, q = (typeset(f"{force:+.3f}") for force in zeroed.before_n)
+    text = (
+        f"Zeroed: P had read {p} N and Q {q} N; without a force the sensors read {normal} V and"
+        f" {shear} V, which is forces.zero of the next run."
+    )
+    steps = config.run.protocol
+    first = next((i for i, step in enumerate(steps, 1) if isinstance(step, Zero)), None)
+    return f"{text} Its step {first} zeroes once more." if first else text
+
+
+def is_outdated(connected: Config, now: Config) -> bool:
+    """Whether the bench was connected with other settings than those of the next run."""
+    zero = connected.forces.zero
+    now = replace(now, forces=replace(now.forces, zero=zero))
+    return any(
+        getattr(connected, part) != getattr(now, part)
+        for part in ("forces", "camera", "actuator", "limits", "sim", "sample", "replay")
+    )

@@ -1,0 +1,243 @@
+"""The way from the window to a connected bench: nothing that a device does, or fails to do, holds
+up the caller.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from app.bench_view import BenchPreview, BenchView, PictureView
+from app.settings import Config
+from app.stopping import StopAnswer
+
+LOG = logging.getLogger(__name__)
+SILENT_S = 3.0
+
+
+class Link(StrEnum):
+    """How the window and the bench stand to one another."""
+
+    OFF = "off"
+    CONNECTING = "connecting"
+    ON = "on"
+    LEAVING = "leaving"
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A sentence for the operator."""
+
+    sentence: str
+    is_alarm: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Zeroed:
+    """What the sensors read without a force, volts, and what they had read in newtons."""
+
+    volts: tuple[float, float]
+    before_n: tuple[float, float]
+
+
+News = Said | Zeroed | StopAnswer
+
+
+class Errand:
+    """Does one thing at a time, in a thread of its own."""
+
+    def __init__(self, name: str) -> None:
+        self._name = f"slipscope-bench-{name}"
+        self._thread: threading.Thread | None = None
+        self._since = 0.0
+
+    def ask(self, step: Callable[[], None]) -> bool:
+        """Begin to do it; False, and nothing is done, while the last one is under way."""
+        if self._thread is not None and self._thread.is_alive():
+            return False
+        self._since = time.monotonic()
+        self._thread = threading.Thread(target=step, name=self._name, daemon=True)
+        self._thread.start()
+        return True
+
+    @property
+    def busy_s(self) -> float:
+        """How long the thing under way has taken so far; 0 if there is none."""
+        if self._thread is None or not self._thread.is_alive():
+            return 0.0
+        return time.monotonic() - self._since
+
+
+class BenchLink:
+    """A bench that is connected, looked at and disconnected on request; every method returns at
+    once and is called from one thread.
+
+    Parameters
+    ----------
+    connect : callable
+        Connects the bench of some settings, which may take seconds.
+
+    Attributes
+    ----------
+    phase : Link
+    problem : str
+        Why the bench is not connected; empty where that was asked.
+    view : BenchView or None
+        The newest one of this connection.
+    picture : PictureView or None
+    free_bytes : int
+        Space where the session goes; -1 where that is not known.
+    """
+
+    def __init__(self, connect: Callable[[Config], BenchPreview]) -> None:
+        self.phase, self.problem = Link.OFF, ""
+        self.view: BenchView | None = None
+        self.picture: PictureView | None = None
+        self.free_bytes = -1
+        self._connect = connect
+        self._preview: BenchPreview | None = None
+        self._wanted: Config | None = None
+        self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
+        self._life, self._look, self._jog = Errand("life"), Errand("look"), Errand("jog")
+        self._stop, self._zero = Errand("stop"), Errand("zero")
+
+    @property
+    def preview(self) -> BenchPreview | None:
+        """The bench, while it is connected."""
+        return self._preview
+
+    def news(self) -> list[News]:
+        """What there is to tell since the last call."""
+        found = []
+        while not self._news.empty():
+            found.append(self._news.get())
+        return found
+
+    # ------------------------------------------------------------------ connection
+
+    def connect(self, config: Config) -> None:
+        """Connect this bench; one that is connected is let go of first."""
+        self._wanted, self.problem = config, ""
+        self._life.ask(self._live)
+
+    def disconnect(self, why: str = "") -> None:
+        """Let go of the bench."""
+        self._wanted, self.problem = None, why
+        self._life.ask(self._live)
+
+    def _live(self) -> None:
+        """Bring the connection to what is wanted, also if that changes meanwhile."""
+        has: Config | None = None
+        while True:
+            wanted = self._wanted
+            if self._preview is not None and (wanted is None or wanted is not has):
+                self.phase = Link.LEAVING
+                self._leave()
+                has = None
+            elif wanted is not None and self._preview is None:
+                self.phase = Link.CONNECTING
+                try:
+                    self._preview, has = self._connect(wanted), wanted
+                except Exception as error:
+                    self._give_up(wanted, error)
+            else:
+                self.phase = Link.OFF if self._preview is None else Link.ON
+                if self._wanted is wanted:
+                    return
+
+    def _give_up(self, wanted: Config, error: Exception) -> None:
+        LOG.debug("the bench could not be connected", exc_info=error)
+        if self._wanted is wanted:
+            self._wanted, self.problem = None, str(error) or type(error).__name__
+
+    def _leave(self) -> None:
+        preview, self._preview = self._preview, None
+        assert preview is not None
+        try:
+            preview.close()
+        except Exception as error:
+            self._news.put(Said(str(error)))
+        self.view = self.picture = None
+
+    # ------------------------------------------------------------------ looking
+
+    def look(self, folder: Path) -> None:
+        """Take another look, unless one is under way."""
+        preview = self._preview
+        if preview is not None and self.phase is Link.ON:
+            self._look.ask(lambda: self._take_look(preview, folder))
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the look under way has been waiting for long."""
+        return self.phase is Link.ON and self._look.busy_s > SILENT_S
+
+    def _take_look(self, preview: BenchPreview, folder: Path) -> None:
+        known = self.picture.number if self.picture else -1
+        try:
+            view = preview.look(known)
+        except TimeoutError as error:
+            LOG.debug("no look", exc_info=error)
+            return
+        except Exception as error:
+            if preview is self._preview:
+                self.disconnect(str(error))
+            return
+        try:
+            free = shutil.disk_usage(nearest(folder)).free
+        except OSError:
+            free = -1
+        if preview is self._preview:
+            self.view, self.free_bytes = view, free
+            self.picture = view.picture or self.picture
+
+    # ------------------------------------------------------------------ orders
+
+    def hold(self, direction: int, velocity_m_s: float) -> None:
+        """Let the stage move for a moment more."""
+
+        def step(preview: BenchPreview) -> None:
+            preview.jog(direction, velocity_m_s)
+
+        self._order(self._jog, step)
+
+    def let_go(self) -> None:
+        """Stop the stage."""
+        self._order(self._stop, lambda preview: self._news.put(preview.stop_motion()))
+
+    def zero(self) -> None:
+        """Zero the sensors."""
+        forces = self.view.forces if self.view else None
+        before = forces.newest if forces else (0.0, 0.0)
+        self._order(self._zero, lambda preview: self._news.put(Zeroed(preview.zero(), before)))
+
+    @property
+    def is_zeroing(self) -> bool:
+        """Whether the sensors are being zeroed."""
+        return self._zero.busy_s > 0
+
+    def _order(self, errand: Errand, step: Callable[[BenchPreview], None]) -> None:
+        preview = self._preview
+        if preview is None:
+            return
+
+        def work() -> None:
+            try:
+                step(preview)
+            except Exception as error:
+                self._news.put(Said(str(error) or type(error).__name__))
+
+        errand.ask(work)
+
+
+def nearest(folder: Path) -> Path:
+    """The folder, or the nearest one above it that is there."""
+    folder = folder.absolute()
+    return next((place for place in (folder, *folder.parents) if place.is_dir()), folder)
