@@ -7,9 +7,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from app.bench_view import BenchPreview
 from app.commands.ending import report_replay
 from app.commands.experiment import Made, made_run
 from app.config import from_record
+from app.processes.preview import LaunchedPreview
 from app.session.files import new_session_name, next_free
 from app.settings import Config
 
@@ -39,9 +41,11 @@ class Workshop:
     ) -> None:
         self._keep, self._pace, self._as_json = keep, pace, as_json
         self._may_replace = overwrite
+        self._preview: LaunchedPreview | None = None
 
     def run(self, config: Config, session: Path | None) -> Any:
         """See `app.gui.desk.Workshop`."""
+        self._let_go()
         path, may_replace = session or new_session_name(datetime.now()), self._may_replace
         if session is None or not may_replace:
             path = next_free(path)
@@ -86,6 +90,18 @@ class Workshop:
         from app.commands import campaign_lines
 
         return campaign_lines.renewed(file)
+
+    def preview(self, config: Config) -> BenchPreview:
+        """See `app.gui.desk.Workshop`."""
+        self._let_go()
+        self._preview = LaunchedPreview(config)
+        return self._preview
+
+    def _let_go(self) -> None:
+        """Free the devices of the bench that was connected last."""
+        preview, self._preview = self._preview, None
+        if preview is not None:
+            preview.close()
 
     def _kept(self, made: Made) -> Any:
         self._keep(made)

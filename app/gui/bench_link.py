@@ -104,6 +104,7 @@ class BenchLink:
         self._connect = connect
         self._preview: BenchPreview | None = None
         self._wanted: Config | None = None
+        self._has: Config | None = None
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._life, self._look, self._jog = Errand("life"), Errand("look"), Errand("jog")
         self._stop, self._zero = Errand("stop"), Errand("zero")
@@ -134,17 +135,15 @@ class BenchLink:
 
     def _live(self) -> None:
         """Bring the connection to what is wanted, also if that changes meanwhile."""
-        has: Config | None = None
         while True:
             wanted = self._wanted
-            if self._preview is not None and (wanted is None or wanted is not has):
+            if self._preview is not None and wanted is not self._has:
                 self.phase = Link.LEAVING
                 self._leave()
-                has = None
             elif wanted is not None and self._preview is None:
                 self.phase = Link.CONNECTING
                 try:
-                    self._preview, has = self._connect(wanted), wanted
+                    self._preview, self._has = self._connect(wanted), wanted
                 except Exception as error:
                     self._give_up(wanted, error)
             else:
@@ -158,7 +157,7 @@ class BenchLink:
             self._wanted, self.problem = None, str(error) or type(error).__name__
 
     def _leave(self) -> None:
-        preview, self._preview = self._preview, None
+        preview, self._preview, self._has = self._preview, None, None
         assert preview is not None
         try:
             preview.close()
@@ -170,6 +169,8 @@ class BenchLink:
 
     def look(self, folder: Path) -> None:
         """Take another look, unless one is under way."""
+        if self._wanted is not self._has:  # it changed while the last change came to its end
+            self._life.ask(self._live)
         preview = self._preview
         if preview is not None and self.phase is Link.ON:
             self._look.ask(lambda: self._take_look(preview, folder))

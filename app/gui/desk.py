@@ -10,6 +10,7 @@ from typing import Protocol
 
 from PySide6.QtCore import QObject, Signal
 
+from app.bench_view import BenchPreview
 from app.gui.campaign_lines import CampaignLines
 from app.gui.source import RunSource, Setup
 from app.gui.view_state import ViewState
@@ -45,6 +46,11 @@ class Workshop(Protocol):
 
     def campaign_renewed(self, file: Path) -> CampaignLines:
         """The runs after one of them, with the campaign's page as of now."""
+
+    def preview(self, config: Config) -> BenchPreview:
+        """The bench of these settings, connecting, to be looked at without a run; `run` lets go of
+        it before it opens the same devices.
+        """
 
 
 class Part(Protocol):

@@ -1,0 +1,442 @@
+"""The bench before a run: pick it, connect it, see it, put the stage where it should be, zero it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QHideEvent, QShowEvent
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDoubleSpinBox,
+    QFileDialog,
+    QFrame,
+    QLabel,
+    QPushButton,
+    QScrollArea,
+    QWidget,
+)
+
+from app.bench_view import BenchPreview
+from app.config import bench_names, load
+from app.gui import theme
+from app.gui.bench_cells import (
+    MARKS,
+    DeviceLine,
+    device_lines,
+    disk_text,
+    gauges,
+    is_outdated,
+    jog_speeds,
+    picture_cells,
+    room_text,
+    stage_text,
+    zeroed_text,
+)
+from app.gui.bench_draw import GaugeView, PictureBox
+from app.gui.bench_link import BenchLink, Link, News, Said, Zeroed
+from app.gui.cells import Tone
+from app.gui.desk import Desk
+from app.gui.memory import Memory
+from app.gui.panels import CellRow
+from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.settings import Config
+from app.stopping import Stop, StopAnswer
+
+LOOK_MS, HOLD_MS = 100, 100
+AS_SET, FILE = "as set up", "open a file …"
+
+
+class BenchPanel(QScrollArea):
+    """A connected bench at a glance.
+
+    Attributes
+    ----------
+    link : BenchLink
+    said : QLabel
+        The newest sentence for the operator.
+    """
+
+    name, title = "bench", "Bench"
+    keys = (("Space, held", "moves the stage while a jog button has the focus"),)
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self._desk, self._memory = desk, Memory()
+        self.link = BenchLink(lambda config: desk.workshop.preview(config))
+        self._connected: Config | None = None  # settings with which the bench was connected
+        self._held: tuple[int, float] | None = None
+        self._lines: dict[str, _DeviceLine] = {}
+        self._build()
+        self._look_timer, self._hold_timer = QTimer(self), QTimer(self)
+        self._look_timer.timeout.connect(self._tick)
+        self._hold_timer.timeout.connect(self._hold)
+        self._look_timer.start(LOOK_MS)
+        desk.settings_changed.connect(self._show_settings)
+        desk.busy_changed.connect(self._make_way)
+        self._list_benches()
+        self._show_settings()
+        self._tick()
+
+    # ------------------------------------------------------------------ what others may call
+
+    @property
+    def preview(self) -> BenchPreview | None:
+        """The bench, while it is connected: its `stop_motion` stops the stage."""
+        return self.link.preview
+
+    def connect_bench(self) -> None:
+        """Connect the bench that the settings of the next run name."""
+        self._connected = self._desk.config
+        self.link.connect(self._desk.config)
+        self._say("", Tone.NEUTRAL)
+        self._tick()
+
+    def disconnect_bench(self, why: str = "") -> None:
+        """Let go of the bench."""
+        self.link.disconnect(why)
+        self._tick()
+
+    # ------------------------------------------------------------------ picking
+
+    def _list_benches(self) -> None:
+        tip = Qt.ItemDataRole.ToolTipRole
+        self.bench.blockSignals(True)
+        self.bench.clear()
+        self.bench.addItem(AS_SET)
+        for path in self._memory.recent("bench"):
+            self.bench.addItem(path.name, path)
+            self.bench.setItemData(self.bench.count() - 1, str(path), tip)
+        for name in bench_names():
+            self.bench.addItem(name, Path(name))
+        self.bench.addItem(FILE)
+        self.bench.blockSignals(False)
+
+    def _pick(self, index: int) -> None:
+        """Take the settings of a bench for those of the next run."""
+        path = self.bench.itemData(index)
+        if self.bench.itemText(index) == FILE:
+            chosen, _ = QFileDialog.getOpenFileName(self, "Bench", "", "Settings (*.toml)")
+            path = Path(chosen) if chosen else None
+        if path is None:
+            self.bench.setCurrentIndex(0)
+            return
+        self.pick(path)
+
+    def pick(self, path: Path) -> None:
+        """Take the settings of that file, or of the bench of that name, for the next run."""
+        try:
+            config = load(path)
+        except Exception as error:
+            self._say(str(error), Tone.BAD)
+            self.bench.setCurrentIndex(0)
+            return
+        if path.exists():
+            self._memory.remember("bench", path)
+        self._desk.set_config(config)
+        self._list_benches()
+        self.bench.setCurrentText(path.name)
+        self._say(f"The next run uses the settings of {path.name}.", Tone.NEUTRAL)
+
+    # ------------------------------------------------------------------ orders
+
+    def _toggle(self) -> None:
+        if self.link.phase in (Link.OFF, Link.LEAVING):
+            self.connect_bench()
+        else:
+            self.disconnect_bench()
+
+    def _press(self, direction: int, is_fast: bool) -> None:
+        self._held = direction, jog_speeds(self._desk.config)[is_fast]
+        self._say("", Tone.NEUTRAL)
+        self._hold()
+        self._hold_timer.start(HOLD_MS)
+
+    def _hold(self) -> None:
+        if self._held is not None:
+            self.link.hold(*self._held)
+
+    def _let_go(self) -> None:
+        self._hold_timer.stop()
+        self._held = None
+        self.link.let_go()
+
+    def _expose(self) -> None:
+        """Take exposure and gain for the next run, and for the picture if there is one."""
+        config = self._desk.config
+        camera = replace(
+            config.camera, exposure=self.exposure.value() * 1e-3, gain=self.gain.value()
+        )
+        if camera == config.camera:
+            return
+        try:
+            config = replace(config, camera=camera)
+        except ValueError as error:
+            self._say(str(error), Tone.BAD)
+            self._show_settings()
+            return
+        self._desk.set_config(config)
+        if self.link.phase in (Link.ON, Link.CONNECTING):
+            self.connect_bench()
+
+    def _make_way(self, is_busy: bool) -> None:
+        """A run needs the devices."""
+        if is_busy and self.link.phase is not Link.OFF:
+            self.disconnect_bench("A run has the bench.")
+        self._tick()
+
+    # ------------------------------------------------------------------ showing
+
+    def _tick(self) -> None:
+        """Take a look at the bench, and show the last one."""
+        for news in self.link.news():
+            self._tell(news)
+        if self.isVisible():
+            session = self._desk.session
+            self.link.look(session.parent if session else Path())
+            self._show()
+
+    def _tell(self, news: News) -> None:
+        match news:
+            case Zeroed():
+                config = self._desk.config
+                forces = replace(config.forces, zero=news.volts)
+                self._desk.set_config(replace(config, forces=forces))
+                self._say(zeroed_text(news, config), Tone.GOOD)
+            case StopAnswer():
+                if news.kind is Stop.FAILED:
+                    self._say(news.sentence, Tone.BAD)
+                    self._desk.said.emit(news.sentence, True)
+            case Said():
+                self._say(news.sentence, Tone.BAD)
+
+    def _show(self) -> None:
+        link, view = self.link, self.link.view
+        phase, is_on = link.phase, link.phase is Link.ON
+        self.connect_button.setText(_BUTTON[phase])
+        self.connect_button.setEnabled(phase is not Link.LEAVING and not self._desk.is_busy)
+        self.bench.setEnabled(phase is Link.OFF and not self._desk.is_busy)
+        for line in device_lines(view if is_on else None):
+            self._lines[line.kind].show_line(line)
+        self.state.setText(self._state())
+        self.state.setVisible(bool(self.state.text()))
+        if view is not None and view.said and view.said != self.said.text():
+            self._say(view.said, Tone.BAD)
+        self.picture.show_picture(link.picture)
+        self.cells.show_cells(picture_cells(link.picture))
+        stage = view.stage if view else None
+        is_still = stage is not None and not stage.is_moving
+        config = self._connected if is_on and self._connected else self._desk.config
+        both = gauges(view.forces if view else None, config, is_still=is_still)
+        for gauge, shown in zip((self.normal, self.shear), both, strict=True):
+            gauge.show_gauge(shown)
+        text, tone = stage_text(stage)
+        self.place.setText(text)
+        self.place.setStyleSheet(f"color: {theme.TONES[tone]};" if tone is Tone.BUSY else "")
+        self.room.setText(room_text(stage))
+        for button in self.jogs:
+            button.setEnabled(is_on and stage is not None)
+        self.zero.setEnabled(
+            is_on and view is not None and view.forces is not None and not link.is_zeroing
+        )
+        self.zero.setText("Zeroing …" if link.is_zeroing else "Zero")
+        text, tone = disk_text(view.bytes_per_s if view else 0.0, link.free_bytes)
+        self.disk.setText(text)
+        self.disk.setStyleSheet("" if tone is Tone.NEUTRAL else f"color: {theme.TONES[tone]};")
+
+    def _state(self) -> str:
+        """How the connection is, in a sentence; empty where the devices say it."""
+        link = self.link
+        if link.phase is Link.OFF:
+            if link.problem:
+                return link.problem
+            return "A run has the bench." if self._desk.is_busy else "Not connected."
+        if link.phase is Link.CONNECTING:
+            return "Connecting …"
+        if link.phase is Link.LEAVING:
+            return "Letting go of the devices …"
+        if link.is_silent:
+            return "The process of the bench does not answer; disconnect and connect again."
+        if self._connected is not None and is_outdated(self._connected, self._desk.config):
+            return "Settings of the bench were changed: connect again to see them."
+        return ""
+
+    def _show_settings(self) -> None:
+        """Show what the settings of the next run say of the camera and of the jog."""
+        config = self._desk.config
+        for box, value in (
+            (self.exposure, config.camera.exposure * 1e3),
+            (self.gain, config.camera.gain),
+        ):
+            box.blockSignals(True)
+            box.setValue(value)
+            box.blockSignals(False)
+        slow, fast = jog_speeds(config)
+        for button, arrow, speed in zip(
+            self.jogs, ("«", "‹", "›", "»"), (fast, slow, slow, fast), strict=True
+        ):
+            text = f"{arrow} {speed * 1e6:g}" if arrow in "«‹" else f"{speed * 1e6:g} {arrow}"
+            button.setText(text)
+            way = "against the drive" if arrow in "«‹" else "along the drive"
+            button.setToolTip(
+                f"Hold: moves the stage {way} at {speed * 1e6:g} µm/s, within limits.travel and"
+                " while forces are read; letting go stops it"
+            )
+            button.setAccessibleName(f"jog {way} at {speed * 1e6:g} µm/s")
+
+    def _say(self, sentence: str, tone: Tone) -> None:
+        self.said.setText(sentence)
+        self.said.setVisible(bool(sentence))
+        calm = tone is Tone.NEUTRAL
+        self.said.setStyleSheet("" if calm else f"color: {theme.TONES[tone]};")
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Look at the bench while somebody sees the panel."""
+        super().showEvent(event)
+        self._list_benches()
+        self._tick()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Nobody holds a button that nobody sees."""
+        if self._held is not None:
+            self._let_go()
+        super().hideEvent(event)
+
+    # ------------------------------------------------------------------ building
+
+    def _build(self) -> None:
+        self.bench = QComboBox()
+        self.bench.setAccessibleName("Bench")
+        self.bench.setToolTip("Bench whose settings the next run uses")
+        self.bench.setMinimumContentsLength(12)
+        self.bench.activated.connect(self._pick)
+        self.connect_button = QPushButton("Connect")
+        self.connect_button.setToolTip("Opens each device, without a run; nothing moves")
+        self.connect_button.clicked.connect(self._toggle)
+        self.state, self.said = _words("muted"), _words("")
+        head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)
+        for line in device_lines(None):
+            self._lines[line.kind] = _DeviceLine()
+        self.picture, self.cells = PictureBox(), CellRow(style="count", spacing=8)
+        self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
+        parts: list[QWidget] = [
+            _framed(head, *self._lines.values(), self.said),
+            _framed(self.normal, self.shear, row(STRETCH, self._zero_button())),
+            _framed(*self._stage_parts()),
+            _framed(self.picture, self.cells, self._camera_row()),
+            _framed(row(label("disk", "name"), (self._disk_label(), 1), spacing=8)),
+        ]
+        self.cells.setObjectName("")
+        body = QWidget()
+        body.setObjectName("body")
+        body.setLayout(column(*parts, STRETCH, spacing=6, margins=(4, 4, 4, 4)))
+        self.setWidget(body)
+        self.setWidgetResizable(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setMinimumWidth(300)
+        self._say("", Tone.NEUTRAL)
+
+    def _zero_button(self) -> QPushButton:
+        self.zero = QPushButton("Zero")
+        self.zero.setToolTip(
+            "Takes the readings of the next second for those without a force; the block must hang"
+            " free. The next run begins with them (forces.zero)"
+        )
+        self.zero.clicked.connect(lambda: self.link.zero())
+        return self.zero
+
+    def _stage_parts(self) -> tuple[object, ...]:
+        self.place, self.room = label("–", "count"), label("", "detail")
+        self.jogs = [QPushButton() for _ in range(4)]
+        for button, direction, is_fast in zip(
+            self.jogs, (-1, -1, 1, 1), (True, False, False, True), strict=True
+        ):
+            button.setStyleSheet("padding: 8px 4px;")
+            button.pressed.connect(lambda d=direction, f=is_fast: self._press(d, f))
+            button.released.connect(self._let_go)
+        head = row(label("stage", "name"), (self.place, 1), spacing=8)
+        unit = label("µm/s, hold to move", "detail")
+        return head, row(*((b, 1) for b in self.jogs), spacing=4), row(self.room, STRETCH, unit)
+
+    def _camera_row(self) -> object:
+        self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
+        self.exposure.setRange(0.01, 1000.0)
+        self.exposure.setSuffix(" ms")
+        self.gain.setRange(-1.0, 60.0)
+        self.gain.setSuffix(" dB")
+        self.gain.setSpecialValueText("as set")
+        self.exposure.setAccessibleName("Exposure")
+        self.gain.setAccessibleName("Gain")
+        self.exposure.setToolTip(
+            "camera.exposure of the next run; a connected bench is connected anew with it"
+        )
+        self.gain.setToolTip(
+            "camera.gain of the next run; 'as set': the gain stays as the camera is set"
+        )
+        for box in (self.exposure, self.gain):
+            box.setKeyboardTracking(False)
+            box.setDecimals(2)
+            box.editingFinished.connect(self._expose)
+        return row(
+            label("exposure", "name"),
+            (self.exposure, 1),
+            label("gain", "name"),
+            (self.gain, 1),
+            spacing=6,
+        )
+
+    def _disk_label(self) -> QLabel:
+        self.disk = label("–", "")
+        return self.disk
+
+
+_BUTTON = {
+    Link.OFF: "Connect",
+    Link.CONNECTING: "Cancel",
+    Link.ON: "Disconnect",
+    Link.LEAVING: "Connect",
+}
+
+
+class _DeviceLine(QWidget):
+    """A device with its state and its sentence."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.mark, self.device, self.sentence = QLabel(), QLabel(), _words("muted")
+        self.word = label("", "detail")
+        self.mark.setFixedWidth(16)
+        self._shown: DeviceLine | None = None
+        head = row(self.mark, (self.device, 1), self.word, spacing=4)
+        self.setLayout(column(head, self.sentence, spacing=0))
+
+    def show_line(self, line: DeviceLine) -> None:
+        """Show it, unless it is shown already."""
+        if line == self._shown:
+            return
+        self._shown = line
+        colour = theme.TONES[line.tone]
+        self.mark.setText(MARKS[line.tone])
+        self.mark.setStyleSheet(f"color: {colour}; font-weight: 700;")
+        self.device.setText(line.name)
+        self.word.setText(line.word)
+        is_wrong = line.tone in (Tone.WARN, Tone.BAD)
+        for text in (self.word, self.sentence):
+            text.setStyleSheet(f"color: {colour};" if is_wrong else "")
+        self.sentence.setText(line.sentence)
+        self.sentence.setVisible(bool(line.sentence))
+
+
+def _words(style: str) -> QLabel:
+    """A sentence over as many lines as it needs, which can be copied."""
+    made = label("", style)
+    made.setWordWrap(True)
+    made.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+    return made
+
+
+def _framed(*parts: object) -> Panel:
+    frame = Panel()
+    frame.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))  # type: ignore[arg-type]
+    return frame
