@@ -48,7 +48,8 @@ class ForcesView:
     newest : tuple of float
         Means over the newest tenth of a second.
     noise : tuple of float
-        Standard deviations about a straight line during the last second; NaN before there is one.
+        Standard deviations about a straight line during the last second; NaN before there is one,
+        and while a force rises or falls by more than that.
     used : tuple of float
         Greatest share of each sensor's range that the newest tenth of a second used.
     time_s : ndarray, shape (n,)

@@ -28,8 +28,8 @@ NO_WAY_M = 1e-6  # less is no move
 MORE_SHEAR = 0.05  # of its limit, by which |Q| may grow on the way back from beyond it
 
 
-def within(who: str, step: Callable[[], T], patience_s: float = PATIENCE_S) -> T:
-    """What a step with a device returns or raises; `DeviceTimeout` if that takes too long."""
+def within(who: str, step: Callable[[], T]) -> T:
+    """What a step with a device returns or raises; `DeviceTimeout` after `PATIENCE_S`."""
     found: list[T] = []
     problems: list[BaseException] = []
 
@@ -41,12 +41,12 @@ def within(who: str, step: Callable[[], T], patience_s: float = PATIENCE_S) -> T
 
     thread = threading.Thread(target=work, name="slipscope-asks", daemon=True)
     thread.start()
-    thread.join(patience_s)
+    thread.join(PATIENCE_S)
     if problems:
         raise problems[0]
     if not found:
         raise DeviceTimeout(
-            f"{who}: it did not return from a call within {patience_s:g} s; check the device, its"
+            f"{who}: it did not return from a call within {PATIENCE_S:g} s; check the device, its"
             " connection and its driver"
         )
     return found[0]

@@ -18,7 +18,7 @@ from drivers.protocols import LostSamples, SampleBlock
 HISTORY_S = 10.0
 NEWEST_S = 0.1
 NOISE_S = 1.0
-POINTS = 250  # of the history that is shown
+POINTS = 120  # of the history that is shown
 ZERO_S = 1.0  # of the mean that is taken for zero, as that of the step `zero`
 LATE_S = 2.0
 END_OF_RANGE = 0.98  # share of a sensor's range beyond which a reading says nothing
@@ -140,6 +140,7 @@ class LiveForces:
             return math.nan, math.nan
         at = np.linspace(-1.0, 1.0, n)
         tail = forces[-n:] - forces[-n:].mean(axis=0)
-        straight = at[:, None] * ((at @ tail) / (at @ at))
-        normal, shear = (float(s) for s in (tail - straight).std(axis=0))
+        slope = (at @ tail) / (at @ at)
+        noise = (tail - at[:, None] * slope).std(axis=0)
+        normal, shear = (float(s) for s in np.where(2 * np.abs(slope) > noise, math.nan, noise))
         return normal, shear

@@ -30,6 +30,7 @@ MARKS = {  # so that a state is not told by its colour alone
 FASTEST_JOG_M_S, SLOWER = 100e-6, 10.0  # the fast jog, and how much slower the other is
 TOO_BRIGHT = 0.02  # share of the pixels, as of `slipscope check`
 NEAR_LIMIT = 0.9
+TOUCHES = 0.05  # share of the load above which the block may touch, as for a run's background
 NOISY_N = 5e-3  # five times the resolution of the bench of the paper
 DISK_WARNS_MIN, DISK_ALARMS_MIN = 30.0, 5.0
 
@@ -86,8 +87,8 @@ def wanted_load(config: Config) -> float:
     return next(loads, config.run.normal_force)
 
 
-def gauges(forces: ForcesView | None, config: Config, *, is_still: bool) -> tuple[Gauge, Gauge]:
-    """P and Q; the noise is that of a bench at rest, so it is judged only where the stage stands."""
+def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
+    """P and Q."""
     run, limits, load = config.run, config.limits, wanted_load(config)
     most, least = limits.normal_force, -0.1 * limits.normal_force
     width = run.settle_tolerance * load
@@ -120,19 +121,16 @@ def gauges(forces: ForcesView | None, config: Config, *, is_still: bool) -> tupl
     )
     if forces is None:
         return normal, shear
-    return (
-        _measured(normal, forces, 0, is_still=is_still),
-        _measured(shear, forces, 1, is_still=is_still),
-    )
+    return _measured(normal, forces, 0), _measured(shear, forces, 1)
 
 
-def _measured(gauge: Gauge, forces: ForcesView, column: int, *, is_still: bool) -> Gauge:
+def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
     value, noise, used = forces.newest[column], forces.noise[column], forces.used[column]
     limit = max(gauge.limits)
     tone, note = Tone.NEUTRAL, f"noise {number(noise * 1e3, 1)} mN"
     if gauge.band[0] <= value <= gauge.band[1]:
         tone = Tone.GOOD
-    if is_still and noise > NOISY_N:
+    if noise > NOISY_N:
         tone, note = Tone.WARN, f"{note}: too much"
     if abs(value) > NEAR_LIMIT * limit:
         tone, note = Tone.WARN, f"near its limit of {limit:g} N"
@@ -144,7 +142,7 @@ def _measured(gauge: Gauge, forces: ForcesView, column: int, *, is_still: bool) 
         tone, note = Tone.BAD, f"no reading for {forces.age_s:.0f} s"
     return replace(
         gauge,
-        text=number(value, 3),
+        text=number(round(value, 3) + 0.0, 3),  # no minus before a zero
         tone=tone,
         note=note,
         value=value,
@@ -223,17 +221,23 @@ def jog_speeds(config: Config) -> tuple[float, float]:
     return fast / SLOWER, fast
 
 
-def zeroed_text(zeroed: Zeroed, config: Config) -> str:
+def zeroed_text(zeroed: Zeroed, config: Config) -> tuple[str, Tone]:
     """What came of zeroing, and what the run makes of it."""
+    load = wanted_load(config)
+    is_doubtful = abs(zeroed.before_n[0]) > TOUCHES * load
     normal, shear = (typeset(f"{volts:+.4f}") for volts in zeroed.volts)
     p, q = (typeset(f"{force:+.3f}") for force in zeroed.before_n)
     text = (
         f"Zeroed: P had read {p} N and Q {q} N; without a force the sensors read {normal} V and"
         f" {shear} V, which is forces.zero of the next run."
     )
+    if is_doubtful:
+        text += " If the block was not free, lift it and zero again."
     steps = config.run.protocol
     first = next((i for i, step in enumerate(steps, 1) if isinstance(step, Zero)), None)
-    return f"{text} Its step {first} zeroes once more." if first else text
+    if first:
+        text += f" Its step {first} zeroes once more."
+    return text, Tone.WARN if is_doubtful else Tone.GOOD
 
 
 def is_outdated(connected: Config, now: Config) -> bool:

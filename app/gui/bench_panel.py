@@ -203,7 +203,7 @@ class BenchPanel(QScrollArea):
                 config = self._desk.config
                 forces = replace(config.forces, zero=news.volts)
                 self._desk.set_config(replace(config, forces=forces))
-                self._say(zeroed_text(news, config), Tone.GOOD)
+                self._say(*zeroed_text(news, config))
             case StopAnswer():
                 if news.kind is Stop.FAILED:
                     self._say(news.sentence, Tone.BAD)
@@ -226,9 +226,8 @@ class BenchPanel(QScrollArea):
         self.picture.show_picture(link.picture)
         self.cells.show_cells(picture_cells(link.picture))
         stage = view.stage if view else None
-        is_still = stage is not None and not stage.is_moving
         config = self._connected if is_on and self._connected else self._desk.config
-        both = gauges(view.forces if view else None, config, is_still=is_still)
+        both = gauges(view.forces if view else None, config)
         for gauge, shown in zip((self.normal, self.shear), both, strict=True):
             gauge.show_gauge(shown)
         text, tone = stage_text(stage)
@@ -309,7 +308,9 @@ class BenchPanel(QScrollArea):
         self.bench = QComboBox()
         self.bench.setAccessibleName("Bench")
         self.bench.setToolTip("Bench whose settings the next run uses")
-        self.bench.setMinimumContentsLength(12)
+        self.bench.setMinimumContentsLength(8)
+        by_contents = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+        self.bench.setSizeAdjustPolicy(by_contents)
         self.bench.activated.connect(self._pick)
         self.connect_button = QPushButton("Connect")
         self.connect_button.setToolTip("Opens each device, without a run; nothing moves")
@@ -352,12 +353,12 @@ class BenchPanel(QScrollArea):
         for button, direction, is_fast in zip(
             self.jogs, (-1, -1, 1, 1), (True, False, False, True), strict=True
         ):
-            button.setStyleSheet("padding: 8px 4px;")
+            button.setStyleSheet("padding: 8px 2px; min-width: 40px;")
             button.pressed.connect(lambda d=direction, f=is_fast: self._press(d, f))
             button.released.connect(self._let_go)
         head = row(label("stage", "name"), (self.place, 1), spacing=8)
         unit = label("µm/s, hold to move", "detail")
-        return head, row(*((b, 1) for b in self.jogs), spacing=4), row(self.room, STRETCH, unit)
+        return head, row(*((b, 1) for b in self.jogs), spacing=4), unit, self.room
 
     def _camera_row(self) -> object:
         self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
@@ -377,6 +378,7 @@ class BenchPanel(QScrollArea):
         for box in (self.exposure, self.gain):
             box.setKeyboardTracking(False)
             box.setDecimals(2)
+            box.setMinimumWidth(70)
             box.editingFinished.connect(self._expose)
         return row(
             label("exposure", "name"),

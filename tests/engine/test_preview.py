@@ -1,0 +1,405 @@
+"""A bench that is connected without a run: each device for itself, forces, pictures, jog, zero."""
+
+import math
+import threading
+import time
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app import config
+from app.bench_view import HOLD_S, State
+from app.engine import preview as preview_module
+from app.engine.preview import Preview
+from app.engine.setup import sensor_chain
+from app.live import make_bench
+from app.stopping import Stop
+from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
+from drivers.protocols import LostFrame
+
+PATIENT_S = 30.0
+FREE = ("camera.width=64", "camera.height=64", "dic.box=20", "sim.press_time=3000")
+# under its load from the first samples on
+PRESSED = ("sim.press_time=0", "sim.law=elasto-plastic", "run.normal_force=0.1")
+TWICE = ("run.normal_force=0.2", "limits.normal_force=1")  # the load of the settings
+FAST = 100e-6
+
+
+def wait_for(condition, what="it"):
+    deadline = time.monotonic() + PATIENT_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"{what} never came"
+        time.sleep(0.005)
+    return found
+
+
+class Wrapped:
+    """A device of which some methods are others."""
+
+    def __init__(self, device, **others):
+        self._device = device
+        self.__dict__.update(others)
+
+    def __getattr__(self, name):
+        return getattr(self._device, name)
+
+
+def raises(error):
+    def method(*_):
+        raise error
+
+    return method
+
+
+@contextmanager
+def connected(*overrides, pace=2.0, world=(), guard=lambda: None, **others):
+    """A preview of simulated devices; `others` replace methods of a device, `world` its settings."""
+    settings = config.load(None, [*FREE, *overrides])
+    bench = make_bench(config.load(None, [*FREE, *overrides, *world]), pace)
+    devices = {
+        kind: Wrapped(getattr(bench, kind), **others.get(kind, {}))
+        for kind in ("forces", "camera", "actuator")
+    }
+    preview = Preview(settings, SimpleNamespace(**devices), guard=guard, can_restart=False)
+    preview.start()
+    try:
+        yield preview
+    finally:
+        with suppress(DeviceTimeout):
+            preview.close()
+
+
+def state(preview, kind):
+    return preview.look().devices[kind].state
+
+
+def all_ready(preview):
+    return wait_for(
+        lambda: all(device.state is State.READY for device in preview.look().devices.values())
+        and preview.look().forces
+        and preview.look().picture
+        and preview.look().stage
+    )
+
+
+def hold(preview, direction, seconds=0.0, until=lambda: False, velocity=FAST):
+    """Hold a jog as a window does."""
+    end = time.monotonic() + (seconds or PATIENT_S)
+    while time.monotonic() < end and not until():
+        preview.jog(direction, velocity)
+        time.sleep(0.05)
+
+
+def position_um(preview):
+    return preview.look().stage.position_m * 1e6
+
+
+# ---------------------------------------------------------------------- devices
+
+
+def test_a_bench_that_works_shows_forces_pictures_and_stage():
+    with connected("sim.force_noise=2") as preview:
+        all_ready(preview)
+        wait_for(lambda: math.isfinite(preview.look().forces.noise[0]), "a second of forces")
+        view = preview.look()
+        assert view.forces.newest == pytest.approx((0, 0), abs=2e-3)
+        # the simulated noise, seen through the inverse of the coupling, which is near one
+        assert view.forces.noise == pytest.approx((2e-3, 2e-3), rel=0.15)
+        assert view.stage.position_m == pytest.approx(12.5e-3, abs=1e-7)
+        assert not view.stage.is_moving
+        assert view.stage.high_m - view.stage.low_m == pytest.approx(1e-3)
+        number = wait_for(lambda: preview.look().picture.number)
+        assert preview.look(known=number).picture is None or number != preview.look().picture.number
+
+
+@pytest.mark.parametrize("kind", ["forces", "camera", "actuator"])
+def test_one_device_that_fails_does_not_hide_the_others(kind):
+    why = DeviceNotFound(f"the {kind}: it was not found; check its cable")
+    with connected(**{kind: {"open": raises(why)}}) as preview:
+        wait_for(lambda: state(preview, kind) is State.FAILED)
+        assert preview.look().devices[kind].sentence == str(why)
+        if kind != "forces":
+            wait_for(lambda: preview.look().forces)
+        else:
+            wait_for(lambda: "not triggered" in preview.look().devices["camera"].sentence)
+        if kind != "camera":
+            wait_for(lambda: state(preview, "camera") in (State.READY, State.LOOK))
+        if kind != "actuator":
+            wait_for(lambda: state(preview, "actuator") is State.READY)
+
+
+@pytest.mark.parametrize("kind", ["forces", "camera", "actuator"])
+def test_a_device_that_falls_silent_holds_up_neither_the_others_nor_the_end(kind, monkeypatch):
+    monkeypatch.setattr(preview_module, "CAMERA_S", 0.2)
+    monkeypatch.setattr(preview_module, "PATIENCE_S", 0.5)
+    release = threading.Event()
+    with connected(**{kind: {"open": release.wait}}) as preview:
+        for other in {"forces", "camera", "actuator"} - {kind}:
+            wait_for(lambda other=other: state(preview, other) in (State.READY, State.LOOK))
+        if kind != "forces":
+            wait_for(lambda: preview.look().forces)
+        assert state(preview, kind) is State.CONNECTING
+        began = time.monotonic()
+        with pytest.raises(DeviceTimeout, match="no return from a call"):
+            preview.close()
+        assert time.monotonic() - began < 3.0
+        release.set()
+
+
+def test_a_camera_that_comes_late_shows_its_pictures(monkeypatch):
+    monkeypatch.setattr(preview_module, "CAMERA_S", 0.1)
+    release, opened = threading.Event(), []
+
+    def comes_late():
+        release.wait(PATIENT_S)
+        opened.append(1)
+
+    with connected(camera={"open": comes_late}) as preview:
+        wait_for(lambda: preview.look().forces)
+        assert state(preview, "camera") is State.CONNECTING
+        # the simulated camera itself is opened by the test, as its `open` is replaced
+        preview._devices["camera"].device._device.open()
+        release.set()
+        wait_for(lambda: preview.look().picture)
+
+
+def test_triggers_begin_anew_for_a_real_camera_that_comes_late(monkeypatch):
+    monkeypatch.setattr(preview_module, "CAMERA_S", 0.1)
+    calls, release = [], threading.Event()
+
+    class Device:
+        name = "device"
+
+        def __init__(self, kind, **methods):
+            self.kind = kind
+            self.__dict__.update(methods)
+
+        def describe(self):
+            return self.kind
+
+        def start(self, train):
+            calls.append(f"{self.kind} starts")
+
+        def stop(self):
+            calls.append(f"{self.kind} stops")
+
+        def open(self): ...
+        def close(self): ...
+
+        def read(self, timeout_s):
+            time.sleep(0.01)
+            raise DeviceTimeout(f"{self.kind}: nothing came")
+
+    bench = SimpleNamespace(
+        forces=Device("forces"),
+        camera=Device("camera", open=release.wait),
+        actuator=Device("actuator", open=raises(DeviceFault("no stage"))),
+    )
+    preview = Preview(config.load(None, FREE), bench)
+    preview.start()
+    wait_for(lambda: calls == ["forces starts"])
+    release.set()
+    wait_for(lambda: len(calls) > 3)
+    assert calls[1:4] == ["forces stops", "camera starts", "forces starts"]
+    preview.close()
+
+
+def test_a_camera_that_delivers_nothing_is_told_of(monkeypatch):
+    monkeypatch.setattr(preview_module, "NO_PICTURE_S", 0.2)
+    with connected(camera={"read": raises(DeviceTimeout("nothing"))}) as preview:
+        wait_for(lambda: "delivers nothing" in preview.look().devices["camera"].sentence)
+        assert state(preview, "camera") is State.LOOK
+        assert "camera.trigger_line" in preview.look().devices["camera"].sentence
+        assert preview.look().picture is None
+        assert preview.look().forces.age_s < 1.0
+
+
+def test_triggers_without_an_image_are_counted():
+    def read(timeout_s):
+        time.sleep(0.02)
+        return LostFrame(0, 0, "missed trigger")
+
+    with connected(camera={"read": read}) as preview:
+        wait_for(lambda: "missed trigger" in preview.look().devices["camera"].sentence)
+
+
+def test_forces_that_fail_on_the_way_say_why():
+    with connected("sim.faults=['daq-gone 600']") as preview:
+        wait_for(lambda: state(preview, "forces") is State.FAILED)
+        assert "the board no longer answers" in preview.look().devices["forces"].sentence
+        assert state(preview, "actuator") is State.READY
+        time.sleep(1.0)  # longer than limits.age
+        with pytest.raises(DeviceError, match="only while forces are read"):
+            hold(preview, 1)
+
+
+def test_a_sensor_at_the_end_of_its_range_is_told_of_and_forbids_a_jog():
+    with connected("sim.faults=['saturated 0']") as preview:
+        wait_for(lambda: state(preview, "forces") is State.LOOK)
+        assert "the shear sensor reads the end of its range" in (
+            preview.look().devices["forces"].sentence
+        )
+        wait_for(lambda: preview.look().stage)
+        with pytest.raises(DeviceError, match="shear sensor is at the end of its range"):
+            preview.jog(1, FAST)
+        with pytest.raises(DeviceError, match="no zero there"):
+            preview.zero()
+
+
+def test_a_stage_that_would_refuse_a_move_says_so_before():
+    why = DeviceFault("stage: it is NOT REFERENCED; home it")
+    with connected(actuator={"make_ready": raises(why)}) as preview:
+        wait_for(lambda: state(preview, "actuator") is State.LOOK)
+        assert preview.look().devices["actuator"].sentence == str(why)
+        wait_for(lambda: preview.look().forces)
+        with pytest.raises(DeviceFault, match="NOT REFERENCED"):
+            preview.jog(1, FAST)
+
+
+# ---------------------------------------------------------------------- jog
+
+
+def test_a_jog_goes_on_while_it_is_held_and_stops_by_itself():
+    with connected() as preview:
+        all_ready(preview)
+        start = position_um(preview)
+        hold(preview, 1, until=lambda: position_um(preview) > start + 30)
+        assert preview.motion()[2]
+        began = time.monotonic()
+        wait_for(lambda: not preview.motion()[2], "the dead man's stop")
+        assert time.monotonic() - began < HOLD_S + 0.5
+        time.sleep(0.2)
+        stood = position_um(preview)
+        time.sleep(0.3)
+        assert position_um(preview) == stood
+        hold(preview, -1, until=lambda: position_um(preview) < start)
+        answer = preview.stop_motion()
+        assert answer.kind is Stop.AT_REST
+        assert preview.look().said == ""
+
+
+def test_a_jog_that_was_let_go_while_the_stage_was_asked_does_not_begin():
+    moves = []
+    with connected() as preview:
+        all_ready(preview)
+        actuator = preview._devices["actuator"].device
+        actuator.set_velocity = lambda velocity: preview._stage.stop_now()
+        actuator.move_to = moves.append
+        preview.jog(1, FAST)
+        assert not moves
+
+
+def test_a_jog_ends_at_its_limit_and_says_which():
+    with connected("limits.travel=40", "run.travel=30") as preview:
+        all_ready(preview)
+        start = position_um(preview)
+        with pytest.raises(DeviceError, match=r"40 um \(limits.travel\) from where it was connect"):
+            hold(preview, 1)
+        wait_for(lambda: position_um(preview) > start + 38.9)
+        assert position_um(preview) < start + 40.1
+
+
+def test_a_jog_ends_at_the_end_of_the_stage():
+    with connected(actuator={"travel_limits_m": (12.48e-3, 12.52e-3)}) as preview:
+        all_ready(preview)
+        with pytest.raises(DeviceError, match=r"at the end of its travel, 12.5200 mm"):
+            hold(preview, 1)
+
+
+def test_a_jog_stops_at_the_limit_of_the_shear_force_and_only_leads_back():
+    with connected(*PRESSED, "limits.shear_force=0.03", pace=4.0) as preview:
+        all_ready(preview)
+        wait_for(lambda: preview.look().forces.newest[0] > 0.099, "the contact")
+        with pytest.raises(DeviceError, match="limits.shear_force is 0.03 N"):
+            hold(preview, 1, velocity=20e-6)
+        assert not preview.motion()[2]
+        assert preview.stop_motion().kind is Stop.AT_REST
+        assert 0.03 < preview.look().forces.newest[1] < 0.09
+        with pytest.raises(DeviceError, match="jog the other way"):
+            preview.jog(1, FAST)
+        hold(preview, -1, until=lambda: preview.look().forces.newest[1] < 0.02, velocity=20e-6)
+
+
+def test_a_jog_is_refused_beyond_the_limit_of_the_normal_force():
+    with connected(*PRESSED, "limits.normal_force=0.11", world=TWICE) as preview:
+        all_ready(preview)
+        wait_for(lambda: preview.look().forces.newest[0] > 0.19, "the contact")
+        with pytest.raises(DeviceError, match="beyond limits.normal_force"):
+            preview.jog(1, FAST)
+
+
+def test_a_jog_stops_when_the_forces_stop():
+    with connected("sim.faults=['daq-gone 4000']", "limits.age=0.3") as preview:
+        all_ready(preview)
+        with pytest.raises(DeviceError, match=r"no force came for 0\.3 s"):
+            hold(preview, 1, velocity=10e-6)
+        assert not preview.motion()[2]
+
+
+@pytest.mark.parametrize("fails", ["at once", "silent"])
+def test_a_stop_that_fails_is_never_called_sent(fails, monkeypatch):
+    monkeypatch.setattr("app.engine.jog.PATIENCE_S", 0.3)
+    release = threading.Event()
+    stop = raises(DeviceFault("stage: its line is cut")) if fails == "at once" else release.wait
+    with connected() as preview:
+        all_ready(preview)
+        preview._devices["actuator"].device.stop = stop
+        answer = preview.stop_motion()
+        assert answer.kind is Stop.FAILED
+        assert ("its line is cut" if fails == "at once" else "did not return") in answer.sentence
+        release.set()
+
+
+def test_a_stop_without_a_stage_says_that_nothing_was_sent():
+    with connected(actuator={"open": raises(DeviceFault("no stage"))}) as preview:
+        wait_for(lambda: state(preview, "actuator") is State.FAILED)
+        assert preview.stop_motion().kind is Stop.NOT_CONNECTED
+        with pytest.raises(DeviceFault, match="no actuator is connected"):
+            preview.jog(1, FAST)
+
+
+def test_nothing_moves_where_the_guard_forbids_it():
+    guard = raises(DeviceFault("the supervisor does not start"))
+    with connected(guard=guard) as preview:
+        all_ready(preview)
+        start = position_um(preview)
+        with pytest.raises(DeviceFault, match="supervisor"):
+            hold(preview, 1)
+        assert position_um(preview) == start
+
+
+# ---------------------------------------------------------------------- zero
+
+
+def test_zero_gives_the_readings_without_a_force():
+    true = (0.25, -0.125)
+    with connected(world=(f"forces.zero={list(true)}",)) as preview:
+        all_ready(preview)
+        assert abs(preview.look().forces.newest[0]) > 0.03
+        found = preview.zero()
+        assert found == pytest.approx(true, abs=1e-3)
+        wait_for(lambda: abs(preview.look().forces.newest[0]) < 1e-3)
+        settings = config.load(None, FREE)
+        settings = replace(settings, forces=replace(settings.forces, zero=found))
+        newtons = sensor_chain(settings).forces(np.array([true]))
+        assert newtons == pytest.approx(np.zeros((1, 2)), abs=1e-3)
+
+
+def test_zero_is_refused_while_the_stage_moves():
+    with connected() as preview:
+        all_ready(preview)
+        preview.jog(1, 10e-6)
+        with pytest.raises(DeviceFault, match="the stage moves"):
+            preview.zero()
+
+
+def test_every_device_is_closed_at_the_end():
+    with connected() as preview:
+        all_ready(preview)
+        preview.close()
+        assert {d.state for d in preview.look().devices.values()} == {State.CLOSED}
+        for device in preview._devices.values():
+            assert not device.device._is_open

@@ -1,0 +1,133 @@
+"""A bench that is connected in a process of its own: it frees its devices for the run that follows,
+and a process that dies hurts nobody.
+"""
+
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+from processes.launched import OutsideStage, kill, launched, wait_until
+from short_run import SMALL
+
+from app import config
+from app.bench_view import State
+from app.commands.workshop import Workshop
+from app.errors import UserError
+from app.processes.folder import root
+from app.processes.preview import LaunchedPreview
+from app.stopping import Stop
+from drivers.errors import DeviceError
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+EMULATED = (
+    "forces.source=nidaqmx-emulated",
+    "camera.source=pylon-emulated",
+    "actuator.source=smc100-emulated",
+)
+FAST = 100e-6
+
+
+@contextmanager
+def connected(*overrides):
+    preview = LaunchedPreview(config.load(None, [*SMALL, *overrides]))
+    try:
+        yield preview
+    finally:
+        preview.close()
+
+
+def shows_all(preview):
+    view = preview.look()
+    failed = [d.sentence for d in view.devices.values() if d.state is State.FAILED]
+    assert not failed
+    return view if view.picture and view.forces and view.stage else None
+
+
+def hold(preview, direction, until):
+    while not until():
+        preview.jog(direction, FAST)
+        time.sleep(0.05)
+
+
+def moved_um(preview, start):
+    return (preview.look().stage.position_m - start) * 1e6
+
+
+@pytest.mark.parametrize("devices", [(), EMULATED], ids=["simulated", "emulated"])
+def test_a_run_follows_a_preview_of_the_same_bench(devices, tmp_path):
+    settings = config.load(None, [*SMALL, *devices])
+    made = []
+    workshop = Workshop(made.append)
+    preview = workshop.preview(settings)
+    try:
+        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
+        hold(preview, 1, until=lambda: moved_um(preview, start) > 10)
+        assert preview.stop_motion().kind is Stop.AT_REST
+        run = workshop.run(settings, tmp_path / "a.h5")  # closes the preview
+        assert preview.process.poll() is not None
+        with pytest.raises(DeviceError, match="disconnected"):
+            preview.look()
+        run.start()
+        wait_until(lambda: run.health().state == "running", "the run")
+        run.request_stop("it is enough")
+        assert run.wait(60).state == "done"
+    finally:
+        preview.close()
+
+
+def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_path):
+    outside = OutsideStage()
+    with connected(*outside.settings) as preview:
+        wait_until(lambda: shows_all(preview), "the bench")
+        with launched(tmp_path / "a.h5", *outside.settings) as run:
+            run.start()
+            assert "another program has" in wait_until(run.outcome, "its end").reason
+        preview.close()
+        assert preview.process.poll() is not None
+        with launched(tmp_path / "b.h5", *outside.settings) as run:
+            run.start()
+            wait_until(lambda: run.health().state == "running", "the run")
+            run.request_stop("it is enough")
+            assert run.wait(60).state == "done"
+
+
+@posix
+def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
+    outside = OutsideStage()
+    with connected(*outside.settings) as preview:
+        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
+        hold(preview, 1, until=lambda: moved_um(preview, start) > 5)
+        kill(preview.process.pid)
+        wait_until(outside.stops, "the supervisor's stop")
+        with pytest.raises(DeviceError, match="its process .* has ended, and its devices are free"):
+            wait_until(preview.look)
+        assert preview.stop_motion().kind is Stop.FAILED
+        wait_until(lambda: not outside.stage.is_moving(), "the stage's rest")
+    with connected(*outside.settings) as again:
+        wait_until(lambda: shows_all(again), "the bench")
+
+
+def test_a_window_that_lets_go_without_a_word_frees_the_bench():
+    preview = LaunchedPreview(config.load(None, SMALL))
+    wait_until(lambda: shows_all(preview), "the bench")
+    for caller in (preview._look, preview._jog, preview._stop, preview._zero):
+        caller.close()
+    wait_until(lambda: preview.process.poll() is not None, "its end")
+    assert not preview._folder.exists()
+
+
+def test_a_bench_that_can_not_be_made_says_why():
+    stored = ("forces.source=replay", "replay.session=nowhere.h5")
+    with pytest.raises(UserError, match="nowhere.h5"):
+        LaunchedPreview(config.load(None, [*SMALL, *stored]))
+
+
+def test_nothing_is_left_of_a_preview_that_was_closed():
+    before = set(root().iterdir())
+    threads = threading.active_count()
+    with connected() as preview:
+        wait_until(lambda: shows_all(preview), "the bench")
+    assert set(root().iterdir()) <= before
+    wait_until(lambda: threading.active_count() <= threads, "the end of its threads")
