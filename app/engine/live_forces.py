@@ -55,8 +55,10 @@ class LiveForces:
 
     def append(self, block: SampleBlock | LostSamples) -> None:
         """Take a block, or the gap in its place."""
-        lost = isinstance(block, LostSamples)
-        volts = np.full((block.count, 2), np.nan) if lost else block.volts
+        if isinstance(block, SampleBlock):
+            volts = block.volts
+        else:
+            volts = np.full((block.count, 2), np.nan)
         volts = volts[-len(self._volts) :]
         with self._changed:
             self._volts = np.concatenate((self._volts[len(volts) :], volts))
@@ -108,9 +110,10 @@ class LiveForces:
         with self._changed:
             until = self.end + wanted
             if not self._changed.wait_for(lambda: self.end >= until, ZERO_S + LATE_S):
+                came = self.end + wanted - until
                 raise DeviceTimeout(
-                    f"zero: {wanted} readings of the sensors were wanted, {self.end + wanted - until}"
-                    f" came within {ZERO_S + LATE_S:g} s; see the line of the forces"
+                    f"zero: {wanted} readings of the sensors were wanted, {came} came within"
+                    f" {ZERO_S + LATE_S:g} s; see the line of the forces"
                 )
             volts = self._volts[-wanted:]
         if np.isnan(volts).any():

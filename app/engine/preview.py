@@ -283,7 +283,9 @@ class Preview:
 
     def _take_forces(self, me: _Device, forces: Any) -> None:
         try:
-            block = forces.read(READ_S + self._config.forces.block / self._config.forces.sample_rate)
+            block = forces.read(
+                READ_S + self._config.forces.block / self._config.forces.sample_rate
+            )
         except DeviceTimeout as error:
             me.tell(State.LOOK, str(error))
             return

@@ -67,16 +67,14 @@ class Gauge:
 def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
     """A line for each device."""
     lines = []
-    for kind in LABELS:
+    for kind, label in LABELS.items():
         device = view.devices.get(kind) if view else None
         if device is None:
-            lines.append(DeviceLine(kind, LABELS[kind], "not connected", "", Tone.NEUTRAL))
+            lines.append(DeviceLine(kind, label, "not connected", "", Tone.NEUTRAL))
             continue
         word = "look at it" if device.state is State.LOOK else str(device.state)
         lines.append(
-            DeviceLine(
-                kind, f"{LABELS[kind]}: {device.name}", word, device.sentence, TONES[device.state]
-            )
+            DeviceLine(kind, f"{label}: {device.name}", word, device.sentence, TONES[device.state])
         )
     return tuple(lines)
 

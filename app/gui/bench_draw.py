@@ -98,7 +98,7 @@ class PictureBox(QWidget):
 
 
 class _Scale(QWidget):
-    """The scale of a force with its limits, its band and its value, and the trace of ten seconds."""
+    """The scale of a force with limits, band and value, and the trace of ten seconds."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The bench before a run: pick it, connect it, see it, put the stage where it should be, zero it."""
+"""The bench before a run: pick it, connect it, see it, move its stage, zero its sensors."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class BenchPanel(QScrollArea):
     def __init__(self, desk: Desk) -> None:
         super().__init__()
         self._desk, self._memory = desk, Memory()
-        self.link = BenchLink(lambda config: desk.workshop.preview(config))
+        self.link = BenchLink(desk.workshop.preview)
         self._connected: Config | None = None  # settings with which the bench was connected
         self._held: tuple[int, float] | None = None
         self._lines: dict[str, _DeviceLine] = {}
@@ -212,21 +212,22 @@ class BenchPanel(QScrollArea):
                 self._say(news.sentence, Tone.BAD)
 
     def _show(self) -> None:
-        link, view = self.link, self.link.view
-        phase, is_on = link.phase, link.phase is Link.ON
+        link, phase = self.link, self.link.phase
+        is_on = phase is Link.ON
+        view, picture = (link.view, link.picture) if is_on else (None, None)
         self.connect_button.setText(_BUTTON[phase])
         self.connect_button.setEnabled(phase is not Link.LEAVING and not self._desk.is_busy)
         self.bench.setEnabled(phase is Link.OFF and not self._desk.is_busy)
-        for line in device_lines(view if is_on else None):
+        for line in device_lines(view):
             self._lines[line.kind].show_line(line)
         self.state.setText(self._state())
         self.state.setVisible(bool(self.state.text()))
         if view is not None and view.said and view.said != self.said.text():
             self._say(view.said, Tone.BAD)
-        self.picture.show_picture(link.picture)
-        self.cells.show_cells(picture_cells(link.picture))
+        self.picture.show_picture(picture)
+        self.cells.show_cells(picture_cells(picture))
         stage = view.stage if view else None
-        config = self._connected if is_on and self._connected else self._desk.config
+        config = self._connected if view and self._connected else self._desk.config
         both = gauges(view.forces if view else None, config)
         for gauge, shown in zip((self.normal, self.shear), both, strict=True):
             gauge.show_gauge(shown)
@@ -235,10 +236,8 @@ class BenchPanel(QScrollArea):
         self.place.setStyleSheet(f"color: {theme.TONES[tone]};" if tone is Tone.BUSY else "")
         self.room.setText(room_text(stage))
         for button in self.jogs:
-            button.setEnabled(is_on and stage is not None)
-        self.zero.setEnabled(
-            is_on and view is not None and view.forces is not None and not link.is_zeroing
-        )
+            button.setEnabled(stage is not None)
+        self.zero.setEnabled(view is not None and view.forces is not None and not link.is_zeroing)
         self.zero.setText("Zeroing …" if link.is_zeroing else "Zero")
         text, tone = disk_text(view.bytes_per_s if view else 0.0, link.free_bytes)
         self.disk.setText(text)
@@ -344,7 +343,7 @@ class BenchPanel(QScrollArea):
             "Takes the readings of the next second for those without a force; the block must hang"
             " free. The next run begins with them (forces.zero)"
         )
-        self.zero.clicked.connect(lambda: self.link.zero())
+        self.zero.clicked.connect(self.link.zero)
         return self.zero
 
     def _stage_parts(self) -> tuple[object, ...]:

@@ -56,7 +56,7 @@ def raises(error):
 
 @contextmanager
 def connected(*overrides, pace=2.0, world=(), guard=lambda: None, **others):
-    """A preview of simulated devices; `others` replace methods of a device, `world` its settings."""
+    """A preview of simulated devices; `others` replace methods of a device."""
     settings = config.load(None, [*FREE, *overrides])
     bench = make_bench(config.load(None, [*FREE, *overrides, *world]), pace)
     devices = {
@@ -78,10 +78,12 @@ def state(preview, kind):
 
 def all_ready(preview):
     return wait_for(
-        lambda: all(device.state is State.READY for device in preview.look().devices.values())
-        and preview.look().forces
-        and preview.look().picture
-        and preview.look().stage
+        lambda: (
+            all(device.state is State.READY for device in preview.look().devices.values())
+            and preview.look().forces
+            and preview.look().picture
+            and preview.look().stage
+        )
     )
 
 
@@ -313,7 +315,7 @@ def test_a_jog_stops_at_the_limit_of_the_shear_force_and_only_leads_back():
     with connected(*PRESSED, "limits.shear_force=0.03", pace=4.0) as preview:
         all_ready(preview)
         wait_for(lambda: preview.look().forces.newest[0] > 0.099, "the contact")
-        with pytest.raises(DeviceError, match="limits.shear_force is 0.03 N"):
+        with pytest.raises(DeviceError, match=r"limits\.shear_force is 0\.03 N"):
             hold(preview, 1, velocity=20e-6)
         assert not preview.motion()[2]
         assert preview.stop_motion().kind is Stop.AT_REST
@@ -327,7 +329,7 @@ def test_a_jog_is_refused_beyond_the_limit_of_the_normal_force():
     with connected(*PRESSED, "limits.normal_force=0.11", world=TWICE) as preview:
         all_ready(preview)
         wait_for(lambda: preview.look().forces.newest[0] > 0.19, "the contact")
-        with pytest.raises(DeviceError, match="beyond limits.normal_force"):
+        with pytest.raises(DeviceError, match=r"beyond limits\.normal_force"):
             preview.jog(1, FAST)
 
 

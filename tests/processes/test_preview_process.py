@@ -101,7 +101,9 @@ def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
         hold(preview, 1, until=lambda: moved_um(preview, start) > 5)
         kill(preview.process.pid)
         wait_until(outside.stops, "the supervisor's stop")
-        with pytest.raises(DeviceError, match="its process .* has ended, and its devices are free"):
+        with pytest.raises(
+            DeviceError, match=r"its process .* has ended, and its devices are free"
+        ):
             wait_until(preview.look)
         assert preview.stop_motion().kind is Stop.FAILED
         wait_until(lambda: not outside.stage.is_moving(), "the stage's rest")
@@ -120,7 +122,7 @@ def test_a_window_that_lets_go_without_a_word_frees_the_bench():
 
 def test_a_bench_that_can_not_be_made_says_why():
     stored = ("forces.source=replay", "replay.session=nowhere.h5")
-    with pytest.raises(UserError, match="nowhere.h5"):
+    with pytest.raises(UserError, match=r"nowhere\.h5"):
         LaunchedPreview(config.load(None, [*SMALL, *stored]))
 
 

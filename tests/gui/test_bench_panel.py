@@ -1,0 +1,343 @@
+"""The bench panel in the hands of an operator: pick, connect, see, jog, zero, disconnect."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QLabel, QWidget
+from pytestqt.qtbot import QtBot
+
+from app import live
+from app.config import load
+from app.gui.bench_link import Link
+from app.gui.bench_panel import BenchPanel
+from app.gui.desk import Desk
+from app.gui.memory import Memory
+from app.settings import Config
+from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
+
+SMALL = (
+    "camera.width=160",
+    "camera.height=120",
+    "dic.box=20",
+    "sim.press_time=3000",
+)
+LEFT = Qt.MouseButton.LeftButton
+
+
+class Bench(SimpleNamespace):
+    """A workshop of simulated benches in this process; `spoil` changes their devices."""
+
+    def __init__(self) -> None:
+        super().__init__(made=[], spoil=lambda bench: None, problem=None, world=())
+
+    def preview(self, config: Config) -> Any:
+        if self.problem:
+            raise self.problem
+        world = load(None, [*SMALL, *self.world])
+        bench = live.make_bench(replace(world, camera=config.camera), 4.0)
+        self.spoil(bench)
+        preview = live.Preview(config, bench, can_restart=False, bytes_per_s=2e6)
+        preview.start()
+        self.made.append(preview)
+        return preview
+
+
+def raises(error: Exception) -> Callable[..., Any]:
+    def method(*_: object) -> None:
+        raise error
+
+    return method
+
+
+@pytest.fixture
+def workshop() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    for preview in made.made:
+        with suppress(DeviceTimeout):
+            preview.close()
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, workshop: Bench) -> Iterator[BenchPanel]:
+    desk = Desk(workshop, load(None, SMALL))
+    shown = BenchPanel(desk)
+    shown.resize(340, 900)
+    qtbot.addWidget(shown)
+    with qtbot.waitExposed(shown):
+        shown.show()
+    yield shown
+    shown.disconnect_bench()
+    qtbot.waitUntil(lambda: shown.link.phase is Link.OFF)
+
+
+def desk_of(panel: BenchPanel) -> Desk:
+    return panel._desk
+
+
+def words(panel: QWidget) -> str:
+    """All that the operator can read on the panel."""
+    return "\n".join(label.text() for label in panel.findChildren(QLabel) if label.isVisible())
+
+
+def connect(qtbot: QtBot, panel: BenchPanel) -> None:
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.jogs[0].isEnabled())
+    qtbot.waitUntil(panel.zero.isEnabled)
+
+
+def place_um(panel: BenchPanel) -> float:
+    return panel.link.view.stage.position_m * 1e6
+
+
+def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    workshop.world = ("forces.zero=[0.25, -0.125]",)
+    assert words(panel).count("not connected") == 3
+    assert not panel.jogs[0].isEnabled()
+    assert not panel.zero.isEnabled()
+    connect(qtbot, panel)
+    qtbot.waitUntil(lambda: words(panel).count("ready") == 3)
+    assert "12.5000 mm, at rest" in words(panel)
+    assert panel.normal.value.text() == "0.052"  # 0.25 V of 300 um/V and 689 N/m
+    assert "can be jogged by −500 to +500 µm" in words(panel)
+    assert "min of recording" in words(panel) or "h of recording" in words(panel)
+
+    fast = panel.jogs[3]
+    qtbot.mousePress(fast, LEFT)
+    qtbot.waitUntil(lambda: place_um(panel) > 12520 and "moving" in words(panel))
+    qtbot.mouseRelease(fast, LEFT)
+    qtbot.waitUntil(lambda: "at rest" in words(panel))
+    stood = place_um(panel)
+    qtbot.wait(300)
+    assert place_um(panel) == stood
+
+    qtbot.mouseClick(panel.zero, LEFT)
+    qtbot.waitUntil(lambda: "Zeroed" in words(panel))
+    assert desk_of(panel).config.forces.zero == pytest.approx((0.25, -0.125), abs=1e-3)
+    assert "P had read +0.052 N" in words(panel)
+    qtbot.waitUntil(lambda: panel.normal.value.text() in ("0.000", "−0.001", "0.001"))
+    assert "connect again" not in panel.state.text()  # the zero alone is no other bench
+
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: words(panel).count("not connected") == 3)
+    assert panel.normal.value.text() == "–"
+
+
+def test_the_keyboard_alone_does_the_same(qtbot: QtBot, panel: BenchPanel) -> None:
+    panel.connect_button.setFocus()
+    qtbot.keyClick(panel.connect_button, Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: panel.jogs[0].isEnabled() and panel.zero.isEnabled())
+    seen: list[QWidget | None] = []
+    while panel.jogs[3] not in seen:
+        qtbot.keyClick(panel.focusWidget() or panel, Qt.Key.Key_Tab)
+        seen.append(panel.focusWidget())
+        assert len(seen) < 30
+    assert {panel.zero, *panel.jogs} <= set(seen)
+    start = place_um(panel)
+    qtbot.keyPress(panel.jogs[3], Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: place_um(panel) > start + 20)
+    qtbot.keyRelease(panel.jogs[3], Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: not panel.link.view.stage.is_moving)
+
+
+def test_a_button_that_loses_the_focus_or_the_mouse_stops_the_stage(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    preview = workshop.made[-1]
+    for leave in (
+        lambda: qtbot.mouseMove(panel.jogs[3], panel.jogs[3].rect().bottomRight() * 5),
+        panel.zero.setFocus,
+        panel.hide,
+    ):
+        panel.show()
+        qtbot.mousePress(panel.jogs[3], LEFT)
+        qtbot.waitUntil(lambda: preview.motion()[2])
+        leave()
+        assert panel._held is None
+        qtbot.waitUntil(lambda: not preview.motion()[2])
+        qtbot.mouseRelease(panel.jogs[3], LEFT)
+
+
+def test_a_window_that_stands_still_does_not_keep_the_stage_moving(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    preview = workshop.made[-1]
+    qtbot.mousePress(panel.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: preview.motion()[2])
+    time.sleep(0.8)  # no event is handled
+    assert not preview.motion()[2]
+    qtbot.mouseRelease(panel.jogs[3], LEFT)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "why"),
+    [
+        ("forces", "forces", "NI board: there is no such board; check its name"),
+        ("camera", "camera", "camera: it was not found; check its cable"),
+        ("actuator", "stage", "SMC100: nothing answers on COM3; check its power"),
+    ],
+)
+def test_each_device_says_why_it_does_not_connect(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, kind: str, name: str, why: str
+) -> None:
+    workshop.spoil = lambda bench: setattr(
+        getattr(bench, kind), "open", raises(DeviceNotFound(why))
+    )
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: why in words(panel))
+    qtbot.waitUntil(lambda: words(panel).count("ready") >= 1)
+    assert panel._lines[kind].word.text() == "failed"
+    assert panel._lines[kind].mark.text() == "✗"
+    if kind == "forces":
+        qtbot.waitUntil(lambda: "not triggered" in words(panel))
+    if kind == "actuator":
+        qtbot.waitUntil(lambda: panel.picture._picture is not None)
+        assert not panel.jogs[0].isEnabled()
+
+
+def test_a_silent_device_leaves_the_window_alive(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.engine.preview.CAMERA_S", 0.1)
+    monkeypatch.setattr("app.engine.preview.PATIENCE_S", 0.3)
+    release = threading.Event()
+    workshop.spoil = lambda bench: setattr(bench.camera, "open", release.wait)
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(panel.zero.isEnabled)
+    assert panel._lines["camera"].word.text() == "connecting"
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: "no return from a call" in words(panel))
+    qtbot.waitUntil(lambda: panel.link.phase is Link.OFF)
+    release.set()
+
+
+def test_what_forbids_a_jog_is_said(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:
+    workshop.world = ("sim.faults=['saturated 0']",)
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: panel.jogs[3].isEnabled() and panel.zero.isEnabled())
+    qtbot.waitUntil(lambda: "reads the end of its range" in words(panel))
+    assert panel.shear.note.text() == "sensor at the end of its range"
+    qtbot.mousePress(panel.jogs[3], LEFT)
+    qtbot.waitUntil(lambda: "so that the force is not known" in words(panel))
+    qtbot.mouseRelease(panel.jogs[3], LEFT)
+
+
+def test_a_stop_that_fails_is_an_alarm(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:
+    connect(qtbot, panel)
+    dead = DeviceFault("stage: the line is dead; check the cable")
+    said: list[tuple[str, bool]] = []
+    desk_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
+    workshop.made[-1]._devices["actuator"].device.stop = raises(dead)
+    qtbot.mousePress(panel.jogs[0], LEFT)
+    qtbot.mouseRelease(panel.jogs[0], LEFT)
+    qtbot.waitUntil(lambda: bool(said))
+    assert said[0][1]
+    assert "cut the actuator's power" in said[0][0]
+    assert str(dead) in said[0][0]
+
+
+def test_a_bench_that_can_not_be_made_says_why(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    workshop.problem = DeviceNotFound("pylon camera: its package can not be loaded")
+    qtbot.mouseClick(panel.connect_button, LEFT)
+    qtbot.waitUntil(lambda: str(workshop.problem) in words(panel))
+    assert panel.connect_button.text() == "Connect"
+
+
+def test_a_bench_whose_process_ends_says_so(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    gone = DeviceFault("bench: its process has ended, and its devices are free")
+    workshop.made[-1].look = raises(gone)
+    qtbot.waitUntil(lambda: str(gone) in words(panel))
+    assert panel.connect_button.text() == "Connect"
+
+
+def test_a_run_takes_the_bench(qtbot: QtBot, panel: BenchPanel) -> None:
+    connect(qtbot, panel)
+    desk_of(panel).set_busy(True)
+    qtbot.waitUntil(lambda: "A run has the bench." in words(panel))
+    assert panel.link.phase is Link.OFF
+    assert not panel.connect_button.isEnabled()
+    desk_of(panel).set_busy(False)
+    qtbot.waitUntil(panel.connect_button.isEnabled)
+
+
+def test_benches_are_picked_by_name_or_file_and_remembered(
+    qtbot: QtBot,
+    panel: BenchPanel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own = tmp_path / "lab.toml"
+    own.write_text('[camera]\nwidth = 320\nheight = 240\n[actuator]\nsource = "sim"\n')
+
+    def choose(name: str) -> None:
+        index = panel.bench.findText(name)
+        panel.bench.setFocus()
+        while panel.bench.currentIndex() != index:
+            key = Qt.Key.Key_Down if panel.bench.currentIndex() < index else Qt.Key.Key_Up
+            before = panel.bench.currentIndex()
+            qtbot.keyClick(panel.bench, key)
+            if panel.bench.currentIndex() == before:
+                break
+
+    choose("cyclic-shear")
+    assert desk_of(panel).config == load(Path("cyclic-shear"))
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(own), ""))
+    panel._pick(panel.bench.count() - 1)
+    assert desk_of(panel).config.camera.width == 320
+    assert panel.bench.currentText() == "lab.toml"
+    assert Memory().recent("bench") == [own]
+    own.write_text("[camera]\nwdth = 1\n")
+    panel.pick(own)
+    assert "unknown key 'camera.wdth'" in words(panel)
+    assert desk_of(panel).config.camera.width == 320
+
+
+def test_exposure_and_gain_are_those_of_the_next_run(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    panel.exposure.setFocus()
+    panel.exposure.selectAll()
+    qtbot.keyClicks(panel.exposure, "20")
+    qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
+    assert desk_of(panel).config.camera.exposure == pytest.approx(0.02)
+    qtbot.waitUntil(lambda: len(workshop.made) == 2)
+    qtbot.waitUntil(lambda: workshop.made[-1].look().picture is not None)
+    panel.exposure.selectAll()
+    qtbot.keyClicks(panel.exposure, "900")
+    qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
+    assert "longer than the trigger period" in words(panel)
+    assert panel.exposure.value() == 20.0
+    assert desk_of(panel).config.camera.exposure == pytest.approx(0.02)
+
+
+def test_settings_that_change_meanwhile_are_told_of(qtbot: QtBot, panel: BenchPanel) -> None:
+    connect(qtbot, panel)
+    config = desk_of(panel).config
+    desk_of(panel).set_config(replace(config, camera=replace(config.camera, divisor=250)))
+    qtbot.waitUntil(lambda: "connect again to see them" in words(panel))
+
+
+@pytest.mark.parametrize("width", [340, 300])
+def test_the_panel_fits_a_narrow_dock(qtbot: QtBot, panel: BenchPanel, width: int) -> None:
+    connect(qtbot, panel)
+    panel.resize(width, 500)
+    qtbot.waitUntil(lambda: panel.verticalScrollBar().maximum() > 0)
+    assert panel.horizontalScrollBar().maximum() == 0
