@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +12,6 @@ from app.bench_view import BenchPreview
 from app.commands.ending import report_replay
 from app.commands.experiment import Made, made_run
 from app.config import from_record
-from app.processes.preview import LaunchedPreview
 from app.session.files import new_session_name, next_free
 from app.settings import Config
 
@@ -41,11 +41,13 @@ class Workshop:
     ) -> None:
         self._keep, self._pace, self._as_json = keep, pace, as_json
         self._may_replace = overwrite
-        self._preview: LaunchedPreview | None = None
+        self._connecting = threading.Lock()
+        self._preview: BenchPreview | None = None  # the newest, which may be closed
 
     def run(self, config: Config, session: Path | None) -> Any:
         """See `app.gui.desk.Workshop`."""
-        self._let_go()
+        with self._connecting:
+            self._let_go()
         path, may_replace = session or new_session_name(datetime.now()), self._may_replace
         if session is None or not may_replace:
             path = next_free(path)
@@ -93,9 +95,12 @@ class Workshop:
 
     def preview(self, config: Config) -> BenchPreview:
         """See `app.gui.desk.Workshop`."""
-        self._let_go()
-        self._preview = LaunchedPreview(config)
-        return self._preview
+        from app.processes.preview import LaunchedPreview
+
+        with self._connecting:
+            self._let_go()
+            self._preview = preview = LaunchedPreview(config)
+        return preview
 
     def _let_go(self) -> None:
         """Free the devices of the bench that was connected last."""

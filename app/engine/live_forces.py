@@ -55,10 +55,8 @@ class LiveForces:
 
     def append(self, block: SampleBlock | LostSamples) -> None:
         """Take a block, or the gap in its place."""
-        if isinstance(block, SampleBlock):
-            volts = block.volts
-        else:
-            volts = np.full((block.count, 2), np.nan)
+        lost = block.count if isinstance(block, LostSamples) else 0
+        volts = block.volts if isinstance(block, SampleBlock) else np.full((lost, 2), np.nan)
         volts = volts[-len(self._volts) :]
         with self._changed:
             self._volts = np.concatenate((self._volts[len(volts) :], volts))

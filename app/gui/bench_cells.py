@@ -59,6 +59,7 @@ class Gauge:
     high: float
     limits: tuple[float, ...]
     band: tuple[float, float]
+    legend: str
     hint: str
     time_s: tuple[float, ...] = ()
     history: tuple[float, ...] = ()
@@ -100,6 +101,7 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         1.1 * most,
         (most,),
         (load - width, load + width),
+        f"wanted {load:g} ± {width:.2g} N, limit {most:g} N",
         f"Normal force; the band is {load:g} N ± {run.settle_tolerance:.0%}, the red line"
         f" limits.normal_force = {quantity(limits, 'normal_force')}",
     )
@@ -114,6 +116,7 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         1.1 * most,
         (-most, most),
         (-width, width),
+        f"begins within ± {width * 1e3:.2g} mN, limit ± {most:g} N",
         f"Shear force; the band is ± {run.shear_tolerance:.0%} of {load:g} N, in which a run"
         f" begins, the red lines limits.shear_force = {quantity(limits, 'shear_force')}",
     )

@@ -159,24 +159,26 @@ class GaugeView(QWidget):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self.value, self.note = label("–", "gauge"), label("", "detail")
+        self.value, self.note, self.legend = label("–", ""), label("", "detail"), label("", "name")
         self.value.setStyleSheet("font-size: 26px; font-weight: 600;")
         self._scale = _Scale()
         self._tone: Tone | None = None
         head = row(label(name, "name"), (self.value, 1), label("N", "detail"), spacing=8)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.note.setAlignment(Qt.AlignmentFlag.AlignRight)
-        self.setLayout(column(head, self._scale, self.note, spacing=0))
+        foot = row(self.legend, (self.note, 1), spacing=6)
+        self.setLayout(column(head, self._scale, foot, spacing=0))
 
     def show_gauge(self, gauge: Gauge) -> None:
         """Show the force now."""
         self.value.setText(gauge.text)
         self.note.setText(gauge.note)
+        is_calm = gauge.tone in (Tone.NEUTRAL, Tone.GOOD)
+        self.legend.setText(gauge.legend if is_calm else "")  # an alarm needs the room
         if gauge.tone is not self._tone:
             self._tone = gauge.tone
             colour = theme.TEXT if gauge.tone is Tone.NEUTRAL else theme.TONES[gauge.tone]
             self.value.setStyleSheet(f"font-size: 26px; font-weight: 600; color: {colour};")
-            is_calm = gauge.tone in (Tone.NEUTRAL, Tone.GOOD)
             self.note.setStyleSheet("" if is_calm else f"color: {theme.TONES[gauge.tone]};")
         if gauge.hint != self.toolTip():
             self.setToolTip(gauge.hint)
