@@ -101,7 +101,7 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         1.1 * most,
         (most,),
         (load - width, load + width),
-        f"wanted {load:g} ± {width:.2g} N, limit {most:g} N",
+        f"{load:g} ± {width:.2g} N · limit {most:g} N",
         f"Normal force; the band is {load:g} N ± {run.settle_tolerance:.0%}, the red line"
         f" limits.normal_force = {quantity(limits, 'normal_force')}",
     )
@@ -116,7 +116,7 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
         1.1 * most,
         (-most, most),
         (-width, width),
-        f"begins within ± {width * 1e3:.2g} mN, limit ± {most:g} N",
+        f"± {width * 1e3:.2g} mN · limit ± {most:g} N",
         f"Shear force; the band is ± {run.shear_tolerance:.0%} of {load:g} N, in which a run"
         f" begins, the red lines limits.shear_force = {quantity(limits, 'shear_force')}",
     )
@@ -128,7 +128,8 @@ def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
 def _measured(gauge: Gauge, forces: ForcesView, column: int) -> Gauge:
     value, noise, used = forces.newest[column], forces.noise[column], forces.used[column]
     limit = max(gauge.limits)
-    tone, note = Tone.NEUTRAL, f"noise {number(noise * 1e3, 1)} mN"
+    tone = Tone.NEUTRAL
+    note = f"noise {number(noise * 1e3, 1)} mN" if math.isfinite(noise) else ""
     if gauge.band[0] <= value <= gauge.band[1]:
         tone = Tone.GOOD
     if noise > NOISY_N:

@@ -19,7 +19,6 @@ from app.gui.widgets import column, label, row
 
 HISTOGRAM_PX = 44
 LEAST_SPAN_N = 4e-3  # of the trace of a force
-COLOURS = {"P": theme.NORMAL, "Q": theme.SHEAR}
 
 
 class PictureBox(QWidget):
@@ -131,11 +130,11 @@ class _Scale(QWidget):
         for limit in gauge.limits:
             painter.drawLine(QPointF(x(limit), bar.top() - 3), QPointF(x(limit), bar.bottom() + 3))
         if math.isfinite(gauge.value):
-            painter.setPen(QPen(QColor(COLOURS[gauge.symbol]), 3))
+            painter.setPen(QPen(QColor(_colour(gauge)), 3))
             here = x(gauge.value)
             painter.drawLine(QPointF(here, bar.top() - 4), QPointF(here, bar.bottom() + 4))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # ten times as fast
-        painter.setPen(QPen(QColor(COLOURS[gauge.symbol]), 1))
+        painter.setPen(QPen(QColor(_colour(gauge)), 1))
         self._draw_trace(painter, QRectF(0, 26, self.width(), 30), gauge)
 
     def _draw_trace(self, painter: QPainter, place: QRectF, gauge: Gauge) -> None:
@@ -184,3 +183,7 @@ class GaugeView(QWidget):
             self.setToolTip(gauge.hint)
         self._scale.gauge = gauge
         self._scale.update()
+
+
+def _colour(gauge: Gauge) -> str:
+    return theme.NORMAL if gauge.symbol == "P" else theme.SHEAR

@@ -321,9 +321,10 @@ class BenchPanel(QScrollArea):
         self.picture, self.cells = PictureBox(), CellRow(style="count", spacing=8)
         self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
         parts: list[QWidget] = [
-            _framed(head, *self._lines.values(), self.said),
+            _framed(head, *self._lines.values()),
             _framed(self.normal, self.shear, row(STRETCH, self._zero_button())),
-            _framed(*self._stage_parts()),
+            # below the buttons: a sentence that comes moves none from under the mouse
+            _framed(*self._stage_parts(), self.said),
             _framed(self.picture, self.cells, self._camera_row()),
             _framed(row(label("disk", "name"), (self._disk_label(), 1), spacing=8)),
         ]
