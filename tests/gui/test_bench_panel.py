@@ -118,6 +118,7 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
     qtbot.mouseRelease(fast, LEFT)
     qtbot.waitUntil(lambda: "at rest" in words(panel))
     stood = place_um(panel)
+    assert stood < 12900  # and not at its limit
     qtbot.wait(300)
     assert place_um(panel) == stood
 
@@ -161,6 +162,8 @@ def test_a_button_that_loses_the_focus_or_the_mouse_stops_the_stage(
         panel.hide,
     ):
         panel.show()
+        if leave == panel.hide:  # where a click gives no focus, as on some systems
+            panel.jogs[3].setFocusPolicy(Qt.FocusPolicy.NoFocus)
         qtbot.mousePress(panel.jogs[3], LEFT)
         qtbot.waitUntil(lambda: preview.motion()[2])
         leave()
