@@ -107,7 +107,7 @@ class BenchLink:
         self._has: Config | None = None
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._life, self._look, self._jog = Errand("life"), Errand("look"), Errand("jog")
-        self._stop, self._zero = Errand("stop"), Errand("zero")
+        self._zero = Errand("zero")
 
     @property
     def preview(self) -> BenchPreview | None:
@@ -210,8 +210,8 @@ class BenchLink:
         self._order(self._jog, step)
 
     def let_go(self) -> None:
-        """Stop the stage."""
-        self._order(self._stop, lambda preview: self._news.put(preview.stop_motion()))
+        """Stop the stage; also while the last stop is still being confirmed."""
+        self._order(Errand("stop"), lambda preview: self._news.put(preview.stop_motion()))
 
     def zero(self) -> None:
         """Zero the sensors."""
