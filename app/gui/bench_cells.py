@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 
 from analysis.options import quantity
@@ -65,6 +66,11 @@ class Gauge:
     history: tuple[float, ...] = ()
 
 
+def proper(sentence: str) -> str:
+    """A sentence of a device with the sign for micrometres that people print."""
+    return re.sub(r"\bum\b", "µm", sentence)
+
+
 def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
     """A line for each device."""
     lines = []
@@ -75,7 +81,13 @@ def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
             continue
         word = "look at it" if device.state is State.LOOK else str(device.state)
         lines.append(
-            DeviceLine(kind, f"{label}: {device.name}", word, device.sentence, TONES[device.state])
+            DeviceLine(
+                kind,
+                f"{label}: {device.name}",
+                word,
+                proper(device.sentence),
+                TONES[device.state],
+            )
         )
     return tuple(lines)
 

@@ -30,6 +30,7 @@ from app.gui.bench_cells import (
     is_outdated,
     jog_speeds,
     picture_cells,
+    proper,
     room_text,
     stage_text,
     zeroed_text,
@@ -222,7 +223,7 @@ class BenchPanel(QScrollArea):
             self._lines[line.kind].show_line(line)
         self.state.setText(self._state())
         self.state.setVisible(bool(self.state.text()))
-        if view is not None and view.said and view.said != self.said.text():
+        if view is not None and view.said and proper(view.said) != self.said.text():
             self._say(view.said, Tone.BAD)
         self.picture.show_picture(picture)
         self.cells.show_cells(picture_cells(picture))
@@ -248,7 +249,7 @@ class BenchPanel(QScrollArea):
         link = self.link
         if link.phase is Link.OFF:
             if link.problem:
-                return link.problem
+                return proper(link.problem)
             return "A run has the bench." if self._desk.is_busy else "Not connected."
         if link.phase is Link.CONNECTING:
             return "Connecting …"
@@ -284,7 +285,7 @@ class BenchPanel(QScrollArea):
             button.setAccessibleName(f"jog {way} at {speed * 1e6:g} µm/s")
 
     def _say(self, sentence: str, tone: Tone) -> None:
-        self.said.setText(sentence)
+        self.said.setText(proper(sentence))
         self.said.setVisible(bool(sentence))
         calm = tone is Tone.NEUTRAL
         self.said.setStyleSheet("" if calm else f"color: {theme.TONES[tone]};")

@@ -80,13 +80,13 @@ def test_the_band_is_that_of_the_first_load_of_the_steps() -> None:
 
 def test_each_state_of_a_device_has_a_word_a_mark_and_its_sentence() -> None:
     states = dict(zip(("actuator", "camera", "forces"), State, strict=False))
-    devices = {kind: DeviceView("SMC100", state, "why") for kind, state in states.items()}
+    devices = {kind: DeviceView("SMC100", state, "umbra of 5 um") for kind, state in states.items()}
     view = BenchView(devices, None, None, None, 0.0, "")
     lines = {line.kind: line for line in device_lines(view)}
     assert lines["forces"].word == "look at it"
     assert lines["forces"].tone is Tone.WARN
     assert lines["actuator"].name == "Stage: SMC100"
-    assert {line.sentence for line in lines.values()} == {"why"}
+    assert {line.sentence for line in lines.values()} == {"umbra of 5 µm"}
     assert {line.word for line in device_lines(None)} == {"not connected"}
 
 
