@@ -179,13 +179,14 @@ class LaunchedPreview:
         self._is_closed = False
         is_verbose = logging.getLogger("app").isEnabledFor(logging.INFO)
         log = None if is_verbose else self._folder / "preview.log"
+        order = Order(config, self._folder, is_verbose)
+        self.process: subprocess.Popen[bytes] = started("app.processes.preview", order, log)
         try:
-            self.process: subprocess.Popen[bytes] = started(
-                "app.processes.preview", Order(config, self._folder, is_verbose), log
-            )
             with cast(BinaryIO, self.process.stdin), cast(BinaryIO, self.process.stdout):
                 address, key = hello_of(self.process, log)
         except BaseException:
+            self.process.kill()
+            self.process.wait()
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
         # each goes a way of its own: none waits for another
