@@ -123,6 +123,8 @@ class BenchView:
         What a second of recording takes on the disk.
     said : str
         Why the stage was stopped the last time other than by letting go; empty if it was not.
+    failure : StopAnswer or None
+        That stop, or the one of a dead man, if it failed.
     """
 
     devices: Mapping[str, DeviceView]
@@ -131,6 +133,7 @@ class BenchView:
     stage: StageView | None
     bytes_per_s: float
     said: str
+    failure: StopAnswer | None = None
 
 
 class BenchPreview(Protocol):

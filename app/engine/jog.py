@@ -69,6 +69,8 @@ class JoggedStage:
     is_connected : bool
     said : str
         Why it was stopped the last time other than by letting go.
+    failure : StopAnswer or None
+        Of a stop that nobody asked for, and that failed.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class JoggedStage:
     ) -> None:
         self.is_connected = False
         self.said = ""
+        self.failure: StopAnswer | None = None
         self._limits, self._actuator = config.limits, actuator
         self._forces, self._guard = forces, guard
         self._is_guarded = False
@@ -199,7 +202,8 @@ class JoggedStage:
         try:
             within(self._actuator.name, self.stop_now)
         except Exception as error:
-            self.said = failed(error).sentence
+            self.failure = failed(error)
+            self.said = self.failure.sentence
 
     def stop_now(self) -> None:
         """Send the stop in the calling thread."""
@@ -209,7 +213,7 @@ class JoggedStage:
 
     def let_go(self) -> StopAnswer:
         """Stop the stage; what became of that. What forbade a jog is forgotten."""
-        self.said = ""
+        self.said, self.failure = "", None
         if not self.is_connected:
             return not_connected("no actuator is connected")
         name = self._actuator.name

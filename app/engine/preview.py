@@ -140,6 +140,7 @@ class Preview:
             stage,
             self._bytes_per_s,
             self._stage.said,
+            self._stage.failure,
         )
 
     def motion(self) -> tuple[int, float, bool]:

@@ -68,6 +68,7 @@ class BenchPanel(QScrollArea):
         self.link = BenchLink(desk.workshop.preview)
         self._connected: Config | None = None  # settings with which the bench was connected
         self._held: tuple[int, float] | None = None
+        self._failure: StopAnswer | None = None  # that was told
         self._lines: dict[str, _DeviceLine] = {}
         self._build()
         self._look_timer, self._hold_timer = QTimer(self), QTimer(self)
@@ -193,6 +194,10 @@ class BenchPanel(QScrollArea):
         """Take a look at the bench, and show the last one."""
         for news in self.link.news():
             self._tell(news)
+        failure = self.link.view.failure if self.link.view else None
+        if failure is not None and failure != self._failure:
+            self._tell(failure)
+        self._failure = failure
         if self.isVisible():
             session = self._desk.session
             self.link.look(session.parent if session else Path())

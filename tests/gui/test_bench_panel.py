@@ -251,6 +251,22 @@ def test_a_stop_that_fails_is_an_alarm(qtbot: QtBot, panel: BenchPanel, workshop
     assert str(dead) in said[0][0]
 
 
+def test_a_dead_mans_stop_that_fails_is_an_alarm_once(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    connect(qtbot, panel)
+    said: list[tuple[str, bool]] = []
+    desk_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
+    preview = workshop.made[-1]
+    preview._devices["actuator"].device.stop = raises(DeviceFault("stage: the line is dead"))
+    preview.jog(1, 10e-6)  # and nobody says any more that it goes on
+    qtbot.waitUntil(lambda: bool(said))
+    qtbot.wait(400)
+    assert len(said) == 1
+    assert said[0][1]
+    assert "stage: the line is dead" in said[0][0]
+
+
 def test_a_bench_that_can_not_be_made_says_why(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
