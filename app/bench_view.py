@@ -6,6 +6,7 @@ pickled.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -119,6 +120,8 @@ class BenchView:
         Of `KINDS`.
     picture : PictureView or None
         Only if it is another than the caller knows.
+    picture_age_s : float
+        How long ago the newest one came; infinite before the first.
     bytes_per_s : float
         What a second of recording takes on the disk.
     said : str
@@ -134,6 +137,7 @@ class BenchView:
     bytes_per_s: float
     said: str
     failure: StopAnswer | None = None
+    picture_age_s: float = math.inf
 
 
 class BenchPreview(Protocol):

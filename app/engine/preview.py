@@ -110,6 +110,7 @@ class Preview:
         self._forces = LiveForces(config)
         self._stage = JoggedStage(config, bench.actuator, self._forces.newest, guard)
         self._picture: PictureView | None = None
+        self._pictured_at = -math.inf
         self._lost = 0
         self._may_start, self._is_started = threading.Event(), threading.Event()
         self._sampling = threading.Event()
@@ -141,6 +142,7 @@ class Preview:
             self._bytes_per_s,
             self._stage.said,
             self._stage.failure,
+            time.monotonic() - self._pictured_at,
         )
 
     def motion(self) -> tuple[int, float, bool]:
@@ -238,7 +240,7 @@ class Preview:
                 self._closing.wait(PAUSE_S)
                 continue
             if isinstance(answer, Frame):
-                came_at = time.monotonic()
+                self._pictured_at = came_at = time.monotonic()
                 self._picture = picture_of(answer.index, answer.image, full_scale, self._lost)
                 if came_at - lost_at > NO_PICTURE_S:
                     me.tell(State.READY)

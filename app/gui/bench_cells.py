@@ -33,6 +33,7 @@ TOO_BRIGHT = 0.02  # share of the pixels, as of `slipscope check`
 NEAR_LIMIT = 0.9
 TOUCHES = 0.05  # share of the load above which the block may touch, as for a run's background
 NOISY_N = 5e-3  # five times the resolution of the bench of the paper
+OLD_S = 2.0  # of a picture
 DISK_WARNS_MIN, DISK_ALARMS_MIN = 30.0, 5.0
 
 
@@ -85,7 +86,7 @@ def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
                 kind,
                 f"{label}: {device.name}",
                 word,
-                proper(device.sentence),
+                proper(device.sentence.removeprefix(f"{device.name}: ")),
                 TONES[device.state],
             )
         )
@@ -196,6 +197,12 @@ def picture_cells(picture: PictureView | None) -> tuple[Cell, ...]:
         ),
         Cell("focus", number(picture.focus, 2 if picture.focus < 100 else 0), hint=focus_hint),
     )
+
+
+def picture_note(view: BenchView | None) -> str:
+    """Why the picture that is shown is not live; empty if it is, or if there is none."""
+    age_s = view.picture_age_s if view else math.inf
+    return f"not live: {age_s:.0f} s old" if OLD_S < age_s < math.inf else ""
 
 
 def stage_text(stage: StageView | None) -> tuple[str, Tone]:

@@ -26,6 +26,7 @@ class PictureBox(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self.note = ""
         self._picture: PictureView | None = None
         self._image = QImage()
         self._ratio = 0.75
@@ -34,8 +35,11 @@ class PictureBox(QWidget):
         self.setSizePolicy(policy)
         self.setAccessibleName("Live picture")
 
-    def show_picture(self, picture: PictureView | None) -> None:
-        """Show this picture, unless it is shown already."""
+    def show_picture(self, picture: PictureView | None, note: str = "") -> None:
+        """Show this picture with a note on it, unless both are shown already."""
+        if note != self.note:
+            self.note = note
+            self.update()
         if picture is self._picture:
             return
         self._picture = picture
@@ -80,6 +84,11 @@ class PictureBox(QWidget):
             return
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         painter.drawImage(place, self._image)
+        if self.note:
+            strip = QRectF(place.left(), place.top(), place.width(), 24)
+            painter.fillRect(strip, QColor(theme.WINDOW))
+            painter.setPen(QColor(theme.TONES[Tone.WARN]))
+            painter.drawText(strip, Qt.AlignmentFlag.AlignCenter, self.note)
         self._draw_histogram(painter, QRectF(place.left(), height + 4, width, HISTOGRAM_PX - 6))
 
     def _draw_histogram(self, painter: QPainter, place: QRectF) -> None:

@@ -30,6 +30,7 @@ from app.gui.bench_cells import (
     is_outdated,
     jog_speeds,
     picture_cells,
+    picture_note,
     proper,
     room_text,
     stage_text,
@@ -230,7 +231,7 @@ class BenchPanel(QScrollArea):
         self.state.setVisible(bool(self.state.text()))
         if view is not None and view.said and proper(view.said) != self.said.text():
             self._say(view.said, Tone.BAD)
-        self.picture.show_picture(picture)
+        self.picture.show_picture(picture, picture_note(view))
         self.cells.show_cells(picture_cells(picture))
         stage = view.stage if view else None
         config = self._connected if view and self._connected else self._desk.config

@@ -226,6 +226,16 @@ def test_a_silent_device_leaves_the_window_alive(
     release.set()
 
 
+def test_a_picture_that_is_not_live_says_so(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+) -> None:
+    workshop.world = ("sim.faults=['camera-gone 5']",)
+    connect(qtbot, panel)
+    assert panel.picture.note == ""
+    qtbot.waitUntil(lambda: "it was unplugged at trigger 5" in words(panel))
+    qtbot.waitUntil(lambda: panel.picture.note == "not live: 2 s old")
+
+
 def test_what_forbids_a_jog_is_said(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:
     workshop.world = ("sim.faults=['saturated 0']",)
     qtbot.mouseClick(panel.connect_button, LEFT)
