@@ -1,5 +1,5 @@
-"""What of a connected bench is drawn: the live picture with its histogram, and a force with its
-limits.
+"""What of a connected bench is drawn: the live picture with its histogram, a force with its limits,
+a device with its state.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ import math
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from app.bench_view import PictureView
 from app.gui import theme
-from app.gui.bench_cells import Gauge
+from app.gui.bench_cells import MARKS, DeviceLine, Gauge
 from app.gui.cells import Tone
-from app.gui.widgets import column, label, row
+from app.gui.widgets import Panel, Part, column, label, row
 
 HISTOGRAM_PX = 44
 LEAST_SPAN_N = 4e-3  # of the trace of a force
@@ -192,6 +192,50 @@ class GaugeView(QWidget):
             self.setToolTip(gauge.hint)
         self._scale.gauge = gauge
         self._scale.update()
+
+
+class DeviceLineView(QWidget):
+    """A device with its state and its sentence."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.mark, self.device, self.sentence = QLabel(), QLabel(), words("muted")
+        self.word = label("", "detail")
+        self.mark.setFixedWidth(16)
+        self._shown: DeviceLine | None = None
+        head = row(self.mark, (self.device, 1), self.word, spacing=4)
+        self.setLayout(column(head, self.sentence, spacing=0))
+
+    def show_line(self, line: DeviceLine) -> None:
+        """Show it, unless it is shown already."""
+        if line == self._shown:
+            return
+        self._shown = line
+        colour = theme.TONES[line.tone]
+        self.mark.setText(MARKS[line.tone])
+        self.mark.setStyleSheet(f"color: {colour}; font-weight: 700;")
+        self.device.setText(line.name)
+        self.word.setText(line.word)
+        is_wrong = line.tone in (Tone.WARN, Tone.BAD)
+        for text in (self.word, self.sentence):
+            text.setStyleSheet(f"color: {colour};" if is_wrong else "")
+        self.sentence.setText(line.sentence)
+        self.sentence.setVisible(bool(line.sentence))
+
+
+def words(style: str) -> QLabel:
+    """A sentence over as many lines as it needs, which can be copied."""
+    made = label("", style)
+    made.setWordWrap(True)
+    made.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+    return made
+
+
+def framed(*parts: Part) -> Panel:
+    """A frame around `parts`, one below the other."""
+    frame = Panel()
+    frame.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))
+    return frame
 
 
 def _colour(gauge: Gauge) -> str:

@@ -22,8 +22,6 @@ from app.bench_view import BenchPreview
 from app.config import bench_names, load
 from app.gui import theme
 from app.gui.bench_cells import (
-    MARKS,
-    DeviceLine,
     device_lines,
     disk_text,
     gauges,
@@ -36,13 +34,13 @@ from app.gui.bench_cells import (
     stage_text,
     zeroed_text,
 )
-from app.gui.bench_draw import GaugeView, PictureBox
+from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, words
 from app.gui.bench_link import BenchLink, Link, News, Said, Zeroed
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.memory import Memory
 from app.gui.panels import CellRow
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, Part, column, label, row
 from app.settings import Config
 from app.stopping import Stop, StopAnswer
 
@@ -70,7 +68,7 @@ class BenchPanel(QScrollArea):
         self._connected: Config | None = None  # settings with which the bench was connected
         self._held: tuple[int, float] | None = None
         self._failure: StopAnswer | None = None  # that was told
-        self._lines: dict[str, _DeviceLine] = {}
+        self._lines: dict[str, DeviceLineView] = {}
         self._build()
         self._look_timer, self._hold_timer = QTimer(self), QTimer(self)
         self._look_timer.timeout.connect(self._tick)
@@ -321,19 +319,19 @@ class BenchPanel(QScrollArea):
         self.connect_button = QPushButton("Connect")
         self.connect_button.setToolTip("Opens each device, without a run; nothing moves")
         self.connect_button.clicked.connect(self._toggle)
-        self.state, self.said = _words("muted"), _words("")
+        self.state, self.said = words("muted"), words("")
         head = column(row((self.bench, 1), self.connect_button, spacing=6), self.state, spacing=4)
         for line in device_lines(None):
-            self._lines[line.kind] = _DeviceLine()
+            self._lines[line.kind] = DeviceLineView()
         self.picture, self.cells = PictureBox(), CellRow(style="count", spacing=8)
         self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
         parts: list[QWidget] = [
-            _framed(head, *self._lines.values()),
-            _framed(self.normal, self.shear, row(STRETCH, self._zero_button())),
+            framed(head, *self._lines.values()),
+            framed(self.normal, self.shear, row(STRETCH, self._zero_button())),
             # below the buttons: a sentence that comes moves none from under the mouse
-            _framed(*self._stage_parts(), self.said),
-            _framed(self.picture, self.cells, self._camera_row()),
-            _framed(row(label("disk", "name"), (self._disk_label(), 1), spacing=8)),
+            framed(*self._stage_parts(), self.said),
+            framed(self.picture, self.cells, self._camera_row()),
+            framed(row(label("disk", "name"), (self._disk_label(), 1), spacing=8)),
         ]
         self.cells.setObjectName("")
         body = QWidget()
@@ -354,7 +352,7 @@ class BenchPanel(QScrollArea):
         self.zero.clicked.connect(self.link.zero)
         return self.zero
 
-    def _stage_parts(self) -> tuple[object, ...]:
+    def _stage_parts(self) -> tuple[Part, ...]:
         self.place, self.room = label("–", "count"), label("", "detail")
         self.jogs = [QPushButton() for _ in range(4)]
         for button, direction, is_fast in zip(
@@ -367,7 +365,7 @@ class BenchPanel(QScrollArea):
         unit = label("µm/s, hold to move", "detail")
         return head, row(*((b, 1) for b in self.jogs), spacing=4), unit, self.room
 
-    def _camera_row(self) -> object:
+    def _camera_row(self) -> Part:
         self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
         self.exposure.setRange(0.01, 1000.0)
         self.exposure.setSuffix(" ms")
@@ -406,46 +404,3 @@ _BUTTON = {
     Link.ON: "Disconnect",
     Link.LEAVING: "Connect",
 }
-
-
-class _DeviceLine(QWidget):
-    """A device with its state and its sentence."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.mark, self.device, self.sentence = QLabel(), QLabel(), _words("muted")
-        self.word = label("", "detail")
-        self.mark.setFixedWidth(16)
-        self._shown: DeviceLine | None = None
-        head = row(self.mark, (self.device, 1), self.word, spacing=4)
-        self.setLayout(column(head, self.sentence, spacing=0))
-
-    def show_line(self, line: DeviceLine) -> None:
-        """Show it, unless it is shown already."""
-        if line == self._shown:
-            return
-        self._shown = line
-        colour = theme.TONES[line.tone]
-        self.mark.setText(MARKS[line.tone])
-        self.mark.setStyleSheet(f"color: {colour}; font-weight: 700;")
-        self.device.setText(line.name)
-        self.word.setText(line.word)
-        is_wrong = line.tone in (Tone.WARN, Tone.BAD)
-        for text in (self.word, self.sentence):
-            text.setStyleSheet(f"color: {colour};" if is_wrong else "")
-        self.sentence.setText(line.sentence)
-        self.sentence.setVisible(bool(line.sentence))
-
-
-def _words(style: str) -> QLabel:
-    """A sentence over as many lines as it needs, which can be copied."""
-    made = label("", style)
-    made.setWordWrap(True)
-    made.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-    return made
-
-
-def _framed(*parts: object) -> Panel:
-    frame = Panel()
-    frame.setLayout(column(*parts, spacing=6, margins=(10, 8, 10, 8)))  # type: ignore[arg-type]
-    return frame
