@@ -15,7 +15,6 @@ from app import config
 from app.bench_view import State
 from app.commands.workshop import Workshop
 from app.errors import UserError
-from app.processes.folder import root
 from app.processes.preview import LaunchedPreview
 from app.stopping import Stop
 from drivers.errors import DeviceError
@@ -127,9 +126,9 @@ def test_a_bench_that_can_not_be_made_says_why():
 
 
 def test_nothing_is_left_of_a_preview_that_was_closed():
-    before = set(root().iterdir())
     threads = threading.active_count()
     with connected() as preview:
         wait_until(lambda: shows_all(preview), "the bench")
-    assert set(root().iterdir()) <= before
+    assert not preview._folder.exists()
+    assert preview.process.poll() is not None
     wait_until(lambda: threading.active_count() <= threads, "the end of its threads")
