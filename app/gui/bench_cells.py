@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
 from analysis.options import quantity
 from app.bench_view import BenchView, ForcesView, PictureView, StageView, State
 from app.gui.bench_link import Zeroed
 from app.gui.cells import DASH, Cell, Tone, number, typeset
+from app.gui.form import proper
 from app.settings import Config
 from app.steps import Approach, Zero
 
@@ -65,11 +65,6 @@ class Gauge:
     hint: str
     time_s: tuple[float, ...] = ()
     history: tuple[float, ...] = ()
-
-
-def proper(sentence: str) -> str:
-    """A sentence of a device with the sign for micrometres that people print."""
-    return re.sub(r"\bum\b", "µm", sentence)
 
 
 def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:

@@ -29,7 +29,6 @@ from app.gui.bench_cells import (
     jog_speeds,
     picture_cells,
     picture_note,
-    proper,
     room_text,
     stage_text,
     zeroed_text,
@@ -38,6 +37,7 @@ from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, wo
 from app.gui.bench_link import BenchLink, Link, News, Said, Zeroed
 from app.gui.cells import Tone
 from app.gui.desk import Desk
+from app.gui.form import proper
 from app.gui.memory import Memory
 from app.gui.panels import CellRow
 from app.gui.widgets import STRETCH, Part, column, label, row
