@@ -26,7 +26,7 @@ def measure(report: Report, session: Path, jumps: int = 100) -> None:
     replay.start()
     setup, view, took = setup_of(replay), None, []
     for _ in range(jumps):
-        replay.browser.show(random.randrange(replay.frame_count))
+        replay.browser.show(int(random.choice(replay.timeline.frames)))
         began = time.perf_counter()
         view = resolve(setup, read(replay, 0), view)
         took.append(time.perf_counter() - began)

@@ -53,15 +53,8 @@ def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
         "replayed_on": comparison.replayed_on,
     }
     if not as_json:
-        same = "{identical} of {frames} frames gave the recorded results to the bit".format(**data)
-        if comparison.frames:
-            output().print(f"the replay {verdict}: {same}")
-        if comparison.first_difference:
-            of = f", {share:.2g} of its standard uncertainty" if math.isfinite(share) else ""
-            output().print(f"first difference: {comparison.first_difference}")
-            output().print(f"largest difference: {comparison.largest_difference}{of}")
-            output().print(f"recorded on: {comparison.recorded_on}")
-            output().print(f"replayed on: {comparison.replayed_on}")
+        for sentence in comparison.sentences:
+            output().print(sentence)
     more = {"comparison": data, "refused": replay.is_refused}
     return _report("replay", replay.outcome(), replay.config.about, session, picture, as_json, more)
 

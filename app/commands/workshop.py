@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.bench_view import BenchPreview
+from app.commands.archive import Archive
 from app.commands.ending import report_replay
 from app.commands.experiment import Made, made_run
 from app.config import from_record
@@ -43,6 +44,7 @@ class Workshop:
         self._may_replace = overwrite
         self._connecting = threading.Lock()
         self._preview: BenchPreview | None = None  # the newest, which may be closed
+        self.archive = Archive(keep, as_json=as_json)
 
     def run(self, config: Config, session: Path | None) -> Any:
         """See `app.gui.desk.Workshop`."""

@@ -147,6 +147,13 @@ class Pipeline:
         if self._reference is not None:
             self.step(*self._reference)
 
+    def start_from(self, field: DisplacementField) -> None:
+        """Begin the search of the next frame with the displacements of another one, once the
+        reference is taken.
+        """
+        assert self._tracker is not None
+        self._tracker.start_from(field.ux_px, field.uy_px)
+
     def summary(self, snapshots: list[Snapshot]) -> Summary:
         """What the experiment comes down to, from all its snapshots; once it is closed."""
         self.conclusion = conclude(self.config, snapshots, self.contact, self.notes)

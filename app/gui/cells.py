@@ -6,24 +6,21 @@ They are the readouts, the sentence for the operator, the counts, the settings a
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
 from analysis.options import quantity
 from app.effort import left_out
-from app.records import Counts, Health, Outcome, Phase
-from app.report.quantities import summary_quantities
+from app.records import Conditions, Counts, Health, Outcome, Phase
 from app.settings import Config
-from app.summary import Summary
 
 DASH = "–"  # stands for a value that is not known
 QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use
 DISK_WARNS_S, DISK_ALARMS_S = 600.0, 60.0  # seconds of 8-bit images for which there is room
 LEAST_LOAD_N = 0.02  # a ratio Q/P of less is noise
-RESULTS = ("a", "Q_s", "mu_s", "mu_d", "t_s")  # the quantities for which the window has room
 
 NAN = math.nan
-UNMEASURED = Summary(*(NAN,) * 10, mu_d_range=(NAN, NAN), sliding_velocity_m_s=NAN)
 
 
 class Tone(StrEnum):
@@ -34,6 +31,7 @@ class Tone(StrEnum):
     BUSY = "busy"
     WARN = "warn"
     BAD = "bad"
+    REPLAY = "replay"  # nothing of it happens now
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +51,29 @@ def typeset(text: str) -> str:
     for plain, proper in (("-", "−"), ("mu", "μ"), ("um", "µm"), (" to ", "–")):
         text = text.replace(plain, proper)
     return text
+
+
+PROPER = (
+    (re.compile(r"\bu_x\b"), "uₓ"),
+    (re.compile(r"\bmu(?=_|\b)"), "μ"),
+    (re.compile(r"\bsigma(?=_|\b)"), "σ"),
+    (re.compile(r"(?<![A-Za-z])u(?=[mJN]\b)"), "µ"),
+    (re.compile(r"(?<=[tsQμ])_s\b"), "ₛ"),
+    (re.compile(r"(?<![\w.])-(?=[\d.])"), "−"),
+)
+
+
+def prose(sentence: str) -> str:
+    """A sentence whose symbols, units and negative numbers are typeset; its words stay."""
+    for plain, proper in PROPER:
+        sentence = plain.sub(proper, sentence)
+    return sentence
+
+
+def with_subscript(symbol: str) -> str:
+    """``mu_s`` as rich text."""
+    head, mark, tail = typeset(symbol).rpartition("_")
+    return f"{head}<sub>{tail}</sub>" if mark else typeset(symbol)
 
 
 def number(value: float, decimals: int) -> str:
@@ -111,6 +132,25 @@ def operator_sentence(
     return ""
 
 
+def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
+    """What went on during an exposure of a recorded run, and at which step of its protocol."""
+    run, normal = config.run, number(now.normal_force_n, 3)
+    if run.steps and step:
+        return f"step {step} was under way; P was {normal} N."
+    match now.phase:
+        case Phase.BACKGROUND:
+            return "the block hung free: images without contact were taken."
+        case Phase.CONTACT:
+            return f"the contact was pressed to P = {run.normal_force:.3f} N; it was {normal} N."
+        case Phase.REFERENCE:
+            return "the contact was at rest under load: the reference image was taken."
+        case Phase.DRIVE:
+            velocity, travel = (typeset(quantity(run, name)) for name in ("velocity", "travel"))
+            way = number(now.travel_m * 1e6, 0)
+            return f"the actuator pulled at {velocity}: {way} of {travel}."
+    return "the experiment was over."
+
+
 def count_cells(
     counts: Counts, uncertain: int = 0, shed: int = 0, shed_why: str = ""
 ) -> tuple[Cell, ...]:
@@ -148,20 +188,6 @@ def count_cells(
         Cell("samples", grouped(counts.samples)),
         Cell("samples lost", grouped(counts.samples_lost), tone=samples_lost),
     )
-
-
-def result_cells(summary: Summary | None) -> tuple[Cell, ...]:
-    """The main results with their uncertainties; a dash where the run did not go far enough."""
-    measured = {one.symbol: one for one in summary_quantities(summary or UNMEASURED)}
-    cells = []
-    for symbol in RESULTS:
-        one = measured[symbol]
-        value, spread = map(typeset, one.combined.rounded)
-        name, unit = f"{one.name} {typeset(symbol)}", typeset(one.unit)
-        both = math.isfinite(one.sd) and math.isfinite(one.systematic)
-        hint = f"{typeset(str(one))}: by noise, and by the inputs" if both else ""
-        cells.append(Cell(name, value or DASH, unit, spread, hint=hint))
-    return tuple(cells)
 
 
 def setting_cells(config: Config) -> tuple[Cell, ...]:

@@ -4,9 +4,9 @@ window.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from PySide6.QtCore import QObject, Signal
 
@@ -14,7 +14,52 @@ from app.bench_view import BenchPreview
 from app.gui.campaign_lines import CampaignLines
 from app.gui.source import RunSource, Setup
 from app.gui.view_state import ViewState
+from app.report.side_by_side import Entry, Recorded
 from app.settings import Config
+
+
+class ExportKind(NamedTuple):
+    """What of a session can be written: its name, the ending of the file (none: a folder), and its
+    meaning for people.
+    """
+
+    what: str
+    ending: str
+    meaning: str
+
+
+class Archive(Protocol):
+    """Reads recorded sessions, analyses them again, and writes them for other programs.
+
+    As of a `Workshop`, all of it is called in a thread of its own, and an exception is a sentence.
+    """
+
+    exports: tuple[ExportKind, ...]
+
+    def sessions_in(self, folder: Path) -> list[Path]:
+        """The files of a folder that may be sessions, the newest first."""
+
+    def entry(self, path: Path) -> Entry:
+        """What a list says of a file; raises nothing."""
+
+    def recorded(self, path: Path) -> Recorded:
+        """What a comparison needs of a session."""
+
+    def analysis_of(self, session: Path) -> Path:
+        """A free name for a further analysis of a session."""
+
+    def reanalysis(self, session: Path, overrides: Sequence[str], output: Path) -> RunSource:
+        """A further analysis with other settings, ``table.key=value``, not yet begun."""
+
+    def export(
+        self,
+        session: Path,
+        destination: Path,
+        what: str,
+        frames: str,
+        on_progress: Callable[[str, float], None],
+    ) -> str:
+        """Write something of a session; one sentence about it. Nothing is ever replaced."""
 
 
 class Workshop(Protocol):
@@ -51,6 +96,10 @@ class Workshop(Protocol):
         """The bench of these settings, connecting, to be looked at without a run; `run` lets go of
         it before it opens the same devices.
         """
+
+    @property
+    def archive(self) -> Archive:
+        """Recorded sessions."""
 
 
 class Part(Protocol):

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.gui import theme
-from app.gui.cells import DASH, Cell, Tone
-from app.gui.source import Setup
-from app.gui.view_state import ViewState
+from app.gui.cells import DASH, Cell, Tone, with_subscript
+from app.gui.result_panel import ResultPanel
 from app.gui.widgets import Panel, column, label, row
 from app.records import Phase
+
+__all__ = ["CellRow", "CellView", "ResultPanel", "TopBar"]
 
 
 class CellView(QWidget):
@@ -36,7 +35,7 @@ class CellView(QWidget):
             return
         self._shown = cell
         is_known, has_colour = cell.value != DASH, cell.tone is not Tone.NEUTRAL
-        self.name.setText(_with_subscript(cell.name))
+        self.name.setText(with_subscript(cell.name))
         self.value.setText(cell.value)
         self.setToolTip(cell.hint)
         self.detail.setText(" ".join(filter(None, (cell.detail, cell.unit))) if is_known else "")
@@ -61,34 +60,6 @@ class CellRow(Panel):
             self.row.insertWidget(len(self.views) - 1, self.views[-1], self._share)
         for view, cell in zip(self.views, cells, strict=True):
             view.show_cell(cell)
-
-
-class ResultPanel(CellRow):
-    """The settings of the run and, once it has ended, its result."""
-
-    def __init__(self) -> None:
-        super().__init__(spacing=12)  # the uncertainties need room
-        self.heading, self.notes = label("Settings of the run", "heading"), label("", "muted")
-        self.notes.setWordWrap(True)
-        self.body.insertWidget(0, self.heading)
-        self.body.addWidget(self.notes)
-        self.notes.hide()
-
-    def show_setup(self, setup: Setup) -> None:
-        """There is nothing to empty: all is shown again."""
-
-    @property
-    def parts(self) -> tuple[Callable[[ViewState], None], ...]:
-        """See `app.gui.desk.Part`."""
-        return (self.show_view,)
-
-    def show_view(self, view: ViewState) -> None:
-        """Show the settings or the result."""
-        self.heading.setText("Result" if view.outcome else "Settings of the run")
-        self.show_cells(view.result)
-        notes = view.summary.notes if view.summary else ()
-        self.notes.setText(" · ".join(filter(None, (view.sentence, *notes))))
-        self.notes.setVisible(view.outcome is not None)
 
 
 class TopBar(Panel):
@@ -129,12 +100,6 @@ class TopBar(Panel):
             for step in Phase
         )
         self.phases.setText("<span style='color:#4b5563'> &nbsp;›&nbsp; </span>".join(words))
-
-
-def _with_subscript(text: str) -> str:
-    """``Q_s`` as rich text."""
-    head, mark, tail = text.rpartition("_")
-    return f"{head}<sub>{tail}</sub>" if mark else text
 
 
 def _button(text: str, style: str) -> QPushButton:

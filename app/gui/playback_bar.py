@@ -1,124 +1,246 @@
-"""The bar under a replay: play and pause, single frames, the pace, and a slider to any frame."""
+"""The time line of a replay, and its controls: play and pause, single frames, the pace, and any
+recorded frame by a click or by its number.
+"""
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QMouseEvent
-from PySide6.QtWidgets import QComboBox, QPushButton, QSlider, QStyle
+from collections.abc import Callable
 
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QComboBox, QPushButton, QSizePolicy, QSpinBox, QWidget
+
+from app.gui import theme
+from app.gui.background import Background
+from app.gui.cells import Tone, number
 from app.gui.source import PlaybackSource
-from app.gui.widgets import Panel, label, row
+from app.gui.time_strip import TimeStrip
+from app.gui.widgets import Panel, column, label, row
 
 PACES: dict[str, float | None] = {
     f"{pace:g} x": pace for pace in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 } | {"max": None}
-
-
-class FrameSlider(QSlider):
-    """A slider that jumps to where it is pressed."""
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Jump to the place under the pointer, and follow it from there."""
-        if event.button() is Qt.MouseButton.LeftButton:
-            x = int(event.position().x())
-            lowest, highest = self.minimum(), self.maximum()
-            self.setValue(QStyle.sliderValueFromPosition(lowest, highest, x, self.width()))
-        super().mousePressEvent(event)
+LOOK_MS = 60  # between two looks at where recorded frames have been played to
 
 
 class PlaybackBar(Panel):
-    """Controls of a replay; `acted` is emitted when another frame is to be shown."""
+    """Controls of a replay; `acted` is emitted when another frame is to be shown.
 
+    Its keys act where the time line has the focus, and in the widgets given to `add_keys`.
+    """
+
+    name, title = "timeline", "Time line"
+    keys = (
+        ("Space", "Plays on from the frame that is shown, or pauses."),
+        ("Left, Right", "The recorded frame before or after."),
+        ("Home, End", "The first or the last recorded frame."),
+    )
     acted = Signal()
+    said = Signal(str, bool)  # a sentence for the operator; whether it is an alarm
 
     def __init__(self) -> None:
         super().__init__()
         self._source: PlaybackSource | None = None
-        self.play = QPushButton("Pause")
-        self.forward, self.back = QPushButton("▸|"), QPushButton("|◂")
-        self.pace, self.slider = QComboBox(), FrameSlider(Qt.Orientation.Horizontal)
-        self.place = label("", "muted")
-        self.place.setMinimumWidth(190)
-        self.pace.addItems(list(PACES))
-        self.play.setToolTip("Space")
-        self.forward.setToolTip("Next frame (right arrow). After the newest one, replays one more.")
-        self.back.setToolTip("Previous frame (left arrow)")
-        self.pace.setToolTip("Seconds of the experiment per second")
-        self.slider.setToolTip("Any recorded frame, with the results recorded with it")
-        for widget in (self.play, self.back, self.forward, self.pace, self.slider):
-            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # the keys belong to the window
-        self.setLayout(
-            row(
-                *(self.play, self.back, self.forward, self.pace, (self.slider, 1), self.place),
-                margins=(12, 6, 12, 6),
-            )
+        self._background = Background(self)
+        self._was_browsing = False
+        self.strip, self.place = TimeStrip(), label("", "muted")
+        self.verdict = label("", "muted")
+        for words in (self.place, self.verdict):  # cut short rather than making the window wider
+            words.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.first, self.back = self._button("|◂", "First frame (Home)"), self._button("◂")
+        self.play, self.forward = self._button("Pause"), self._button("▸")
+        self.last = self._button("▸|", "Last frame (End)")
+        self.back.setToolTip("Previous recorded frame (left arrow)")
+        self.play.setToolTip("Plays on from the frame that is shown, or pauses (Space)")
+        self.forward.setToolTip(
+            "Next recorded frame (right arrow). After the newest one, replays one more."
         )
+        self.pace, self.number = QComboBox(), QSpinBox()
+        self.pace.addItems(list(PACES))
+        self.pace.setToolTip("Seconds of the experiment per second")
+        self.number.setToolTip("Number of the frame, as recorded; type another to show it")
+        self.number.setPrefix("frame ")
+        self.number.setKeyboardTracking(False)
+        self.analyse = self._button("Analyse this frame")
+        self.analyse.setToolTip("It was recorded, but not analysed during the run.")
+        self.analyse.hide()
+        steps = (self.first, self.back, self.play, self.forward, self.last)
+        controls = row(
+            *steps,
+            self.pace,
+            8,
+            self.number,
+            (self.place, 3),
+            self.analyse,
+            (self.verdict, 2),
+            spacing=4,
+        )
+        self.setLayout(column(self.strip, controls, spacing=4, margins=(12, 6, 12, 6)))
+        self.first.clicked.connect(self.go_to_first)
+        self.back.clicked.connect(self.go_back)
         self.play.clicked.connect(self.toggle)
         self.forward.clicked.connect(self.go_forward)
-        self.back.clicked.connect(self.go_back)
+        self.last.clicked.connect(self.go_to_last)
         self.pace.textActivated.connect(self._set_pace)
-        self.slider.valueChanged.connect(self._show_frame)
+        self.number.valueChanged.connect(self.show_frame)
+        self.number.editingFinished.connect(lambda: self.number.lineEdit().setModified(False))
+        self.strip.chosen.connect(self.show_frame)
+        self.analyse.clicked.connect(self.analyse_frame)
+        self._timer = QTimer(self)
+        self._timer.setInterval(LOOK_MS)
+        self._timer.timeout.connect(self._look)
+        self.add_keys(self.strip)
         self.hide()
+
+    def _button(self, text: str, tooltip: str = "") -> QPushButton:
+        button = QPushButton(text)
+        button.setToolTip(tooltip)
+        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the keys where they are
+        return button
+
+    def add_keys(self, widget: QWidget) -> None:
+        """Let Space, the arrows, Home and End move through the frames while `widget`, or what is in
+        it, has the focus.
+        """
+        keys: dict[Qt.Key, tuple[Callable[[], object], bool]] = {
+            Qt.Key.Key_Space: (self.toggle, False),
+            Qt.Key.Key_Right: (self.go_forward, True),
+            Qt.Key.Key_Left: (self.go_back, True),
+            Qt.Key.Key_Home: (self.go_to_first, False),
+            Qt.Key.Key_End: (self.go_to_last, False),
+        }
+        for key, (act, repeats) in keys.items():
+            shortcut = QShortcut(QKeySequence(key), widget)
+            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            shortcut.setAutoRepeat(repeats)
+            shortcut.activated.connect(act)
 
     def attach(self, source: object) -> None:
         """Control `source`; hide where it is not a replay."""
         self._source = source if isinstance(source, PlaybackSource) else None
         self.setVisible(self._source is not None)
-        if self._source is not None:
-            self.slider.setRange(0, self._source.frame_count - 1)
-            pace = self._source.playback.pace
-            names = [name for name, value in PACES.items() if value == pace]
-            self.pace.setCurrentText(names[0] if names else "1 x")
-            self.refresh()
+        self._timer.stop()
+        if self._source is None:
+            self.strip.show_timeline(None)
+            return
+        line = self._source.timeline
+        self.strip.show_timeline(line)
+        self.number.blockSignals(True)
+        self.number.setRange(int(line.frames[0]), int(line.frames[-1]))
+        self.number.setSuffix(f" of {line.frames[0]} to {line.frames[-1]}")
+        self.number.blockSignals(False)
+        pace = self._source.playback.pace
+        names = [name for name, value in PACES.items() if value == pace]
+        self.pace.setCurrentText(names[0] if names else "1 x")
+        self._timer.start()
+        self.refresh()
+
+    # ------------------------------------------------------------------ what the operator can do
 
     def toggle(self) -> None:
-        """Pause the replay, or go on with it."""
-        if (source := self._source) is None:
-            return
-        if source.playback.is_paused:
-            source.browser.show(None)
-            source.playback.resume()
-        else:
-            source.playback.pause()
-        self._show_action()
+        """Pause the replay, or go on from the frame that is shown."""
+        if (source := self._source) is not None:
+            if source.is_playing:
+                source.pause()
+            else:
+                source.play()
+            self._show_action()
 
     def go_forward(self) -> None:
-        """Show the next frame; after the newest one, by replaying one more."""
-        self._go(1)
+        """Show the next recorded frame; after the newest one that was replayed, replay one more."""
+        self._move(1)
 
     def go_back(self) -> None:
-        """Show the previous frame."""
-        self._go(-1)
+        """Show the previous recorded frame."""
+        self._move(-1)
+
+    def go_to_first(self) -> None:
+        """Show the first recorded frame."""
+        if self._source is not None:
+            self.show_frame(int(self._source.timeline.frames[0]))
+
+    def go_to_last(self) -> None:
+        """Show the last recorded frame."""
+        if self._source is not None:
+            self.show_frame(int(self._source.timeline.frames[-1]))
+
+    def show_frame(self, frame: int) -> None:
+        """Show a recorded frame, or the nearest that has an image."""
+        if self._source is not None and self._source.can_browse:
+            self._source.show(frame)
+            self._show_action()
+
+    def analyse_frame(self) -> None:
+        """Compute the results of the frame that is shown, which has none."""
+        if (source := self._source) is None:
+            return
+        frame = source.frame
+        self.analyse.setEnabled(False)
+        self.analyse.setText(f"Analysing frame {frame} …")
+
+        def done(_: object) -> None:
+            self.analyse.setEnabled(True)
+            self._show_action()
+
+        def failed(sentence: str) -> None:
+            self.analyse.setEnabled(True)
+            self.said.emit(sentence, False)
+            self.refresh()
+
+        self._background.start(lambda: source.analyse(frame), done, failed)
+
+    # ------------------------------------------------------------------ drawing
 
     def refresh(self) -> None:
         """Show where the replay is."""
         source = self._source
         if source is None:
             return
-        for widget in (self.back, self.slider):
-            widget.setEnabled(source.can_browse)
-        self.play.setText("Play" if source.playback.is_paused else "Pause")
-        if not self.slider.isSliderDown():
-            self.slider.blockSignals(True)
-            self.slider.setValue(source.place)
-            self.slider.blockSignals(False)
-        kind = "recorded" if source.is_browsing else "replayed"
-        self.place.setText(f"{kind} frame {source.place + 1} of {source.frame_count}")
+        frame, line, can_browse = source.frame, source.timeline, source.can_browse
+        for widget in (self.first, self.back, self.last, self.strip, self.number):
+            widget.setEnabled(can_browse)
+        self.play.setText("Pause" if source.is_playing else "Play")
+        self.strip.show_frame(frame)
+        if not (self.number.hasFocus() and self.number.lineEdit().isModified()):
+            self.number.blockSignals(True)
+            self.number.setValue(frame)
+            self.number.blockSignals(False)
+        sample = line.middle_of(frame)
+        state, is_known = line.state_at(sample), source.has_results(frame)
+        how = "recorded" if source.is_browsing else "replayed"
+        told = (f"t = {number(line.time_s(sample), 2)} s", state, how if is_known else "")
+        self.place.setText(" · ".join(filter(None, (*told, "" if is_known else "not analysed"))))
+        if self.analyse.isEnabled():
+            self.analyse.setText("Analyse this frame")
+        self.analyse.setVisible(not is_known and can_browse)
+        self.place.setToolTip(self.place.text())
+        self._show_verdict(source)
 
-    def _go(self, frames: int) -> None:
-        if (source := self._source) is None:
+    def _show_verdict(self, source: PlaybackSource) -> None:
+        verdict = source.verdict()
+        text = verdict.sentences[0].partition(":")[0] if verdict else ""
+        if text == self.verdict.text():
             return
-        source.playback.pause()
-        if frames > 0 and not source.is_browsing:
-            source.playback.step()
-        elif source.can_browse:
-            source.browser.show(min(max(source.place + frames, 0), source.frame_count - 1))
-        self._show_action()
+        self.verdict.setText(text)
+        if verdict:
+            tone = Tone.GOOD if verdict.agrees else Tone.BAD
+            self.verdict.setStyleSheet(f"color: {theme.TONES[tone]}; font-weight: 600;")
+            self.verdict.setToolTip("\n".join(verdict.sentences))
 
-    def _show_frame(self, number: int) -> None:
-        if self._source is not None:
-            self._source.playback.pause()
-            self._source.browser.show(number)
+    def _look(self) -> None:
+        """Follow what is played; the window looks by itself only while the run changes."""
+        source = self._source
+        if source is None or not (source.is_playing or self._was_browsing):
+            return
+        was_browsing = self._was_browsing
+        self._was_browsing = source.is_browsing and source.is_playing
+        self.refresh()
+        if was_browsing or self._was_browsing:
+            self.acted.emit()
+
+    def _move(self, frames: int) -> None:
+        if (source := self._source) is not None:
+            source.move(frames)
             self._show_action()
 
     def _set_pace(self, name: str) -> None:

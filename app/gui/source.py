@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.engine.timeline import Timeline, Verdict
 from app.records import F64, ContactResult, Health, Outcome, Snapshot
 from app.settings import Config
 
@@ -74,34 +76,38 @@ class RunSource(Protocol):
         """How the run ended; None until then."""
 
 
+class Kind(StrEnum):
+    """What a source shows: a run that goes on, a recorded one, or a further analysis of it."""
+
+    LIVE = "live"
+    REPLAY = "replay"
+    ANALYSIS = "analysis"
+
+
 class PlaybackControl(Protocol):
     """Pace and pause of a replay; from any thread, returns at once."""
 
     pace: float | None  # seconds of the experiment per second; None: as fast as the machine
     is_paused: bool
 
-    def pause(self) -> None: ...
-    def resume(self) -> None: ...
-    def step(self) -> None: ...
     def set_pace(self, pace: float | None) -> None: ...
-
-
-class FrameBrowser(Protocol):
-    """Selects the recorded frame to show, by its number from 0; None: the newest replayed one."""
-
-    def show(self, number: int | None) -> None: ...
 
 
 @runtime_checkable
 class PlaybackSource(Protocol):
-    """What a replay has beyond a `RunSource`."""
+    """What a replay has beyond a `RunSource`. A frame is named by its number as recorded.
 
+    Attributes
+    ----------
+    kind : str
+        A `Kind`.
+    timeline : Timeline
+        What the recorded run did when.
+    """
+
+    kind: str
     playback: PlaybackControl
-    browser: FrameBrowser
-
-    @property
-    def frame_count(self) -> int:
-        """Number of frames to replay."""
+    timeline: Timeline
 
     @property
     def can_browse(self) -> bool:
@@ -112,11 +118,36 @@ class PlaybackSource(Protocol):
         """Whether a recorded frame is shown instead of the newest replayed one."""
 
     @property
-    def place(self) -> int:
-        """Number of the frame that is shown, from 0."""
+    def is_playing(self) -> bool:
+        """Whether the frame that is shown changes by itself."""
+
+    @property
+    def frame(self) -> int:
+        """The frame that is shown."""
+
+    def show(self, frame: int) -> None:
+        """Pause, and show a recorded frame."""
+
+    def move(self, frames: int) -> None:
+        """Pause, and show the frame that was recorded so many before or after."""
+
+    def play(self) -> None:
+        """Go on from the frame that is shown."""
+
+    def pause(self) -> None:
+        """Stay at the frame that is shown."""
+
+    def has_results(self, frame: int) -> bool:
+        """Whether there are results of a recorded frame."""
+
+    def analyse(self, frame: int) -> None:
+        """Compute the results of a frame that has none; it may take a second."""
 
     def browsed(self) -> Snapshot | None:
-        """Recorded results of the frame that is shown; None while it is the newest replayed one."""
+        """Results of the frame that is shown; None while it is the newest replayed one."""
+
+    def verdict(self) -> Verdict | None:
+        """Whether the results are the recorded ones; None while that is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,6 +158,8 @@ class Setup:
     pixel_um: float
     grid_rect_px: Rect
     config: Config
+    kind: Kind = Kind.LIVE
+    timeline: Timeline | None = None  # of a recorded run
 
 
 def setup_of(source: RunSource) -> Setup:
@@ -134,4 +167,7 @@ def setup_of(source: RunSource) -> Setup:
     x, y, config = source.grid_x_px, source.grid_y_px, source.config
     step = float(config.dic.step)
     rect = (float(x[0]) - step / 2, float(y[0]) - step / 2, step * len(x), step * len(y))
-    return Setup(source.title, config.camera.pixel * 1e6, rect, config)
+    about = (source.title, config.camera.pixel * 1e6, rect, config)
+    if isinstance(source, PlaybackSource):
+        return Setup(*about, Kind(source.kind), source.timeline)
+    return Setup(*about)

@@ -27,6 +27,7 @@ TONES = {
     Tone.BUSY: "#4f9fe8",
     Tone.WARN: "#e0a63a",
     Tone.BAD: "#f0655c",
+    Tone.REPLAY: "#b48cf2",
 }
 
 # a label of a tone has its colour whatever its style

@@ -7,11 +7,12 @@ source, and `resolve` turns them into a frozen `ViewState`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from numpy.typing import NDArray
 
+from app.engine.timeline import Verdict
 from app.gui import cells
 from app.gui.cells import Cell, Tone
 from app.gui.frame_results import (
@@ -24,8 +25,9 @@ from app.gui.frame_results import (
 )
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
-from app.gui.source import Image, PlaybackSource, RunSource, Setup
+from app.gui.source import Image, Kind, PlaybackSource, RunSource, Setup
 from app.records import F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot
+from app.report.card import Card, card_of
 from app.summary import Summary
 
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
@@ -33,7 +35,10 @@ FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """The newest data of a source; `browsed` is the recorded frame that is shown in their place."""
+    """The newest data of a source; `browsed` is the recorded frame that is shown in their place,
+    `is_analysed` whether it has results, `is_playing` whether it changes by itself, and `agreement`
+    what a replay comes to.
+    """
 
     health: Health
     image: Image | None
@@ -43,11 +48,37 @@ class Reading:
     outcome: Outcome | None
     browsed: Snapshot | None = None
     cores: float = math.nan
+    is_analysed: bool = True
+    is_playing: bool = True
+    agreement: Verdict | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Cursor:
+    """The frame of a recorded run that is shown, on the axes of the curves; NaN: not known.
+
+    `time_s` is the time of the force strips, `frame` the number as recorded.
+    """
+
+    frame: int
+    time_s: float
+    travel_um: float
+    normal_n: float
+    shear_n: float
+    stick_mm: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewState:
-    """All that the window shows of a run at one instant."""
+    """All that the window shows of a run at one instant.
+
+    Attributes
+    ----------
+    badge : str
+        What the badge says, in the colour `tone`: the state of a run, REPLAY or ANALYSIS.
+    cursor : Cursor or None
+        None for a live run, whose newest frame is shown.
+    """
 
     state: str
     tone: Tone
@@ -72,6 +103,11 @@ class ViewState:
     behind: int
     steps: RunSteps
     shed: int = 0
+    kind: Kind = Kind.LIVE
+    badge: str = ""
+    cursor: Cursor | None = None
+    agreement: Verdict | None = None
+    card: Card | None = None
 
     @property
     def ended(self) -> bool:
@@ -91,15 +127,24 @@ def read(
     whether the window can be seen, and `cores` how many the program uses.
     """
     outcome = source.outcome()  # first, so that all that is read after an outcome is complete
-    return Reading(
+    reading = Reading(
         source.health(),
         source.latest_image(),
         tuple(source.snapshots_since(seen, is_shown=is_shown)),
         source.contact(),
         source.force_history(FORCE_POINTS),
         outcome,
-        source.browsed() if isinstance(source, PlaybackSource) else None,
-        cores,
+        cores=cores,
+    )
+    if not isinstance(source, PlaybackSource):
+        return reading
+    browsed = source.browsed()
+    return replace(
+        reading,
+        browsed=browsed,
+        is_analysed=browsed is None or source.has_results(browsed.frame),
+        is_playing=source.is_playing,
+        agreement=source.verdict(),
     )
 
 
@@ -119,9 +164,6 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     curves = extended(previous.curves if previous else NO_CURVES, reading.snapshots, setup)
     shown, with_field = curves.newest, curves.newest_field
     normal_n, shear_n = (float(f[-1]) if len(f) else math.nan for f in reading.forces[1:])
-    sentence = cells.operator_sentence(
-        health, outcome, normal_n, shown.conditions.travel_m if shown else math.nan, config
-    )
     if reading.browsed is not None:
         shown = with_field = reading.browsed
         normal_n, shear_n = shown.conditions.normal_force_n, shown.conditions.shear_force_n
@@ -137,9 +179,14 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     newest = curves.newest
     behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
     latency = cells.latency_cell(math.nan if outcome else behind_s)
+    if setup.timeline is None:
+        sentence = cells.operator_sentence(health, outcome, normal_n, travel_m, config)
+    else:
+        sentence = recorded_sentence(setup, reading, shown)
+    badge, tone = badge_of(setup.kind, state, is_paused=not reading.is_playing)
     return ViewState(
         state=state,
-        tone=cells.state_tone(state),
+        tone=tone,
         phase=str(Phase.END) if outcome else health.phase,
         sentence=sentence,
         progress=min(1.0, max(0.0, health.progress)),
@@ -156,9 +203,9 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         curves=curves,
         forces=force_strips(reading.forces, curves.drive_start_s, setup),
         readouts=cells.readouts(normal_n, shear_n, travel_m, stick_m),
-        result=cells.result_cells(outcome.summary) if outcome else cells.setting_cells(config),
+        result=cells.setting_cells(config),
         outcome=outcome,
-        behind=waiting_frames(health.counts),
+        behind=waiting_frames(health.counts) if setup.kind is Kind.LIVE else 0,
         steps=run_steps(
             config,
             health,
@@ -168,4 +215,61 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
             previous.steps if previous else None,
         ),
         shed=health.shed,
+        kind=setup.kind,
+        badge=badge,
+        cursor=_cursor(setup, shown),
+        agreement=reading.agreement,
+        card=_card(setup, reading, previous),
+    )
+
+
+def _card(setup: Setup, reading: Reading, previous: ViewState | None) -> Card | None:
+    """The result card, once the run has ended."""
+    if reading.outcome is None:
+        return None
+    if previous is not None and previous.outcome is reading.outcome:
+        return previous.card
+    uncertain, is_live = reading.health.uncertain, setup.kind is Kind.LIVE
+    return card_of(setup.title, reading.outcome, uncertain, is_live=is_live)
+
+
+def badge_of(kind: Kind, state: str, *, is_paused: bool) -> tuple[str, Tone]:
+    """What the badge says, and its colour: no replay looks like a run."""
+    if kind is Kind.LIVE:
+        return state.upper(), cells.state_tone(state)
+    now = state if state in ("done", "failed") else "paused" if is_paused else ""
+    tone = Tone.BAD if state == "failed" else Tone.REPLAY
+    return ": ".join(filter(None, (kind, now))).upper(), tone
+
+
+def recorded_sentence(setup: Setup, reading: Reading, shown: Snapshot | None) -> str:
+    """One sentence about the frame of a recorded run that is shown or, at the end of a replay, why
+    it ended and whether it agrees.
+    """
+    outcome, line, config = reading.outcome, setup.timeline, setup.config
+    is_at_end = outcome is not None and reading.browsed is None
+    if is_at_end or shown is None or line is None:
+        reason = outcome.reason if outcome else reading.health.reason
+        if reason and reading.agreement is not None:
+            reason = f"{reason}; {reading.agreement.sentences[0]}"
+        return f"{reason[:1].upper()}{reason[1:]}"
+    time_s = line.time_s(line.middle_of(shown.frame))
+    when = f"At t = {cells.number(time_s, 2)} s of the recording"
+    did = cells.past_sentence(shown.conditions, config, line.step_at(shown.sample))
+    note = "" if reading.is_analysed else " (This frame was not analysed during the run.)"
+    return f"{when} {did}{note}"
+
+
+def _cursor(setup: Setup, shown: Snapshot | None) -> Cursor | None:
+    """Where the frame of a recorded run that is shown is on the curves."""
+    if setup.timeline is None or shown is None:
+        return None
+    now, middle = shown.conditions, setup.timeline.middle_of(shown.frame)
+    return Cursor(
+        shown.frame,
+        setup.timeline.time_s(middle),
+        now.travel_m * 1e6,
+        now.normal_force_n,
+        now.shear_force_n,
+        shown.stick_radius * 1e3,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -85,6 +86,25 @@ class Comparison:
             return SAME
         within = f"agrees within {self.share:.2g} of the uncertainty"
         return within if self.agrees else DIFFERS
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The verdict and, where something differs, what; none before the first frame."""
+        if not self.frames:
+            return ()
+        same = f"{self.identical} of {self.frames} frames gave the recorded results to the bit"
+        verdict = f"the replay {self.verdict}: {same}"
+        if not self.first_difference:
+            return (verdict,)
+        share = self.share
+        of = f", {share:.2g} of its standard uncertainty" if math.isfinite(share) else ""
+        return (
+            verdict,
+            f"first difference: {self.first_difference}",
+            f"largest difference: {self.largest_difference}{of}",
+            f"recorded on: {self.recorded_on}",
+            f"replayed on: {self.replayed_on}",
+        )
 
     def begin(self, session: SessionReader) -> None:
         """Compare with the results in this session, which must stay open."""

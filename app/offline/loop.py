@@ -94,7 +94,7 @@ def analyse(
     usage = Usage()
     events = sorted(measured.events, key=lambda event: event.sample)
     forces = forces_of(analysis.config, measured.volts, events)
-    feed = _Feed(analysis.history, forces, measured, events)
+    feed = Feed(analysis.history, forces, measured, events)
     received = lost = 0
     with closing(analysis):
         compile_analysis(analysis.config)
@@ -176,7 +176,7 @@ def _samples(measured: Measurements, forces: NDArray[np.float64]) -> Iterator[Sa
         start = first + count
 
 
-class _Feed:
+class Feed:
     """Gives a history what was measured, a block for each position of the stage, in the order in
     which a live run gives it.
     """

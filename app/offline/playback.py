@@ -1,16 +1,12 @@
-"""The controls of a replay: pause, single frames, pace, and any recorded frame to look at."""
+"""The controls of a replay: pause, single frames, pace, and the place that is shown."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from pathlib import Path
-from typing import Any
 
-from numpy.typing import NDArray
-
-from app.records import Snapshot
-from app.session.reader import SessionReader
+FASTEST = 10.0  # pace at which recorded frames are shown where none is set
 
 
 class Playback:
@@ -30,6 +26,7 @@ class Playback:
         self._steps = 0
         # monotonic clock, and time of the experiment, when the present pace began
         self._began: tuple[float, float] | None = None
+        self._until_s = -math.inf  # frames up to that time are due at once: one after is shown
         self._is_over = False
         self._changed = threading.Condition()
 
@@ -44,6 +41,29 @@ class Playback:
             self.is_paused, self._began, self._steps = False, None, 0
             self._changed.notify_all()
 
+    def resume_from(self, time_s: float) -> None:
+        """Continue at the pace from that time of the experiment; what comes before it and has not
+        been played is due at once.
+        """
+        with self._changed:
+            self.is_paused, self._steps = False, 0
+            self._began, self._until_s = (time.monotonic(), time_s), time_s
+            self._changed.notify_all()
+
+    def catch_up(self, time_s: float) -> None:
+        """Let all frames up to that time of the experiment be due at once."""
+        with self._changed:
+            self._until_s = time_s
+            self._changed.notify_all()
+
+    @property
+    def head_s(self) -> float:
+        """The time of the experiment that the pace has come to; NaN before the first frame."""
+        with self._changed:
+            if self._began is None:
+                return math.nan
+            return self._began[1] + (self.pace or FASTEST) * (time.monotonic() - self._began[0])
+
     def step(self) -> None:
         """Play one more frame, then pause."""
         with self._changed:
@@ -53,8 +73,10 @@ class Playback:
 
     def set_pace(self, pace: float | None) -> None:
         """Change the pace from the next frame on."""
+        head_s = self.head_s
         with self._changed:
-            self.pace, self._began = pace, None
+            goes_on = math.isfinite(head_s) and math.isfinite(self._until_s)
+            self.pace, self._began = pace, (time.monotonic(), head_s) if goes_on else None
             self._changed.notify_all()
 
     def end(self) -> None:
@@ -69,6 +91,8 @@ class Playback:
         """
         with self._changed:
             while not self._is_over:
+                if time_s <= self._until_s:
+                    return True
                 if self.is_paused:
                     if self._steps:
                         self._steps -= 1
@@ -85,44 +109,3 @@ class Playback:
                     return True
                 self._changed.wait(ahead)
             return False
-
-
-class Browser:
-    """Shows any recorded frame of a session with its recorded results.
-
-    The file is read by `look`, which one thread calls; `show` may be called from any.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._session: SessionReader | None = None
-        self._wanted: int | None = None
-        self._shown: tuple[int, Snapshot, NDArray[Any]] | None = None
-
-    @property
-    def number(self) -> int | None:
-        """The frame that is looked at."""
-        return self._wanted
-
-    def show(self, number: int | None) -> None:
-        """Choose the analysed frame to look at, counted from 0; None: no frame. Returns at once."""
-        self._wanted = number
-
-    def look(self) -> tuple[Snapshot, NDArray[Any]] | None:
-        """Results and image of the frame that is looked at, or None.
-
-        The same objects as before until another frame is chosen.
-        """
-        wanted = self._wanted
-        if wanted is None:
-            return None
-        if self._shown is None or self._shown[0] != wanted:
-            self._session = self._session or SessionReader(self._path)
-            snapshot = self._session.snapshot(wanted)
-            self._shown = wanted, snapshot, self._session.frame(snapshot.frame)[2]
-        return self._shown[1:]
-
-    def close(self) -> None:
-        """Let go of the file."""
-        if self._session is not None:
-            self._session.close()

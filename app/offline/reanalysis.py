@@ -18,8 +18,8 @@ import numpy as np
 from analysis.options import as_written
 from app.config import to_toml
 from app.errors import UserError
+from app.offline.browser import Browser
 from app.offline.loop import Measurements, Trigger, record_analysis
-from app.offline.playback import Browser
 from app.offline.replay import Replay
 from app.records import Event, LostTrigger, Outcome, Source, SourceFrame
 from app.session.datasets import span_of
@@ -43,6 +43,8 @@ class Reanalysis(Replay):
         There is no session, it has no images, the output can not be written, or a setting can not
         be changed.
     """
+
+    kind = "analysis"
 
     def __init__(
         self,
@@ -75,6 +77,10 @@ class Reanalysis(Replay):
     def can_browse(self) -> bool:
         """Whether any frame can be looked at: once the file is complete."""
         return self._outcome is not None and self._outcome.state == "done"
+
+    def has_results(self, frame: int) -> bool:
+        """Whether there are results of a recorded frame: of every one."""
+        return True
 
     def _frames_of(self, session: SessionReader) -> list[int]:
         triggers = session.triggers()

@@ -5,6 +5,7 @@ No device is involved, nor could be.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
@@ -16,12 +17,14 @@ from numpy.typing import NDArray
 from app.config import from_record, revised
 from app.effort import Effort
 from app.engine.pipeline import Pipeline
+from app.engine.timeline import Timeline, Verdict, timeline_of
 from app.engine.watched import Watched
 from app.errors import UserError
+from app.offline.browser import Browser, measurements_of
 from app.offline.comparison import Comparison, difference
 from app.offline.loop import Measurements, Trigger, analyse
-from app.offline.playback import Browser, Playback
-from app.records import STEP, Counts, Health, Outcome, Phase, Position, ReceivedFrame, Snapshot
+from app.offline.playback import Playback
+from app.records import STEP, Counts, Health, Outcome, Phase, ReceivedFrame, Snapshot
 from app.session.datasets import span_of
 from app.session.reader import SessionReader
 from app.settings import Config
@@ -31,6 +34,10 @@ __all__ = ["Comparison", "Replay", "difference"]
 
 class Replay(Watched):
     """A session played again, with the same methods as a live `app.engine.run.Run`.
+
+    Its place is the number of a recorded frame: of the newest one that was replayed or, once
+    another was chosen (`show`), of that one, from which `play` goes on with the recorded results
+    until the replay has caught up.
 
     Parameters
     ----------
@@ -45,6 +52,8 @@ class Replay(Watched):
         There is no session, it has no results to repeat, or a setting can not be changed.
     """
 
+    kind = "replay"
+
     def __init__(self, path: Path, *, pace: float | None, overrides: Sequence[str] = ()) -> None:
         with SessionReader(path) as session:
             recorded = from_record(session.header.config_toml, f"{path}: settings")
@@ -54,10 +63,12 @@ class Replay(Watched):
             self._recorded_counts = session.outcome.counts
             self._frames = self._frames_of(session)
             self._efforts = {} if overrides else _efforts(session)
+            self.timeline = _timeline(session)
         self.path = path
         self.playback = Playback(pace)
         self.browser = Browser(path)
         self._comparison = Comparison()
+        self._choosing = threading.RLock()
         self._phase = self._reason = self._preparing = ""
         self._latest_image: NDArray[Any] | None = None
         self.is_refused = False  # whether it failed because the session can not be read
@@ -90,13 +101,102 @@ class Replay(Watched):
     @property
     def is_browsing(self) -> bool:
         """Whether a recorded frame is shown rather than the newest one that was played."""
-        return self.browser.number is not None
+        return self._chosen() is not None
 
     @property
-    def place(self) -> int:
-        """Number of the frame that is shown, from 0."""
-        number = self.browser.number
-        return max(0, self._done - 1) if number is None else number
+    def is_playing(self) -> bool:
+        """Whether the place moves by itself."""
+        if self.playback.is_paused or self._state == "idle":
+            return False
+        return self._outcome is None or self.is_browsing
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame that is shown, as it was recorded."""
+        number = self._chosen()
+        return self._newest if number is None else number
+
+    def show(self, frame: int) -> None:
+        """Pause, and show a recorded frame: this one, or the nearest that has an image. All frames
+        before it are replayed, for the curves.
+        """
+        with self._choosing:
+            line, row = self.timeline, self.timeline.row_of(frame)
+            self.playback.pause()
+            self.playback.catch_up(int(line.samples[row]) / self.sample_rate_hz)
+            self.browser.show(int(line.frames[row]))
+
+    def move(self, frames: int) -> None:
+        """Pause, and show the frame that was recorded so many before or after; the next one is
+        replayed if it is its turn.
+        """
+        row = self.timeline.row_of(self.frame) + frames
+        wanted = int(self.timeline.frames[min(max(row, 0), len(self.timeline.frames) - 1)])
+        if frames > 0 and not self.is_browsing and wanted == self._next:
+            self.playback.step()
+        elif self.can_browse:
+            self.show(wanted)
+
+    def pause(self) -> None:
+        """Stay at the frame that is shown."""
+        with self._choosing:
+            self._chosen()
+            self.playback.pause()
+
+    def play(self) -> None:
+        """Go on from the frame that is shown; from the first one after the last."""
+        with self._choosing:
+            line, chosen = self.timeline, self._chosen()
+            if self._outcome is not None and self.frame == line.frames[-1]:
+                chosen = int(line.frames[0])
+                self.browser.show(chosen)
+            if chosen is None:
+                self.playback.resume()
+            else:
+                sample = int(line.samples[line.row_of(chosen)])
+                self.playback.resume_from(sample / self.sample_rate_hz)
+
+    def analyse(self, frame: int) -> None:
+        """Compute the results of a frame that was not analysed during the run; see `Browser`."""
+        self.browser.analyse(frame)
+
+    def has_results(self, frame: int) -> bool:
+        """Whether there are results of a recorded frame."""
+        return self.timeline.has_results(frame) or self.browser.is_analysed(frame)
+
+    def verdict(self) -> Verdict | None:
+        """Whether the results are those that were recorded; None while it plays."""
+        compared = self._comparison
+        if self._outcome is None or not compared.frames:
+            return None
+        return Verdict(compared.agrees, compared.sentences)
+
+    @property
+    def _newest(self) -> int:
+        """The newest frame that was played; before any, the first to be."""
+        return self._frames[max(0, min(self._done, len(self._frames)) - 1)]
+
+    @property
+    def _next(self) -> int | None:
+        """The next one to be played."""
+        is_over = self._outcome is not None or self._done >= len(self._frames)
+        return None if is_over else self._frames[self._done]
+
+    def _chosen(self) -> int | None:
+        """The recorded frame that is shown in place of the newest one that was played, which takes
+        its place again when both have met.
+        """
+        with self._choosing:
+            chosen, line = self.browser.number, self.timeline
+            if chosen is None or self.playback.is_paused:
+                return chosen
+            head_s = self.playback.head_s
+            row = line.row_at(head_s * self.sample_rate_hz) if math.isfinite(head_s) else 0
+            has_met = line.row_of(chosen) <= line.row_of(self._newest) <= row
+            is_last = row == len(line.frames) - 1 and self._outcome is not None
+            chosen = None if is_last or has_met else int(line.frames[row])
+            self.browser.show(chosen)
+            return chosen
 
     def request_stop(self, reason: str) -> None:
         """End after the current frame."""
@@ -109,6 +209,7 @@ class Replay(Watched):
 
     def latest_image(self) -> NDArray[Any] | None:
         """The image of the frame that is looked at, or else of the newest one."""
+        self._chosen()
         browsed = self.browser.look()
         return self._latest_image if browsed is None else browsed[1]
 
@@ -123,10 +224,9 @@ class Replay(Watched):
         """State and progress at this moment; the counts are those of the recorded run, except for
         the frames analysed here.
         """
-        paused = "paused; Space continues" if self.playback.is_paused else ""
         return Health(
             state=self._state,
-            reason=self._reason or self._preparing or paused,
+            reason=self._reason or self._preparing,
             phase=self._phase,
             counts=self._outcome.counts if self._outcome else self._counts(),
             queue_fill=0.0,
@@ -212,14 +312,17 @@ class Replay(Watched):
         self._phase = str(self._analysis.history.phase_at(sample))
 
 
-def measurements_of(session: SessionReader) -> Measurements:
-    """What a session recorded beside its images."""
-    positions = zip(*(column.tolist() for column in session.positions()), strict=True)
-    return Measurements(
-        session.forces().volts,
-        session.gaps(),
-        [Position(*position) for position in positions],
+def _timeline(session: SessionReader) -> Timeline:
+    outcome = session.outcome
+    return timeline_of(
+        session.triggers(),
+        session.results(),
         session.events(),
+        session.gaps(),
+        outcome.summary,
+        sample_rate_hz=session.header.sample_rate_hz,
+        exposure=session.header.exposure_samples,
+        end=outcome.counts.samples + outcome.counts.samples_lost,
     )
 
 

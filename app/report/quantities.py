@@ -86,6 +86,19 @@ class Measurement:
         decimals = decimals_for(max(known[0], known[-1] / 10), 2)
         return f"{value:.{decimals}f}", " ".join(f"± {part:.{decimals}f}" for part in known)
 
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """Value and both uncertainties, by noise and by the inputs, as texts of equal decimals:
+        ``("2.205", "0.041", "0.012")``; empty where one is not known. In place of the uncertainty
+        by noise stands the range of the readings where there is one.
+        """
+        value, spread = self.rounded
+        decimals = len(value.partition(".")[2])
+        _, noise, inputs = (
+            f"{x:.{decimals}f}" if value and math.isfinite(x) else "" for x in self.in_unit
+        )
+        return value, spread if "to" in spread else noise, inputs
+
     def __str__(self) -> str:
         """As ``2.205 ± 0.041 mm`` or ``0.930 (0.921 to 0.938)``, or "not measured"."""
         value, spread = self.rounded

@@ -21,8 +21,13 @@ class Row(NamedTuple):
 
 def summary_rows(summary: Summary) -> list[Row]:
     """What the experiment comes down to, in the units of the paper."""
-    low, high = summary.mu_d_range
     rows = [Row(q.name, q.symbol, str(q)) for q in summary_quantities(summary)]
+    return rows + further_rows(summary)
+
+
+def further_rows(summary: Summary) -> list[Row]:
+    """What is told beside the quantities: ranges, cycles, slides, and what the inputs cost."""
+    (low, high), rows = summary.mu_d_range, list[Row]()
     if high > low and math.isfinite(summary.mu_d_sd):
         rows.append(Row("Q/P while it slides", "", f"{low:.4f} to {high:.4f}"))
     if summary.calibration_sd > 0 and not summary.budget:

@@ -21,8 +21,9 @@ from app.engine.pipeline import Pipeline
 from app.errors import UserError
 from app.legs import numbered_instants
 from app.numbers import ROW, numbers_of
+from app.offline.browser import measurements_of
 from app.offline.loop import Trigger, analyse
-from app.offline.replay import check_agree, measurements_of
+from app.offline.replay import check_agree
 from app.records import F64, ContactResult, LostTrigger, Phase, ReceivedFrame, Record, Snapshot
 from app.results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
 from app.session.reader import Altered, SessionReader

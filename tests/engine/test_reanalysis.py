@@ -273,7 +273,7 @@ def test_one_that_is_stopped_holds_what_was_done_until_then(session):
         assert reader.outcome.counts == outcome.counts
         assert len(reader.triggers()) == outcome.counts.triggers == 45
         assert math.isnan(reader.outcome.summary.mu_d)
-    analysis.browser.show(42)
+    analysis.browser.show(44)
     assert analysis.browsed().frame == 44
     analysis.browser.close()
 

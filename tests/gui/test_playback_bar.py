@@ -1,134 +1,315 @@
-"""The bar under a replay: what it does to the replay, and when it is there."""
+"""The time line of a replay in use: by mouse and by keys, which act nowhere else."""
 
+import time
+
+import h5py
 import pytest
-from PySide6.QtCore import Qt
+import short_run
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QLineEdit, QPushButton, QSlider, QVBoxLayout, QWidget
 from scripted_run import ScriptedRun
+from sparse_session import sparse_copy
 
+from app import config, live
+from app.gui.cells import Tone
+from app.gui.playback_bar import PlaybackBar
+from app.gui.source import Kind, setup_of
+from app.gui.time_strip import tick_step
+from app.gui.view_state import read, resolve
 from app.gui.window import MainWindow
+from app.offline.reanalysis import Reanalysis
+from app.offline.replay import Replay
+from app.session.reader import SessionReader
+
+LEFT = Qt.MouseButton.LeftButton
+SKIPPED, LOST, LAST = 45, 50, 62
 
 
-class Playback:
-    def __init__(self):
-        self.pace, self.is_paused, self.calls = 1.0, False, []
-
-    def pause(self):
-        self.is_paused = True
-        self.calls.append("pause")
-
-    def resume(self):
-        self.is_paused = False
-        self.calls.append("resume")
-
-    def step(self):
-        self.calls.append("step")
-
-    def set_pace(self, pace):
-        self.pace = pace
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The shortest run."""
+    path = tmp_path_factory.mktemp("bar") / "a.h5"
+    settings = (*short_run.SHORT, "stress.method=none", "dic.threads=1")
+    run = live.make_run(config.load(None, settings), path, pace=None)
+    run.start()
+    assert run.wait(400).state == "done"
+    return path
 
 
-class Browser:
-    number = None
-
-    def show(self, number):
-        self.number = number
-
-
-class ScriptedReplay(ScriptedRun):
-    """A run of which any frame can be shown."""
-
-    can_browse = True
-
-    def __init__(self):
-        super().__init__(width=480, height=360)
-        self.playback, self.browser, self.frame_count = Playback(), Browser(), 330
-
-    @property
-    def is_browsing(self):
-        return self.browser.number is not None
-
-    @property
-    def place(self):
-        return self.frame if self.browser.number is None else self.browser.number
-
-    def browsed(self):
-        return None if self.browser.number is None else self._snapshots[self.browser.number]
+@pytest.fixture(scope="module")
+def session(whole):
+    """The same, of which a frame was not analysed and one not received."""
+    return sparse_copy(whole, whole.with_name("run.h5"), [SKIPPED], [LOST])
 
 
 @pytest.fixture
-def shown(qtbot):
-    """Opens windows, and closes them."""
-    opened = []
-
-    def open_on(source):
-        window = MainWindow(source)
-        with qtbot.waitActive(window):
-            window.show()
-        opened.append(window)
-        return window
-
-    yield open_on
-    for window in opened:
-        window._must_close = True
-        window.close()
-        window.deleteLater()
+def replay(session, qtbot):
+    """A replay that has played 20 frames and stands."""
+    replay = Replay(session, pace=1.0)
+    replay.playback.pause()
+    replay.start()
+    for _ in range(20):
+        replay.playback.step()
+    qtbot.waitUntil(lambda: len(replay.snapshots_since(0)) == 20)
+    yield replay
+    replay.request_stop("the test is over")
+    replay.wait(60)
+    replay.browser.close()
 
 
-def test_a_live_run_has_no_bar(shown):
-    assert not shown(ScriptedRun(width=480, height=360)).playback.isVisible()
+class Desk(QWidget):
+    """A bar beside a text field and a picture that shares its keys."""
+
+    def __init__(self):
+        super().__init__()
+        self.bar, self.text, self.picture = PlaybackBar(), QLineEdit(), QWidget()
+        self.picture.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.picture.setMinimumHeight(50)
+        self.bar.add_keys(self.picture)
+        self.button, self.slider = QPushButton("Zero"), QSlider(Qt.Orientation.Horizontal)
+        layout = QVBoxLayout(self)
+        for widget in (self.picture, self.text, self.button, self.slider, self.bar):
+            layout.addWidget(widget)
+        self.resize(1000, 320)
 
 
-def test_keys_and_slider_move_through_the_frames(shown, qtbot):
-    source = ScriptedReplay().at(200)
-    window = shown(source)
-    assert window.playback.isVisible()
-    window.activateWindow()
-    bar = window.playback
-    bar.toggle()
-    assert source.playback.is_paused
-    bar.go_forward()
-    assert source.playback.calls[-1] == "step"
-    bar.go_back()
-    assert source.browser.number == 199
-    bar.go_forward()
-    assert source.browser.number == 200
-    bar.slider.setValue(30)
-    assert source.browser.number == 30
-    qtbot.mouseClick(bar.slider, Qt.MouseButton.LeftButton, pos=bar.slider.rect().center())
-    assert abs(source.browser.number - 164) <= 2  # the middle of 330
-    bar.pace.textActivated.emit("0.25 x")
-    assert source.playback.pace == 0.25
-    bar.toggle()
-    assert (source.playback.calls[-1], source.browser.number) == ("resume", None)
-    assert bar.slider.focusPolicy() == Qt.FocusPolicy.NoFocus  # the arrows belong to the frames
+@pytest.fixture
+def desk(qtbot, replay):
+    desk = Desk()
+    desk.bar.attach(replay)
+    with qtbot.waitActive(desk):
+        desk.show()
+        desk.activateWindow()
+    yield desk
+    desk.close()
+    desk.deleteLater()
 
 
-def test_where_no_frame_can_be_browsed_yet_the_slider_is_off(shown):
-    source = ScriptedReplay().at(200)
-    source.can_browse = False
-    bar = shown(source).playback
-    assert not bar.slider.isEnabled()
-    bar.go_back()
-    assert source.browser.number is None
-    source.can_browse = True
+def look(replay):
+    return resolve(setup_of(replay), read(replay, 0), None)
+
+
+@pytest.mark.parametrize("where", ["picture", "strip"])
+def test_keys_move_through_the_frames_where_they_are_shown(qtbot, desk, replay, where):
+    widget = desk.picture if where == "picture" else desk.bar.strip
+    widget.setFocus()
+    assert (replay.frame, desk.bar.number.value()) == (19, 19)
+    qtbot.keyClick(widget, Qt.Key.Key_Left)
+    qtbot.keyClick(widget, Qt.Key.Key_Left)
+    assert (replay.frame, desk.bar.number.value()) == (17, 17)
+    qtbot.keyClick(widget, Qt.Key.Key_Right)
+    assert replay.frame == 18
+    qtbot.keyClick(widget, Qt.Key.Key_End)
+    assert (replay.frame, desk.bar.number.value()) == (LAST, LAST)
+    qtbot.keyClick(widget, Qt.Key.Key_Home)
+    assert replay.frame == 0
+    qtbot.keyClick(widget, Qt.Key.Key_Space)
+    assert replay.is_playing
+    assert desk.bar.play.text() == "Pause"
+    qtbot.keyClick(widget, Qt.Key.Key_Space)
+    assert not replay.is_playing
+
+
+def test_keys_are_left_to_a_text_field(qtbot, desk, replay):
+    desk.text.setFocus()
+    qtbot.keyClicks(desk.text, "a b")
+    qtbot.keyClick(desk.text, Qt.Key.Key_Left)
+    qtbot.keyClick(desk.text, Qt.Key.Key_Home)
+    qtbot.keyClicks(desk.text, "c ")
+    assert desk.text.text() == "c a b"
+    assert (replay.frame, replay.is_playing, replay.is_browsing) == (19, False, False)
+
+
+def test_keys_are_left_to_buttons_and_sliders(qtbot, desk, replay):
+    pressed = []
+    desk.button.clicked.connect(lambda: pressed.append(1))
+    desk.button.setFocus()
+    qtbot.keyClick(desk.button, Qt.Key.Key_Space)
+    desk.slider.setFocus()
+    qtbot.keyClick(desk.slider, Qt.Key.Key_Right)
+    assert (len(pressed), desk.slider.value()) == (1, 1)
+    assert (replay.frame, replay.is_playing, replay.is_browsing) == (19, False, False)
+
+
+def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, desk, replay):
+    strip, line = desk.bar.strip, replay.timeline
+    for frame in (40, 3):
+        sample = float(line.samples[line.row_of(frame)])
+        place = QPoint(round(strip.x_of(sample)), 20)
+        qtbot.mouseClick(strip, LEFT, pos=place)
+        assert abs(replay.frame - frame) <= 1
+    qtbot.mouseClick(strip, LEFT, pos=QPoint(strip.width() - 2, 20))
+    assert replay.frame == LAST
+    assert desk.bar.place.text().endswith("slide · recorded")
+
+
+def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, desk, replay):
+    field = desk.bar.number
+    field.setFocus()
+    field.selectAll()
+    qtbot.keyClicks(field, "37")
+    qtbot.keyClick(field, Qt.Key.Key_Return)
+    assert replay.frame == 37
+    view = look(replay)
+    assert view.cursor.frame == 37
+    assert "frame 37" in view.frame.displacement.caption
+    assert field.text() == "frame 37 of 0 to 62"
+    field.selectAll()
+    qtbot.keyClicks(field, str(LOST))  # it has no image: the nearest one
+    qtbot.keyClick(field, Qt.Key.Key_Return)
+    assert replay.frame in (LOST - 1, LOST + 1)
+    assert field.value() == replay.frame
+
+
+def test_play_goes_on_from_the_frame_that_is_shown(qtbot, desk, replay):
+    desk.bar.show_frame(30)
+    qtbot.mouseClick(desk.bar.play, LEFT)
+    qtbot.waitUntil(lambda: desk.bar.number.value() > 31)
+    assert desk.bar.number.value() < 40
+    qtbot.mouseClick(desk.bar.play, LEFT)
+    here = replay.frame
+    time.sleep(0.3)
+    assert replay.frame == here
+
+
+def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, desk, replay):
+    desk.bar.show_frame(SKIPPED)
+    assert desk.bar.place.text().endswith("not analysed")
+    view = look(replay)
+    assert (view.frame, view.cursor.frame) == (None, SKIPPED)
+    assert view.sentence.endswith("(This frame was not analysed during the run.)")
+    with SessionReader(replay.path) as recorded:
+        assert (view.image.full == recorded.frame(SKIPPED)[2]).all()
+        shear = [recorded.snapshot(k).conditions.shear_force_n for k in (SKIPPED - 1, SKIPPED)]
+    assert min(shear) - 1e-3 < view.cursor.shear_n < max(shear) + 1e-3
+    qtbot.mouseClick(desk.bar.analyse, LEFT)
+    qtbot.waitUntil(lambda: replay.has_results(SKIPPED))
+    qtbot.waitUntil(lambda: not desk.bar.analyse.isVisible())
+    view = look(replay)
+    assert f"frame {SKIPPED}" in view.frame.displacement.caption
+    assert "not analysed" not in view.sentence
+
+
+def test_a_frame_before_the_reference_can_not_be_analysed_and_says_so(qtbot, desk, replay):
+    said = []
+    desk.bar.said.connect(lambda sentence, _: said.append(sentence))
+    replay.has_results = lambda frame: False
+    desk.bar.show_frame(2)
+    qtbot.mouseClick(desk.bar.analyse, LEFT)
+    qtbot.waitUntil(lambda: bool(said))
+    assert "frame 2 was exposed before a reference was taken" in said[0]
+    assert desk.bar.analyse.isEnabled()
+
+
+def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, desk, whole):
+    replay, bar = Replay(whole, pace=1.0), desk.bar
+    bar.attach(replay)
+    bar.pace.setFocus()
+    qtbot.keyClick(bar.pace, Qt.Key.Key_End)
+    assert (bar.pace.currentText(), replay.playback.pace) == ("max", None)
+    assert bar.verdict.text() == ""
+    replay.start()
+    qtbot.waitUntil(lambda: replay.outcome() is not None)
     bar.refresh()
-    assert bar.slider.isEnabled()
+    assert bar.verdict.text() == "the replay agrees to the bit"
+    assert "63 of 63 frames gave the recorded results" in bar.verdict.toolTip()
+    view = look(replay)
+    assert view.agreement.agrees
+    assert "agrees to the bit" in view.sentence
+    replay.browser.close()
 
 
-def test_the_window_shows_the_frame_that_is_browsed(shown, qtbot):
-    source = ScriptedReplay().at(300)
-    window = shown(source)
-    source.start()
-    qtbot.waitUntil(
-        lambda: (
-            "frame 299" in window.interface.caption.text()
-            or "frame 300" in window.interface.caption.text()
-        ),
-        timeout=60_000,
+def test_a_replay_that_differs_says_in_what(whole, tmp_path, qtbot):
+    path = tmp_path / "altered.h5"
+    path.write_bytes(whole.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file["entry/results/centre_ux"][40] += 1e-6
+    replay = Replay(path, pace=None)
+    replay.start()
+    assert replay.wait(100).state == "done"
+    view = look(replay)
+    assert not view.agreement.agrees
+    with SessionReader(path) as recorded:
+        frame = recorded.analysed_frames()[40]
+    assert f"first difference: frame {frame}: results/centre_ux" in view.agreement.sentences
+    bar = PlaybackBar()
+    bar.attach(replay)
+    assert bar.verdict.text() == "the replay differs"
+    assert "differs: 62 of 63" in bar.verdict.toolTip()
+    assert "centre_ux" in bar.verdict.toolTip()
+    bar.deleteLater()
+    replay.browser.close()
+
+
+def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_path):
+    view = look(replay)
+    assert (view.kind, view.tone, view.badge) == (Kind.REPLAY, Tone.REPLAY, "REPLAY: PAUSED")
+    assert view.behind == 0  # frames still to be replayed do not make the window rest
+    replay.show(40)
+    view = look(replay)
+    with SessionReader(session) as recorded:
+        now = recorded.snapshot(40).conditions
+        events = recorded.events()
+    drive = next(e.sample for e in events if e.kind == "phase" and e.text == "drive")
+    t, way = now.time_s, now.travel_m * 1e6
+    assert view.sentence == (
+        f"At t = {t:.2f} s of the recording the actuator pulled at 5 µm/s: {way:.0f} of 22 µm."
     )
-    window.playback.slider.setValue(150)
-    qtbot.waitUntil(lambda: "frame 150" in window.interface.caption.text(), timeout=60_000)
-    window.playback.slider.setValue(2)  # before the reference there is no field
-    qtbot.waitUntil(
-        lambda: "frame" not in window.interface.caption.text() and not window._parts, timeout=60_000
-    )
-    assert window.curves.stress_curve.xData is None or not len(window.curves.stress_curve.xData)
+    assert (view.cursor.travel_um, view.cursor.shear_n) == (way, now.shear_force_n)
+    assert view.cursor.time_s == pytest.approx(now.time_s)
+    replay.show(2)
+    first = look(replay)
+    assert first.sentence.startswith(f"At t = −{(drive - 255) / 1000:.2f} s of the recording the")
+    assert "hung free" in first.sentence
+    live_run = resolve(setup_of(ScriptedRun(320, 240)), read(ScriptedRun(320, 240), 0), None)
+    assert (live_run.kind, live_run.badge, live_run.cursor) == (Kind.LIVE, "IDLE", None)
+    copy = tmp_path / session.name
+    copy.write_bytes(session.read_bytes())
+    analysis = Reanalysis(copy, tmp_path / "again.h5", pace=None, overrides=["dic.box=28"])
+    assert look(analysis).badge.startswith("ANALYSIS")
+
+
+def test_a_live_run_has_no_time_line(qtbot):
+    window = MainWindow(ScriptedRun(width=480, height=360))
+    with qtbot.waitActive(window):
+        window.show()
+    assert not window.playback.isVisible()
+    window._must_close = True
+    window.close()
+    window.deleteLater()
+
+
+def test_what_can_not_be_browsed_yet_is_switched_off(qtbot, session, tmp_path):
+    copy = tmp_path / session.name
+    copy.write_bytes(session.read_bytes())
+    analysis = Reanalysis(copy, tmp_path / "again.h5", pace=None)
+    bar = PlaybackBar()
+    bar.attach(analysis)
+    bar.show()
+    assert not bar.strip.isEnabled()
+    bar.go_back()
+    assert not analysis.is_browsing
+    analysis.start()
+    assert analysis.wait(100).state == "done"
+    bar.refresh()
+    assert bar.strip.isEnabled()
+    bar.show_frame(SKIPPED)  # which has results now
+    assert (analysis.frame, bar.place.text().endswith("recorded")) == (SKIPPED, True)
+    analysis.browser.close()
+    bar.deleteLater()
+
+
+def test_what_was_where_is_told_by_the_pointer(desk, replay):
+    strip, line = desk.bar.strip, replay.timeline
+    lost = next(mark for mark in line.marks if mark.kind == "loss")
+    assert "frame 50: no image came" in strip.describe(strip.x_of(lost.sample))
+    assert strip.describe(strip.x_of(100)).endswith("background")
+    assert QGuiApplication.focusObject() is not None
+
+
+@pytest.mark.parametrize(
+    ("span", "most", "step"), [(13.4, 10, 2.0), (13.4, 14, 1.0), (600.0, 8, 100.0), (0.3, 5, 0.1)]
+)
+def test_times_are_written_at_round_steps(span, most, step):
+    assert tick_step(span, most) == pytest.approx(step)

@@ -171,19 +171,20 @@ def test_the_end_shows_the_result_and_why(run: ScriptedRun) -> None:
     view = look(run.at(330))
     assert (view.state, view.tone, view.phase, view.ended) == ("done", Tone.GOOD, "end", True)
     assert view.sentence == "The drive of 190 um is complete"
-    assert [(cell.value, cell.detail) for cell in view.result] == [
-        ("0.450", "± 0.030"),
-        ("0.4638", "± 0.0010"),
-        ("0.9276", "± 0.0021"),
-        ("0.9301", "0.9260–0.9340"),
-        ("20.43", "± 0.12"),
+    shown = {row.symbol: (row.value, row.noise) for row in view.card.rows}
+    assert [shown[symbol] for symbol in ("a", "Q_s", "mu_s", "mu_d", "t_s")] == [
+        ("0.450", "0.030"),
+        ("0.4638", "0.0010"),
+        ("0.9276", "0.0021"),
+        ("0.9301", "0.9260 to 0.9340"),
+        ("20.43", "0.12"),
     ]
 
 
 def test_a_run_that_ended_early_has_dashes_for_results(run: ScriptedRun) -> None:
     run.at(40).stop_motion()
     view = look(run)
-    assert {cell.value for cell in view.result} == {"–"}
+    assert (view.card.verdict, view.card.rows) == ("stopped", ())
     assert view.sentence == "STOP MOTION was pressed"
 
 

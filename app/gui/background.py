@@ -1,0 +1,64 @@
+"""Work in a thread of its own, whose result comes back to the thread of the window."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, Signal
+
+from app.errors import UserError
+
+LOG = logging.getLogger(__name__)
+PAUSE_S = 0.1
+
+
+class Background(QObject):
+    """Starts work in threads, which are daemons: none keeps the program alive.
+
+    What comes back after the owner is gone is dropped.
+    """
+
+    _ended = Signal(object)
+
+    def __init__(self, owner: QObject) -> None:
+        super().__init__(owner)
+        self._ended.connect(lambda act: act(), Qt.ConnectionType.QueuedConnection)
+
+    def start(
+        self,
+        work: Callable[[], Any],
+        done: Callable[[Any], object],
+        failed: Callable[[str], object],
+    ) -> None:
+        """Call `work` in a thread, then `done` with its result, or `failed` with a sentence, in the
+        thread of the window.
+        """
+
+        def run() -> None:
+            try:
+                result = work()
+            except UserError as error:
+                said = str(error)
+                self.tell(lambda: failed(said))
+            except Exception as error:
+                LOG.warning("work for the window failed", exc_info=error)
+                sentence = f"{type(error).__name__}: {error}"
+                self.tell(lambda: failed(sentence))
+            else:
+                self.tell(lambda: done(result))
+
+        threading.Thread(target=run, name="slipscope-window-work", daemon=True).start()
+
+    def pause(self) -> None:
+        """Wait a moment, in a thread that follows something."""
+        time.sleep(PAUSE_S)
+
+    def tell(self, act: Callable[[], object]) -> None:
+        """Call `act` in the thread of the window; from any thread, returns at once."""
+        with suppress(RuntimeError):  # the owner is gone
+            self._ended.emit(act)

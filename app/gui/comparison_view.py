@@ -1,0 +1,89 @@
+"""Recorded sessions side by side, in a window of their own: numbers, differences, and curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QPushButton, QSplitter, QWidget
+
+from app.gui import theme
+from app.gui.cells import number, typeset
+from app.gui.result_panel import fill, read_only_table
+from app.gui.widgets import column, label, row
+from app.report.side_by_side import Recorded, as_csv, colours, compared
+
+MODEL_POINTS = 200
+
+
+class ComparisonView(QWidget):
+    """Two or more sessions: a table, c/a over Q/(mu P), and Q over the travel."""
+
+    def __init__(self, sessions: Sequence[Recorded], parent: QWidget | None = None) -> None:
+        super().__init__(parent, Qt.WindowType.Window)
+        self.sessions = tuple(sessions)
+        self.setObjectName("body")
+        self.setStyleSheet(theme.STYLE)
+        self.setWindowTitle(f"{' · '.join(one.name for one in sessions)} – side by side")
+        heads = tuple(f"{one.name}\n{_about(one)}" for one in sessions)
+        pair = len(sessions) == 2
+        apart = ("difference", "in σ") if pair else ()
+        self.columns = ("quantity", "symbol", *heads, *apart, "unit")
+        self.table = read_only_table(self.columns)
+        fill(
+            self.table,
+            self.columns,
+            [
+                (r.name, r.symbol, *r.values, *((r.difference, r.in_sd) if pair else ()), r.unit)
+                for r in compared(sessions)
+            ],
+        )
+        self.colours = colours([one.load_n for one in sessions])
+        self.loading = theme.plot_widget("travel δ (µm)", "shear force Q (N)")
+        self.sticking = theme.plot_widget("Q / (μₛ P)", "stick radius c / a")
+        self._draw()
+        self.copy = QPushButton("Copy as CSV")
+        self.copy.setToolTip("All numbers, unrounded, to the clipboard")
+        self.copy.clicked.connect(lambda: QGuiApplication.clipboard().setText(as_csv(sessions)))
+        legend = row(spacing=14)
+        for one, colour in zip(sessions, self.colours, strict=True):
+            words = label(f"● {one.name}, {_about(one)}", "muted")
+            words.setStyleSheet(f"color: {colour}; font-weight: 600;")
+            legend.addWidget(words)
+        legend.addStretch(1)
+        plots = QWidget()
+        plots.setLayout(row((self.loading, 1), (self.sticking, 1), spacing=8))
+        split = QSplitter(Qt.Orientation.Vertical)
+        split.addWidget(self.table)
+        split.addWidget(plots)
+        split.setSizes([280, 380])
+        self.setLayout(
+            column(
+                row((legend, 1), self.copy),
+                (split, 1),
+                label("σ: by noise. a: after Hertz. Dashed: Cattaneo and Mindlin.", "muted"),
+                spacing=6,
+                margins=(10, 8, 10, 8),
+            )
+        )
+        self.resize(1040, 720)
+
+    def _draw(self) -> None:
+        ratio = np.linspace(0.0, 1.0, MODEL_POINTS)
+        dashed = pg.mkPen(theme.MODEL, width=1.5, style=Qt.PenStyle.DashLine)
+        self.sticking.plot(ratio, (1 - ratio) ** (1 / 3), pen=dashed)
+        for one, colour in zip(self.sessions, self.colours, strict=True):
+            self.loading.plot(*one.loading.T, pen=pg.mkPen(colour, width=2), antialias=True)
+            x, y, sd = one.sticking.T
+            bars = pg.ErrorBarItem(x=x, y=y, height=2 * sd, pen=pg.mkPen(colour, width=1))
+            self.sticking.addItem(bars)
+            self.sticking.plot(x, y, pen=None, symbol="o", symbolSize=5, symbolBrush=colour)
+        self.sticking.setXRange(0, 1.05)
+        self.sticking.setYRange(0, 1.3)
+
+
+def _about(one: Recorded) -> str:
+    return f"P = {number(one.load_n, 3)} N, {typeset(one.preset)}"

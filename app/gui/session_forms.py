@@ -1,0 +1,187 @@
+"""Forms for what is done with one recorded session: a further analysis, and an export."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton, QSpinBox
+
+from analysis.settings import PRESETS
+from app.gui.desk import Archive, ExportKind
+from app.gui.source import RunSource
+from app.gui.widgets import STRETCH, Panel, column, label, row
+
+AS_RECORDED = "as recorded"
+
+
+class AnalysisForm(Panel):
+    """Settings of a further analysis; what is left alone is as it was recorded."""
+
+    asked = Signal(object, object, object)  # session, overrides, output
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._session: Path | None = None
+        self._source: RunSource | None = None
+        self.preset, self.box, self.step = QComboBox(), QSpinBox(), QSpinBox()
+        self.preset.addItems([AS_RECORDED, *PRESETS])
+        self.preset.setToolTip("A set of settings of the correlation")
+        for spin, most, tip in (
+            (self.box, 200, "Side of the correlation box"),
+            (self.step, 200, "Pitch of the grid of boxes"),
+        ):
+            spin.setRange(0, most)
+            spin.setSpecialValueText(AS_RECORDED)
+            spin.setSuffix(" px")
+            spin.setToolTip(tip)
+        self.others, self.file = QLineEdit(), QLineEdit()
+        self.others.setPlaceholderText("table.key=value, e.g. stress.method=none")
+        self.others.setToolTip("Any other settings of the analysis, separated by spaces")
+        self.file.setToolTip("Name of the new file, which lies beside the session")
+        self.begin_button, self.stop = QPushButton("Analyse"), QPushButton("Stop")
+        self.what, self.where = label("", "heading"), label("", "muted")
+        self.where.setWordWrap(True)
+        self.stop.setEnabled(False)
+        self.setLayout(
+            column(
+                self.what,
+                row(label("preset", "name"), (self.preset, 1), spacing=6),
+                row(
+                    *(label("box", "name"), (self.box, 1), label("step", "name"), (self.step, 1)),
+                    spacing=6,
+                ),
+                row(label("others", "name"), (self.others, 1), spacing=6),
+                row(label("file", "name"), (self.file, 1), spacing=6),
+                self.where,
+                row(self.begin_button, self.stop, STRETCH, spacing=4),
+                spacing=5,
+                margins=(8, 6, 8, 6),
+            )
+        )
+        self.begin_button.clicked.connect(self._ask)
+        self.others.returnPressed.connect(self._ask)
+        self.file.returnPressed.connect(self._ask)
+        self.file.textChanged.connect(self._show_where)
+        self.stop.clicked.connect(self._stop)
+        self.hide()
+
+    def show_session(self, session: Path, archive: Archive) -> None:
+        """Ask for settings of this session."""
+        if session != self._session:
+            self._session = session
+            self.what.setText(f"Analyse {session.name} again")
+            self.file.setText(archive.analysis_of(session).name)
+
+    def overrides(self) -> list[str]:
+        """The settings that differ, as ``table.key=value``."""
+        given: dict[str, object] = dict(PRESETS.get(self.preset.currentText(), {}))
+        given |= {key: spin.value() for key, spin in self._spins() if spin.value()}
+        return [f"dic.{key}={value}" for key, value in given.items()] + shlex.split(
+            self.others.text(), posix=False
+        )
+
+    def begin(self, sentence: str) -> None:
+        """Show that an analysis goes on."""
+        self.what.setText(sentence)
+        self.begin_button.setEnabled(False)
+
+    def follow(self, source: RunSource) -> None:
+        """Let Stop end this analysis."""
+        self._source = source
+        self.stop.setEnabled(True)
+
+    def end(self) -> None:
+        """Show that it is over, and ask for the next."""
+        self._source = self._session = None
+        self.begin_button.setEnabled(True)
+        self.stop.setEnabled(False)
+
+    def _spins(self) -> tuple[tuple[str, QSpinBox], ...]:
+        return ("box", self.box), ("step", self.step)
+
+    def _output(self) -> Path | None:
+        return self._session.with_name(self.file.text().strip()) if self._session else None
+
+    def _show_where(self) -> None:
+        name = self.file.text().strip()
+        self.begin_button.setEnabled(bool(name) and self._source is None)
+        if self._session is not None and name:
+            self.where.setText(str(self._session.absolute().with_name(name)))
+
+    def _ask(self) -> None:
+        if self._session is not None and self.begin_button.isEnabled():
+            self.asked.emit(self._session, self.overrides(), self._output())
+
+    def _stop(self) -> None:
+        if self._source is not None:
+            self._source.request_stop("the operator ended the analysis")
+
+
+class ExportForm(Panel):
+    """What of a session is to be written, and where."""
+
+    asked = Signal(object, object, str, str)  # session, destination, what, frames
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._session: Path | None = None
+        self._kinds: tuple[ExportKind, ...] = ()
+        self.what, self.kind = label("", "heading"), QComboBox()
+        self.frames, self.file = QLineEdit(), QLineEdit()
+        self.frames.setPlaceholderText("all; or first:end:step")
+        self.frames.setToolTip("Numbers of frames as recorded, the end not included; or one number")
+        self.file.setToolTip("File or folder to write; it must not exist yet")
+        self.write = QPushButton("Write")
+        self.setLayout(
+            column(
+                self.what,
+                row(label("what", "name"), (self.kind, 1), spacing=6),
+                row(label("frames", "name"), (self.frames, 1), spacing=6),
+                row(label("to", "name"), (self.file, 1), spacing=6),
+                row(self.write, STRETCH),
+                spacing=5,
+                margins=(8, 6, 8, 6),
+            )
+        )
+        self.kind.setSizeAdjustPolicy(
+            QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+        )
+        self.kind.setMinimumContentsLength(18)
+        self.kind.currentIndexChanged.connect(self._show_file)
+        self.write.clicked.connect(self._ask)
+        self.file.returnPressed.connect(self._ask)
+        self.frames.returnPressed.connect(self._ask)
+        self.hide()
+
+    def show_session(self, session: Path, kinds: Sequence[ExportKind] = ()) -> None:
+        """Ask what of this session is to be written."""
+        if kinds and tuple(kinds) != self._kinds:
+            self._kinds = tuple(kinds)
+            self.kind.clear()
+            for one in kinds:
+                form = one.ending or "folder"
+                self.kind.addItem(f"{one.what} ({form}): {one.meaning}")
+        self._session = session
+        self.what.setText(f"Export {session.name}")
+        self._show_file()
+
+    def _show_file(self) -> None:
+        if self._session is None or not 0 <= self.kind.currentIndex() < len(self._kinds):
+            return
+        one, base = self._kinds[self.kind.currentIndex()], self._session.absolute()
+        name, number = f"{base.stem}-{one.what}", 1
+        wanted = base.with_name(name + one.ending)
+        while wanted.exists():
+            number += 1
+            wanted = base.with_name(f"{name}-{number}{one.ending}")
+        self.file.setText(str(wanted))
+
+    def _ask(self) -> None:
+        text = self.file.text().strip()
+        if self._session is not None and text:
+            what = self._kinds[self.kind.currentIndex()].what
+            destination = self._session.absolute().parent / text
+            self.asked.emit(self._session, destination, what, self.frames.text().strip())

@@ -1,0 +1,173 @@
+"""Recorded runs side by side: their numbers with the differences, and their curves on the same
+axes.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.legs import REVERSED_M
+from app.records import F64, Phase
+from app.report.card import Card
+from app.report.quantities import Measurement
+from app.summary import Summary
+
+MOST_UNCERTAIN = 0.2  # of c: what is known worse is not drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A file of a folder, as a list of sessions has it.
+
+    Attributes
+    ----------
+    state : str
+        How the run ended in one word, or that it is a further analysis; empty where the file can
+        not be read, which `problem` explains.
+    load_n, mu_s : str
+        Normal force (N) and static friction with its uncertainty; empty: not measured.
+    started : str
+        When, as ISO 8601.
+    """
+
+    path: Path
+    state: str
+    load_n: str = ""
+    mu_s: str = ""
+    started: str = ""
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """What a comparison needs of a session.
+
+    Attributes
+    ----------
+    loading : ndarray, shape (n, 2)
+        Travel (um) and Q (N) of the drive.
+    sticking : ndarray, shape (n, 3)
+        Q/(mu_s P), and c/a with its standard uncertainty, up to the onset of sliding; a is that of
+        Hertz.
+    preset : str
+        The correlation: ``box 20, step 10``.
+    """
+
+    path: Path
+    card: Card
+    load_n: float
+    loading: F64
+    sticking: F64
+    preset: str
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its ending."""
+        return self.path.stem
+
+
+def curves_of(results: NDArray[np.void], summary: Summary | None) -> tuple[F64, F64]:
+    """`Recorded.loading` and `Recorded.sticking`, from the numbers of a session's frames."""
+    drive = results[results["phase"] == str(Phase.DRIVE)]
+    travel, shear, normal = (drive[n] for n in ("travel_m", "shear_force_n", "normal_force_n"))
+    loading = np.column_stack([travel * 1e6, shear])
+    a = summary.hertz_radius_m if summary else math.nan
+    mu = summary.mu_s if summary else math.nan
+    has_peak = np.isfinite(drive["peak_radius_m"])
+    c = np.where(has_peak, drive["peak_radius_m"], drive["stick_radius_m"])
+    sd = np.where(has_peak, drive["peak_radius_sd_m"], drive["stick_radius_sd_m"])
+    onset_s = summary.onset_time_s if summary else math.nan
+    before = ~(drive["time_s"] > onset_s)
+    furthest = np.maximum.accumulate(np.nan_to_num(travel)) if len(travel) else travel
+    turned = np.flatnonzero(travel < furthest - REVERSED_M)
+    first = np.arange(len(drive)) < (turned[0] if len(turned) else len(drive))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sticking = np.column_stack([shear / (mu * normal), c / a, np.nan_to_num(sd) / a])
+    is_known = first & before & np.isfinite(sticking).all(axis=1) & (sd < MOST_UNCERTAIN * a)
+    return loading[np.isfinite(loading).all(axis=1)], sticking[is_known]
+
+
+class Compared(NamedTuple):
+    """One quantity of several sessions; `difference` is that of the last from the first, empty
+    unless both were measured, and `in_sd` the same by their standard uncertainty by noise.
+    """
+
+    name: str
+    symbol: str
+    values: tuple[str, ...]
+    difference: str
+    in_sd: str
+    unit: str
+
+
+def compared(sessions: Sequence[Recorded]) -> list[Compared]:
+    """The quantities of all sessions side by side, those that at least one has measured."""
+    by_symbol = [{q.symbol: q for q in one.card.quantities} for one in sessions]
+    symbols = list(dict.fromkeys(symbol for held in by_symbol for symbol in held))
+    rows = []
+    for symbol in symbols:
+        found = [held.get(symbol) for held in by_symbol]
+        if any(q is not None and math.isfinite(q.value) for q in found):
+            rows.append(_row(found, symbol))
+    return rows
+
+
+def _row(found: Sequence[Measurement | None], symbol: str) -> Compared:
+    known = next(q for q in found if q is not None)
+    texts = tuple(" ".join(q.combined.rounded).strip() if q else "" for q in found)
+    first, last = found[0], found[-1]
+    if len(found) < 2 or first is None or last is None:
+        return Compared(known.name, symbol, texts, "", "", known.unit)
+    apart = last.value - first.value
+    sd = math.hypot(*(s for s in (first.sd, last.sd) if math.isfinite(s)))
+    if not math.isfinite(apart):
+        return Compared(known.name, symbol, texts, "", "", known.unit)
+    told = replace(first, value=apart, sd=sd if sd > 0 else math.nan, systematic=math.nan)
+    value = replace(told, extremes=(math.nan, math.nan)).rounded[0] if apart else "0"
+    return Compared(
+        known.name, symbol, texts, value, f"{apart / sd:.1f}" if sd > 0 else "", known.unit
+    )
+
+
+def as_csv(sessions: Sequence[Recorded]) -> str:
+    """The numbers of all sessions, unrounded, a row for each quantity."""
+    file = io.StringIO()
+    table = csv.writer(file, lineterminator="\n")
+    heads = [
+        f"{one.name} {what}" for one in sessions for what in ("value", "sd noise", "sd inputs")
+    ]
+    table.writerow(("quantity", "symbol", "unit", *heads))
+    by_symbol = [{q.symbol: q for q in one.card.quantities} for one in sessions]
+    for q in {symbol: q for held in by_symbol for symbol, q in held.items()}.values():
+        cells: list[str] = []
+        for held in by_symbol:
+            numbers = held[q.symbol].in_unit if q.symbol in held else (math.nan,) * 3
+            cells += ["" if math.isnan(x) else f"{x:.9g}" for x in numbers]
+        table.writerow((q.name, q.symbol, q.unit, *cells))
+    return file.getvalue()
+
+
+# from a small load to a large one: of rising lightness, for dark backgrounds and light ones
+LOADS = ((64, 104, 214), (204, 92, 150), (240, 170, 60))
+DISTINCT = ("#56b4e9", "#e69f00", "#cc79a7", "#009e73", "#d55e00", "#0072b2", "#f0e442")
+ALIKE = 0.02  # loads that differ by a smaller share are one
+
+
+def colours(loads_n: Sequence[float]) -> list[str]:
+    """A colour for each session: by its load where they differ, else one that is told apart."""
+    known = [load for load in loads_n if math.isfinite(load)]
+    low, high = (min(known), max(known)) if known else (0.0, 0.0)
+    if len(known) < len(loads_n) or high <= low * (1 + ALIKE) or len(set(loads_n)) < len(loads_n):
+        return [DISTINCT[k % len(DISTINCT)] for k in range(len(loads_n))]
+    shares = [(load - low) / (high - low) for load in loads_n]
+    mixed = np.array([np.interp(shares, (0.0, 0.5, 1.0), part) for part in np.transpose(LOADS)])
+    return ["#" + "".join(f"{round(part):02x}" for part in rgb) for rgb in mixed.T.tolist()]

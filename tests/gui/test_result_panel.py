@@ -1,0 +1,134 @@
+"""The result card: every number with both parts of its uncertainty, and how the run ended."""
+
+import csv
+import io
+import math
+from dataclasses import replace
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from scripted_run import ScriptedRun
+
+from app.gui.cells import prose
+from app.gui.result_panel import ResultPanel
+from app.gui.source import setup_of
+from app.gui.view_state import read, resolve
+from app.records import Counts, Outcome
+from app.report.card import card_of
+from app.summary import Summary
+
+COUNTS = Counts(120, 118, 118, 2, 100, 18, 14000, 60)
+SUMMARY = Summary(
+    *(0.5, 2.2046e-3, 0.0413e-3, 2.19412e-3, 20.234, 0.0996, 0.46311, 0.92622, 0.0042, 0.93011),
+    (0.9214, 0.9388),
+    4.8312e-6,
+    ("law: too few frames",),
+    young_modulus_pa=3.421e6,
+    young_modulus_sd_pa=0.0321e6,
+    calibration_sd=0.0077,
+    budget_inputs=("pixel size", "shear force"),
+    budget_quantities=("apparent_radius", "young_modulus"),
+    budget=(0.003, 0.004, 0.0, 0.003),
+)
+DONE = Outcome("done", "the drive of 190 um is complete", COUNTS, SUMMARY)
+
+
+@pytest.fixture
+def panel(qtbot):
+    panel = ResultPanel()
+    qtbot.addWidget(panel)
+    panel.resize(700, 500)
+    panel.show()
+    return panel
+
+
+def cells(panel):
+    table = panel.table
+    return {
+        table.item(k, 0).text(): [table.item(k, j).text() for j in range(2, 6)]
+        for k in range(table.rowCount())
+    }
+
+
+def test_every_quantity_has_both_parts_of_its_uncertainty(panel):
+    panel.show_card(card_of("a run", DONE, 3, is_live=True))
+    shown = cells(panel)
+    assert len(shown) == 11
+    # 0.5 % of 3.421 MPa by two inputs, 0.4 and 0.3 %
+    assert shown["Young's modulus from the stress"] == ["3.421", "0.032", "0.017", "MPa"]
+    assert shown["apparent radius"] == ["2.205", "0.041", "0.007", "mm"]
+    # mu_s has no budget here: its part by the inputs is that of the sensors, 0.77 % of 0.926
+    assert shown["static friction"] == ["0.9262", "0.0042", "0.0071", ""]
+    assert shown["dynamic friction"][1] == "0.9214–0.9388"
+    assert shown["length of the local law"] == ["–", "–", "–", "µm"]
+
+
+def test_the_account_and_the_notes_stand_beside_them(panel):
+    panel.show_card(card_of("a run", DONE, 3, is_live=True))
+    notes = panel.notes.text()
+    for told in (
+        "118 received, 118 recorded, 2 lost",
+        "115 certain, 3 uncertain",
+        "14000 recorded, 60 lost",
+        "Note: law: too few frames",
+    ):
+        assert told in notes
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "word"),
+    [
+        ("done", "the drive of 190 um is complete", "COMPLETE"),
+        ("done", "STOP MOTION was pressed", "STOPPED"),
+        ("failed", "camera: no image for 3 s", "FAILED"),
+    ],
+)
+def test_the_verdict_tells_complete_stopped_and_failed_apart(panel, state, reason, word):
+    outcome = replace(DONE, state=state, reason=reason)
+    panel.show_card(card_of("a run", outcome, is_live=True))
+    assert panel.verdict.text() == word
+    assert prose(reason)[1:] in panel.notes.text()
+
+
+def test_the_card_is_copied_as_text_and_as_a_table(qtbot, panel):
+    panel.show_card(card_of("a run", DONE, is_live=True))
+    qtbot.mouseClick(panel.copy_text, Qt.MouseButton.LeftButton)
+    text = QGuiApplication.clipboard().text()
+    assert text.startswith("a run: complete (the drive of 190 um is complete)\n")
+    assert "static friction\tmu_s\t0.9262\t0.0042\t0.0071" in text
+    qtbot.mouseClick(panel.copy_csv, Qt.MouseButton.LeftButton)
+    rows = list(csv.DictReader(io.StringIO(QGuiApplication.clipboard().text())))
+    modulus = next(row for row in rows if row["symbol"] == "E")
+    assert float(modulus["value"]) == 3.421
+    assert float(modulus["sd_inputs"]) == pytest.approx(3.421 * 0.005, rel=1e-6)
+    assert next(row for row in rows if row["symbol"] == "L")["value"] == ""
+    assert len(rows) == 11
+
+
+def test_until_the_end_the_settings_are_shown(panel):
+    run = ScriptedRun(320, 240, frames=60).at(30)
+    view = resolve(setup_of(run), read(run, 0), None)
+    panel.show_view(view)
+    assert panel.heading.text() == "Settings of the run"
+    assert cells(panel)["velocity"][0] == "5"
+    assert not panel.copy_text.isEnabled()
+    run.at(60)
+    view = resolve(setup_of(run), read(run, 30), view)
+    panel.show_view(view)
+    assert panel.heading.text() == "Result"
+    assert panel.copy_text.isEnabled()
+    assert view.card.verdict == "complete"
+    assert math.isnan(view.summary.young_modulus_pa)
+
+
+@pytest.mark.parametrize(
+    ("plain", "proper"),
+    [
+        ("u_x of 5 um, mu_s = -0.5 by 12 uJ", "uₓ of 5 µm, μₛ = −0.5 by 12 µJ"),
+        ("the number of columns, sigma(r) from 2-3", "the number of columns, σ(r) from 2-3"),
+        ("run-2.h5 of 2026-11-23, t_s", "run-2.h5 of 2026-11-23, tₛ"),
+    ],
+)
+def test_sentences_have_proper_symbols_and_keep_their_words(plain, proper):
+    assert prose(plain) == proper

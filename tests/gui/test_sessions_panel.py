@@ -1,0 +1,262 @@
+"""An operator with recorded sessions: drops, opens, compares, analyses again and exports them."""
+
+import shutil
+import time
+from functools import partial
+
+import pytest
+import short_run
+from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PySide6.QtGui import QDropEvent, QGuiApplication
+from PySide6.QtWidgets import QMenu
+
+from app import config, live
+from app.commands.archive import Archive
+from app.gui.desk import Desk
+from app.gui.memory import Memory
+from app.gui.sessions_panel import SessionsPanel
+from app.session.reader import SessionReader
+from app.settings import Config
+
+LEFT = Qt.MouseButton.LeftButton
+SHORT = (*short_run.SHORT, "stress.method=none", "dic.threads=1")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Two runs: 0.03 N to the end, and 0.02 N that the operator ended."""
+    folder = tmp_path_factory.mktemp("evening")
+    run = live.make_run(config.load(None, SHORT), folder / "load-30.h5", pace=None)
+    run.start()
+    assert run.wait(400).state == "done"
+    settings = config.load(None, (*SHORT, "run.normal_force=0.02"))
+    run = live.make_run(settings, folder / "load-20.h5", pace=None)
+    run.start()
+    while run.health().counts.frames_received < 40:
+        time.sleep(0.01)
+    run.request_stop("the operator ended the run")
+    assert run.wait(400).state == "done"
+    return folder
+
+
+@pytest.fixture
+def folder(recorded, tmp_path):
+    for path in recorded.glob("*.h5"):
+        shutil.copy(path, tmp_path / path.name)
+    (tmp_path / "notes.h5").write_bytes(b"no session")
+    (tmp_path / "readme.txt").write_text("no session either")
+    return tmp_path
+
+
+class Workshop:
+    """As that of the command, but it makes no runs."""
+
+    def __init__(self):
+        self.made = []
+        self.archive = Archive(self.made.append, as_json=True)
+
+
+@pytest.fixture
+def panel(qtbot):
+    desk = Desk(Workshop(), Config())
+    panel = SessionsPanel(desk)
+    panel.asked = []
+    desk.session_asked.connect(panel.asked.append)
+    panel.resize(620, 760)
+    with qtbot.waitExposed(panel):
+        panel.show()
+    yield panel
+    for view in panel.comparisons:
+        view.close()
+        view.deleteLater()
+    panel.close()
+    panel.deleteLater()
+
+
+def drop(panel, *paths):
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(path)) for path in paths])
+    action, no_keys = Qt.DropAction.CopyAction, Qt.KeyboardModifier.NoModifier
+    panel.dropEvent(QDropEvent(QPointF(50, 50), action, data, LEFT, no_keys))
+
+
+def rows(panel):
+    items = [panel.list.topLevelItem(k) for k in range(panel.list.topLevelItemCount())]
+    return {item.text(0): [item.text(k) for k in range(1, 5)] for item in items}
+
+
+def listed(qtbot, panel, count):
+    qtbot.waitUntil(
+        lambda: len(rows(panel)) == count and all(row[0] != "…" for row in rows(panel).values())
+    )
+    return rows(panel)
+
+
+def choose(qtbot, panel, *names):
+    """Click on rows of the list, with Ctrl from the second on."""
+    for k, name in enumerate(names):
+        item = panel.list.findItems(name, Qt.MatchFlag.MatchExactly, 0)[0]
+        place = panel.list.visualItemRect(item).center()
+        key = Qt.KeyboardModifier.ControlModifier if k else Qt.KeyboardModifier.NoModifier
+        qtbot.mouseClick(panel.list.viewport(), LEFT, key, place)
+
+
+def test_a_folder_that_is_dropped_is_listed_with_state_load_and_friction(qtbot, panel, folder):
+    drop(panel, folder)
+    found = listed(qtbot, panel, 3)
+    assert found["load-30.h5"][:2] == ["complete", "0.030"]
+    mu, sign, sd = found["load-30.h5"][2].split()
+    assert abs(float(mu) - 0.93) < 0.03
+    # the force sensors alone make it uncertain by 0.77 %
+    assert (sign, 0.0071 < float(sd) < 0.012) == ("±", True)
+    assert found["load-20.h5"][0] == "stopped"
+    assert found["notes.h5"] == ["not readable", "–", "–", ""]
+    assert str(folder) in panel.where.text()
+
+
+def test_a_session_that_is_dropped_is_played_and_stands_among_the_recent(qtbot, panel, folder):
+    drop(panel, folder / "load-30.h5")
+    assert panel.asked == [folder / "load-30.h5"]
+    listed(qtbot, panel, 3)
+    assert panel.list.chosen() == [folder / "load-30.h5"]
+    assert Memory().recent("session") == [folder / "load-30.h5"]
+    menu = panel.recent.menu()
+    assert isinstance(menu, QMenu)
+    menu.aboutToShow.emit()
+    menu.actions()[0].trigger()
+    assert panel.asked == [folder / "load-30.h5"] * 2
+
+
+def test_enter_and_double_click_play_the_chosen_session(qtbot, panel, folder):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, "load-20.h5")
+    panel.list.setFocus()
+    qtbot.keyClick(panel.list, Qt.Key.Key_Return)
+    assert panel.asked == [folder / "load-20.h5"]
+    qtbot.mouseClick(panel.play_button, LEFT)
+    assert panel.asked == [folder / "load-20.h5"] * 2
+
+
+def test_two_sessions_are_compared(qtbot, panel, folder):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, "load-20.h5")
+    assert not panel.compare_button.isEnabled()
+    choose(qtbot, panel, "load-20.h5", "load-30.h5")
+    qtbot.mouseClick(panel.compare_button, LEFT)
+    qtbot.waitUntil(lambda: len(panel.comparisons) == 1)
+    view = panel.comparisons[0]
+    table = view.table
+    cells = {table.item(k, 0).text(): k for k in range(table.rowCount())}
+    load = cells["normal force"]
+    order = {one.name: 2 + k for k, one in enumerate(view.sessions)}
+    assert table.item(load, order["load-20"]).text().startswith("0.020")
+    assert table.item(load, order["load-30"]).text().startswith("0.030")
+    first, last = (float(table.item(load, k).text()) for k in (2, 3))
+    difference = float(table.item(load, 4).text().replace("−", "-"))
+    assert difference == pytest.approx(last - first, abs=2e-4)
+    # the same numbers, unrounded, as the session has them
+    qtbot.mouseClick(view.copy, LEFT)
+    text = QGuiApplication.clipboard().text()
+    with SessionReader(folder / "load-30.h5") as session:
+        assert f"{session.outcome.summary.mu_s:.9g}" in text
+    assert len(set(view.colours)) == 2
+
+
+def test_a_file_that_is_no_session_gives_a_sentence(qtbot, panel, folder):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, "load-30.h5", "notes.h5")
+    qtbot.mouseClick(panel.compare_button, LEFT)
+    qtbot.waitUntil(lambda: "notes.h5" in panel.said.text() and "Reading" not in panel.said.text())
+    assert not panel.comparisons
+
+
+def test_another_analysis_is_saved_and_shown_beside_the_recorded_one(qtbot, panel, folder):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, "load-30.h5")
+    qtbot.mouseClick(panel.analyse, LEFT)
+    form = panel.analysis_form
+    assert form.isVisible()
+    output = folder / "load-30-analysis.h5"
+    assert form.where.text() == str(output)
+    form.box.setFocus()
+    form.box.selectAll()
+    qtbot.keyClicks(form.box, "28")
+    qtbot.keyClicks(form.others, "sample.young_modulus=3")
+    qtbot.mouseClick(form.begin_button, LEFT)
+    assert not form.begin_button.isEnabled()
+    qtbot.waitUntil(lambda: len(panel.comparisons) == 1)
+    with SessionReader(output) as session:
+        settings = session.header.config_toml
+    assert "box = 28" in settings
+    assert "young_modulus = 3" in settings
+    assert [one.name for one in panel.comparisons[0].sessions] == ["load-30", "load-30-analysis"]
+    assert str(output) in panel.said.text()
+    assert listed(qtbot, panel, 4)["load-30-analysis.h5"][0] == "analysis of load-30.h5"
+    assert len(panel._desk.workshop.made) == 1  # so that the command reports and ends it
+    assert len(set(panel.comparisons[0].colours)) == 2  # of one load, told apart
+
+
+def test_a_setting_that_no_analysis_may_change_is_refused_by_name(qtbot, panel, folder):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, "load-30.h5")
+    qtbot.mouseClick(panel.analyse, LEFT)
+    qtbot.keyClicks(panel.analysis_form.others, "run.travel=99")
+    qtbot.keyClick(panel.analysis_form.others, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: "run.travel is 22" in panel.said.text())
+    assert panel.analysis_form.begin_button.isEnabled()
+    assert sorted(path.name for path in folder.glob("*.h5")) == [
+        "load-20.h5",
+        "load-30.h5",
+        "notes.h5",
+    ]
+
+
+@pytest.mark.parametrize("what", ["summary", "tables"])
+def test_an_export_says_where_it_went(qtbot, panel, folder, what):
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, "load-30.h5")
+    qtbot.mouseClick(panel.export, LEFT)
+    form = panel.export_form
+    kinds = [one.what for one in panel.archive.exports]
+    form.kind.setCurrentIndex(kinds.index(what))
+    destination = folder / ("load-30-summary.csv" if what == "summary" else "load-30-tables")
+    assert form.file.text() == str(destination)
+    qtbot.mouseClick(form.write, LEFT)
+    qtbot.waitUntil(lambda: str(destination) in panel.said.text())
+    assert destination.exists()
+    # the next one goes elsewhere by itself, and the same place is refused
+    assert form.file.text() != str(destination)
+    form.file.setText(str(destination))
+    qtbot.keyClick(form.file, Qt.Key.Key_Return)
+    refused = "exists" if what == "summary" else "is not empty"
+    qtbot.waitUntil(lambda: refused in panel.said.text())
+
+
+def test_an_evening_by_keyboard_alone(qtbot, panel, folder):
+    """From the list: choose both sessions, compare; then export one."""
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    press = partial(qtbot.keyClick, modifier=Qt.KeyboardModifier.NoModifier)
+    names = [panel.list.topLevelItem(k).text(0) for k in range(3)]
+    panel.list.setFocus()
+    press(panel.list, Qt.Key.Key_Home)
+    while panel.list.currentItem().text(0) != "load-30.h5":
+        press(panel.list, Qt.Key.Key_Down)
+    while QGuiApplication.focusObject() is not panel.export:
+        press(QGuiApplication.focusObject(), Qt.Key.Key_Tab)
+    press(panel.export, Qt.Key.Key_Space)
+    assert panel.export_form.isVisible()
+    while QGuiApplication.focusObject() is not panel.export_form.frames:
+        press(QGuiApplication.focusObject(), Qt.Key.Key_Tab)
+    qtbot.keyClicks(panel.export_form.frames, "10:20")
+    press(panel.export_form.frames, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: "Written" in panel.said.text())
+    images = sorted(path.name for path in (folder / "load-30-images").glob("*.tiff"))
+    assert images == [f"{n:06d}.tiff" for n in range(10, 20)]
+    assert "load-30.h5" in names
