@@ -39,11 +39,13 @@ from app.engine.receiver import Receiver
 from app.engine.recorder import Recorder, SessionSink
 from app.engine.sight import Sight
 from app.engine.stage import Stage
+from app.engine.stops import Stops
 from app.engine.usage import Usage
 from app.engine.watchdog import Watchdog
 from app.engine.watched import Watched
 from app.records import Counts, Event, Health, Outcome, Phase
 from app.settings import Config
+from app.stopping import StopAnswer
 from app.summary import Summary
 from drivers.errors import DeviceError
 from drivers.protocols import Frame, TriggerTrain
@@ -125,6 +127,7 @@ class Run(Watched):
         self._watchdog = Watchdog(self._ending, config.limits.age, is_direct=pace is None)
         self._ask = self._watchdog.ask
         self._stage = Stage(config, bench)
+        self._stops = Stops(self._stage, self._watchdog)
         self._intake = Intake(config, bench, self._stage, self._history, self._watchdog, pace=pace)
         self._unhurried_depth = math.ceil(UNHURRIED_S * config.frame_rate_hz)
         self._to_analysis: LatestChannel[Frame] = LatestChannel(
@@ -165,9 +168,16 @@ class Run(Watched):
         """
         self._ending.call(reason, failed=False)
 
-    def stop_motion(self) -> None:
-        """Stop the actuator in the calling thread, then end the run."""
+    def stop_motion(self) -> StopAnswer:
+        """Stop the actuator in the calling thread, then end the run; what the actuator answered."""
         self.request_stop("STOP MOTION was pressed")
+        return self._stops.told(self._state)
+
+    def stop_answer(self) -> StopAnswer | None:
+        """What became of the newest stop, whoever called for it, once the position of the stage was
+        read; None where none was sent.
+        """
+        return self._stops.answer
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
@@ -227,6 +237,7 @@ class Run(Watched):
             # that stops the motion
             gc.freeze()
             self._ask("bench", self._bench.open, math.inf)
+            self._stops.is_connected = True
             self._check_camera()
             self._ask(self._stage.name, self._stage.arm)
             sink = self._create_sink()
@@ -235,6 +246,8 @@ class Run(Watched):
             LOG.debug("the run can not begin", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
         gc.unfreeze()
+        self._stops.confirm()
+        self._stops.is_connected = False
         self._ending.attempt("bench", lambda: self._ask("bench", self._bench.close))
         self._watchdog.close()
         self._analysis.close()
@@ -410,24 +423,19 @@ class Run(Watched):
     # ------------------------------------------------------------------ the end
 
     def _stop_actuator(self) -> None:
-        if self._state in ("running", "stopping"):
-            if self._stage.name in self._watchdog.given_up:  # it may not return from this either
-                threading.Thread(
-                    target=self._stage.stop, name="slipscope-stop", daemon=True
-                ).start()
-            else:
-                self._stage.stop()
+        self._stops.send()
 
     def _wind_down(self, workers: _Workers, others: list[threading.Thread]) -> None:
-        """Actuator, last samples and exposure, forces, camera, analysis, last events: in this
-        order. A device that was given up is left alone.
+        """Actuator, last samples and exposure, forces, whether the stage stands, camera, analysis,
+        last events: in this order. A device that was given up is left alone.
         """
         attempt = self._ending.attempt
         self._state = "stopping"
-        self._wind_down_device(self._stage.name, self._stage.stop)
+        self._wind_down_device(self._stage.name, self._stops.send_now)
         if self._bench.forces.name not in self._watchdog.given_up:
             attempt("forces", lambda: self._read_on(workers))
         self._wind_down_device(self._bench.forces.name, self._bench.forces.stop)
+        self._stops.confirm()
         self._history.finish()
         workers.receiver.join(*others)
         self._wind_down_device(self._bench.camera.name, self._bench.camera.stop)

@@ -33,6 +33,8 @@ class Stage:
         Position at the start of the run; from the drive on, that at its start.
     travel_m : float
         How far from there it was when it was last asked, along +x.
+    velocity_m_s : float
+        That it was last set to.
     has_failed : bool
         Whether it has failed or fallen silent: it is asked nothing more but to stop, so that it
         costs no time for the samples.
@@ -41,7 +43,7 @@ class Stage:
     def __init__(self, config: Config, bench: HasActuator) -> None:
         self.start_m = self.travel_m = 0.0
         self.has_failed = False
-        self._velocity = math.nan
+        self.velocity_m_s = math.nan
         self._config, self._bench = config, bench
 
     @property
@@ -137,9 +139,9 @@ class Stage:
         actuator.move_to(self.start_m + order.target_m)
 
     def _set_velocity(self, velocity_m_s: float) -> None:
-        if velocity_m_s != self._velocity:
+        if velocity_m_s != self.velocity_m_s:
             self._bench.actuator.set_velocity(velocity_m_s)
-            self._velocity = velocity_m_s
+            self.velocity_m_s = velocity_m_s
 
     def look(self) -> tuple[float, bool]:
         """Position, and whether it moves; NaN and False once it has failed."""
@@ -156,6 +158,12 @@ class Stage:
             raise
         self.travel_m = position - self.start_m
         return position, moves
+
+    def reading(self) -> tuple[float, bool]:
+        """Position, and whether it moves, asked for also once it has failed."""
+        actuator = self._bench.actuator
+        moves = actuator.is_moving()
+        return actuator.position_m(), moves
 
     def stop(self) -> None:
         """End any motion; may be called from any thread."""

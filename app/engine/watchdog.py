@@ -56,13 +56,15 @@ class Watchdog:
         Devices that did not return; they are not asked again.
     drives : bool
         Whether the stage moves.
+    is_direct : bool
+        As it was given.
     """
 
     def __init__(self, ending: Ending, age_s: float, *, is_direct: bool) -> None:
         self.asked = ""
         self.given_up: set[str] = set()
         self.drives = False
-        self._ending, self._age_s, self._is_direct = ending, age_s, is_direct
+        self._ending, self._age_s, self.is_direct = ending, age_s, is_direct
         self._calls: queue.SimpleQueue[_Call] | None = None
         self._heard_at = time.monotonic()
 
@@ -70,7 +72,7 @@ class Watchdog:
         """Note that forces came, of which the newest is `age_s` old; how old the newest known one
         had become by then, if that is more.
         """
-        if self._is_direct:
+        if self.is_direct:
             return 0.0
         before, self._heard_at = self._heard_at, time.monotonic() - age_s
         return max(age_s, time.monotonic() - before)
@@ -84,7 +86,7 @@ class Watchdog:
             The device did not return within `patience_s`, or `PATIENCE_S` after the end of the run
             was called for, or was given up before.
         """
-        if self._is_direct:
+        if self.is_direct:
             return step()
         if who in self.given_up:
             raise self._is_given_up(who)

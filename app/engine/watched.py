@@ -12,6 +12,7 @@ from app.engine.quality import Quality
 from app.engine.setup import grid_of
 from app.records import ContactResult, Outcome, Snapshot
 from app.settings import Config
+from app.stopping import StopAnswer
 
 
 class Watched:
@@ -56,6 +57,10 @@ class Watched:
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way; what is recorded asks none."""
+
+    def stop_answer(self) -> StopAnswer | None:
+        """What became of a stop; what is recorded moves nothing."""
+        return None
 
     def outcome(self) -> Outcome | None:
         """How the experiment ended; None while it has not."""

@@ -28,6 +28,7 @@ from app.records import STEP, Counts, Health, Outcome, Phase, ReceivedFrame, Sna
 from app.session.datasets import span_of
 from app.session.reader import SessionReader
 from app.settings import Config
+from app.stopping import StopAnswer, not_connected
 
 __all__ = ["Comparison", "Replay", "difference"]
 
@@ -203,9 +204,10 @@ class Replay(Watched):
         self._reason = self._reason or reason
         self.playback.end()
 
-    def stop_motion(self) -> None:
+    def stop_motion(self) -> StopAnswer:
         """End the replay, in which nothing moves."""
         self.request_stop("STOP MOTION was pressed")
+        return not_connected("this is recorded, and no bench is connected")
 
     def latest_image(self) -> NDArray[Any] | None:
         """The image of the frame that is looked at, or else of the newest one."""

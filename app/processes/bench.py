@@ -23,7 +23,7 @@ from app import live, logs
 from app.engine.run import Run
 from app.errors import UserError
 from app.processes.calls import Methods, Server
-from app.processes.folder import RunningBench, publish, shown_images
+from app.processes.folder import ANSWER, RunningBench, publish, shown_images
 from app.processes.making import made_in_a_process
 from app.processes.pipeline_process import PipelineProcess
 from app.processes.signals import acting_on_signals
@@ -85,7 +85,11 @@ class _Served:
         """The bench, watched from outside."""
         limits = self.order.config.limits
         return SupervisedBench(
-            bench, limits, self._motion, lambda pid: self.tell(supervisor_pid=pid)
+            bench,
+            limits,
+            self._motion,
+            lambda pid: self.tell(supervisor_pid=pid),
+            self.order.folder / ANSWER,
         )
 
     def _motion(self) -> Motion:
@@ -116,6 +120,7 @@ class _Served:
             "stop_motion": run.stop_motion,
             "request_stop": run.request_stop,
             "answer": run.answer,
+            "stop_answer": run.stop_answer,
             "health": run.health,
             "outcome": run.outcome,
             "contact": run.contact,

@@ -19,13 +19,15 @@ from app.engine.series import Series
 from app.engine.setup import grid_of
 from app.processes.bench import Order
 from app.processes.calls import Caller, Gone, Silent
-from app.processes.folder import RunningBench, new_folder, root, shared_image
+from app.processes.folder import RunningBench, known, new_folder, root, shared_image, told
 from app.processes.starting import hello_of, started
 from app.records import ContactResult, Counts, Health, Outcome, Snapshot
 from app.settings import Config
+from app.stopping import Stop, StopAnswer, failed, not_connected
 
 LOG = logging.getLogger(__name__)
 POLL_S = 0.05
+SUPERVISED_S = 3.0  # until the supervisor of a bench that is gone has stopped its stage
 POINTS = 4000  # of the forces that are kept once the run has ended
 
 
@@ -65,6 +67,8 @@ class RemoteRun:
         self._forces = None
         self._health = Health("idle", "", "", Counts(), 0.0, 0.0, -1, 0, 0.0)
         self._outcome: Outcome | None = None
+        self._stopped: StopAnswer | None = None
+        self._is_dead = False  # the bench has ended without a word
 
     # ------------------------------------------------------------------ orders
 
@@ -73,15 +77,54 @@ class RemoteRun:
         if self._ask("health").state == "idle":
             self._order("start")
 
-    def stop_motion(self) -> None:
-        """Stop the actuator, then end the run; once the stop was sent."""
+    def stop_motion(self) -> StopAnswer:
+        """Stop the actuator, then end the run; what the actuator answered, or the supervisor if the
+        bench is gone.
+        """
         if self._outcome is None:
-            self._order("stop_motion")
+            try:
+                answer: StopAnswer = self._order("stop_motion")
+                return answer
+            except Silent as error:
+                return self.stop_answer() or failed(f"bench: {error}", is_final=False)
+            except Gone as error:
+                self._has_died(error)
+                return self._from_outside()
+        answer = self._stopped
+        if answer is not None and (answer.kind is Stop.FAILED or self._is_dead):
+            return answer
+        return not_connected("the run has ended and its bench is closed")
+
+    def stop_answer(self) -> StopAnswer | None:
+        """What became of the newest stop, whoever called for it; None where none was sent."""
+        with self._lock:
+            if self._outcome is None:
+                self._stopped = self._read("stop_answer", self._stopped)
+            if self._is_dead:
+                self._stopped = told(self.bench.name) or self._stopped
+            return self._stopped
+
+    def _from_outside(self) -> StopAnswer:
+        """What the supervisor answers for a bench that is gone, as soon as it does."""
+        is_supervised = known(self.bench).supervisor_pid > 0
+        give_up = time.monotonic() + SUPERVISED_S * is_supervised
+        while (answer := told(self.bench.name)) is None and time.monotonic() < give_up:
+            time.sleep(POLL_S)
+        self._stopped = answer or failed(
+            f"bench: its process (number {self.bench.pid}) has ended, and no supervisor says that"
+            " it has stopped the stage"
+        )
+        return self._stopped
 
     def request_stop(self, reason: str) -> None:
         """End the run in good order; once the stop was sent."""
         if self._outcome is None:
-            self._order("request_stop", reason)
+            try:
+                self._order("request_stop", reason)
+            except Silent as error:
+                LOG.warning("%s", error)
+            except Gone as error:
+                self._has_died(error)
 
     def answer(self, text: str) -> None:
         """Answer the question of the step under way."""
@@ -176,6 +219,7 @@ class RemoteRun:
             self.contact()
             self.force_history(POINTS)
             self.latest_image()
+            self.stop_answer()
             self._health = self._read("health", self._health)
             self._outcome = self._outcome or outcome
             self._ask.close()
@@ -185,9 +229,12 @@ class RemoteRun:
         with self._lock:
             if self._outcome is None:
                 LOG.debug("the bench has died", exc_info=error)
+                self._is_dead = True
+                has_one = known(self.bench).supervisor_pid > 0
                 reason = (
-                    f"bench: its process (number {self.bench.pid}) has ended, and its supervisor"
-                    " stops the stage; what was recorded is safe, slipscope repair"
+                    f"bench: its process (number {self.bench.pid}) has ended, and"
+                    f" {'its supervisor stops' if has_one else 'no supervisor watches'} the stage;"
+                    " what was recorded is safe, slipscope repair"
                     f" {self.session.name} gives it back"
                 )
                 self._outcome = Outcome("failed", reason, self._health.counts, None)

@@ -21,8 +21,11 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from app.stopping import Stop, StopAnswer
+
 MEMORY = Path("/dev/shm")  # of Linux
 FILE = "bench.json"
+ANSWER = "stop.json"  # of the supervisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +92,27 @@ def publish(folder: Path, bench: RunningBench) -> None:
     new = folder / f"{FILE}.new"
     new.write_text(json.dumps(asdict(bench)), encoding="utf-8")
     new.replace(folder / FILE)
+
+
+def known(bench: RunningBench) -> RunningBench:
+    """The same bench, as its folder says now, or did at its end."""
+    return _read(root() / bench.name) or bench
+
+
+def tell(path: Path, answer: StopAnswer) -> None:
+    """Leave what became of a stop for those who ask for it when the bench is gone."""
+    new = path.with_name(f"{path.name}.new")
+    new.write_text(json.dumps(asdict(answer)), encoding="utf-8")
+    new.replace(path)
+
+
+def told(bench: str) -> StopAnswer | None:
+    """What the supervisor of a bench of that name has left; None where there is nothing."""
+    try:
+        told = json.loads((root() / bench / ANSWER).read_text(encoding="utf-8"))
+        return StopAnswer(Stop(told["kind"]), told["sentence"])
+    except (OSError, ValueError):
+        return None
 
 
 def running() -> list[RunningBench]:

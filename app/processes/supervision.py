@@ -9,6 +9,7 @@ import os
 import subprocess
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 from app.engine.intake import BenchDevices
 from app.processes.starting import ProcessFailed, hello_of, started
@@ -37,6 +38,8 @@ class SupervisedBench(BenchDevices):
         How the run stands.
     on_start : callable
         Told the number of each process that is started.
+    answer : Path
+        File in which the supervisor says what became of its stop.
     """
 
     def __init__(
@@ -45,9 +48,11 @@ class SupervisedBench(BenchDevices):
         limits: Limits,
         motion: Callable[[], Motion],
         on_start: Callable[[int], None],
+        answer: Path,
     ) -> None:
         self._bench, self._limits = bench, limits
         self._motion, self._on_start = motion, on_start
+        self._answer = answer
         self._process: subprocess.Popen[bytes] | None = None
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
@@ -85,6 +90,7 @@ class SupervisedBench(BenchDevices):
             os.getpid(),
             self._limits.age + MARGIN_S,
             self._limits.travel + MARGIN_M,
+            self._answer,
         )
         try:
             self._supervise(watch)

@@ -16,22 +16,29 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
+from app.processes.folder import tell
 from app.processes.starting import payload, say_hello
+from app.stopping import failed, sent_from_outside
 from drivers.errors import DeviceError
 from drivers.protocols import OutsideStopper
 
 SILENT_S = 0.8
+TRIES = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """What is watched: the way to the stage, the bench's process, and its limits."""
+    """What is watched: the way to the stage, the bench's process, and its limits; and the file that
+    says what became of a stop.
+    """
 
     stopper: OutsideStopper
     bench: int
     age_s: float
     travel_m: float
+    answer: Path
 
 
 def main() -> None:
@@ -73,16 +80,22 @@ def _listen(beats: queue.SimpleQueue[str]) -> None:
 
 
 def _stop(watch: Watch, *, and_kill: bool) -> None:
-    try:
-        watch.stopper.stop()
-    except DeviceError:
-        and_kill = True  # the port may be the bench's alone until it has ended
-    if and_kill:
+    problem = _problem(watch)
+    if and_kill or problem:  # the port may be the bench's alone until it has ended
         with suppress(OSError):  # it may be gone
             os.kill(watch.bench, getattr(signal, "SIGKILL", signal.SIGTERM))
-        for _ in range(5):
-            try:
-                watch.stopper.stop()
-                return
-            except DeviceError:
-                time.sleep(0.05)
+        for _ in range(TRIES):
+            problem = _problem(watch)
+            if not problem:
+                break
+            time.sleep(0.05)
+    tell(watch.answer, failed(problem) if problem else sent_from_outside())
+
+
+def _problem(watch: Watch) -> str:
+    """Stop the stage; why that has failed, empty if it has not."""
+    try:
+        watch.stopper.stop()
+    except DeviceError as error:
+        return str(error)
+    return ""

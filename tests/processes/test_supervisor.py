@@ -35,7 +35,9 @@ class Supervised:
         self.path = path
         path.touch()
         self.victim = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-        watch = Watch(FileStop(str(path)), self.victim.pid, age_s, 100e-6)
+        watch = Watch(
+            FileStop(str(path)), self.victim.pid, age_s, 100e-6, path.parent / "stop.json"
+        )
         self.process = started("app.processes.supervisor", watch)
         hello_of(self.process)
 

@@ -1,0 +1,271 @@
+"""What a stop answers is what became of it: sent, read at rest, failed, or nothing to send it to."""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from short_run import SMALL
+
+from app import config, live
+from app.engine import stops as stops_module
+from app.engine.ending import Ending
+from app.engine.stage import Stage
+from app.engine.stops import Stops
+from app.engine.watchdog import Watchdog
+from app.records import Phase
+from app.stopping import CUT_POWER, Stop
+from drivers.errors import DeviceFault, DeviceTimeout
+
+TIMEOUT = 120
+
+
+class Actuator:
+    """A stage at 12.5 mm that goes on at 5 um/s until it is stopped, and does as it is told."""
+
+    name = "stage X"
+
+    def __init__(self):
+        self.began, self.stopped_at = time.monotonic(), None
+        self.obeys, self.says_so, self.refuses, self.hangs, self.is_cut = True, True, "", None, ""
+        self.calls = []
+
+    def stop(self):
+        self.calls.append("stop")
+        if self.hangs:
+            self.hangs.wait(TIMEOUT)
+        if self.refuses:
+            raise DeviceFault(self.refuses)
+        self.stopped_at = time.monotonic() if self.obeys else None
+
+    def position_m(self):
+        self.calls.append("position")
+        if self.is_cut:
+            raise DeviceTimeout(self.is_cut)
+        until = time.monotonic() if self.stopped_at is None else self.stopped_at
+        return 12.5e-3 + 5e-6 * (until - self.began)
+
+    def is_moving(self):
+        if self.is_cut:
+            raise DeviceTimeout(self.is_cut)
+        return self.stopped_at is None and self.says_so
+
+
+def stops_of(actuator, velocity_m_s=5e-6):
+    """The stops of a run at the pace of a bench whose stage that is, connected."""
+    stage = Stage(config.load(None, SMALL), SimpleNamespace(actuator=actuator))
+    stage.velocity_m_s = velocity_m_s
+    made = []
+    ending = Ending(lambda: made[0].send())
+    made.append(Stops(stage, Watchdog(ending, 1.0, is_direct=False)))
+    made[0].is_connected = True
+    return made[0], ending
+
+
+def test_a_stop_that_was_sent_says_so_before_the_position_is_read():
+    actuator = Actuator()
+    stops, ending = stops_of(actuator)
+    ending.call("enough", failed=False)
+    assert actuator.calls == ["stop"]
+    answer = stops.told("running")
+    assert (answer.kind, answer.is_final) == (Stop.SENT, False)
+    assert answer.sentence == "STOP MOTION was sent to the stage X; its position is being read."
+    stops.confirm()
+    answer = stops.told("stopping")
+    assert (answer.kind, answer.is_final) == (Stop.AT_REST, True)
+    assert answer.sentence.startswith("STOP MOTION: the stage X is at rest at 12.5000 mm; ")
+
+
+def test_a_second_stop_of_a_stage_that_was_read_at_rest_is_sent_and_it_is_at_rest():
+    stops, ending = stops_of(actuator := Actuator())
+    ending.call("enough", failed=False)
+    stops.confirm()
+    ending.call("enough", failed=False)
+    assert actuator.calls.count("stop") == 2
+    assert stops.told("stopping").kind is Stop.AT_REST
+
+
+def test_an_actuator_that_refuses_to_stop_and_moves_on_has_failed():
+    actuator = Actuator()
+    actuator.refuses = "stage X: the command is not allowed"
+    stops, ending = stops_of(actuator)
+    ending.call("enough", failed=False)
+    answer = stops.told("running")
+    assert answer.kind is Stop.FAILED
+    assert answer.sentence == f"{CUT_POWER}: stage X: the command is not allowed"
+    assert "did not confirm its stop: stage X: the command is not allowed" in ending.reason
+    stops.confirm()
+    assert stops.answer.kind is Stop.FAILED
+    assert "1.5 s after the stop it says that it moves, and was read at 12.50" in (
+        stops.answer.sentence
+    )
+
+
+def test_an_actuator_that_refuses_to_stop_and_stands_is_at_rest():
+    actuator = Actuator()
+    actuator.refuses, actuator.stopped_at = "stage X: not allowed in READY", actuator.began
+    stops, ending = stops_of(actuator)
+    ending.call("enough", failed=False)
+    assert stops.answer.kind is Stop.FAILED
+    stops.confirm()
+    assert stops.answer.kind is Stop.AT_REST
+    assert "although the stop was refused (stage X: not allowed in READY)" in stops.answer.sentence
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_an_actuator_that_takes_the_stop_and_moves_on_has_failed(says_so):
+    """Also one that says that it stands: its position tells."""
+    actuator = Actuator()
+    actuator.obeys, actuator.says_so = False, says_so
+    stops, ending = stops_of(actuator)
+    ending.call("enough", failed=False)
+    assert stops.answer.kind is Stop.SENT
+    began = time.monotonic()
+    stops.confirm()
+    assert time.monotonic() - began < 3
+    assert (stops.answer.kind, stops.answer.is_final) == (Stop.FAILED, True)
+    says = "moves" if says_so else "stands"
+    assert f"1.5 s after the stop it says that it {says}" in stops.answer.sentence
+    assert stops.answer.sentence.startswith(f"{CUT_POWER}: stage X: ")
+
+
+def test_a_stage_whose_position_can_not_be_read_stays_sent():
+    actuator = Actuator()
+    actuator.is_cut = "stage X: no answer"
+    stops, ending = stops_of(actuator)
+    ending.call("enough", failed=False)
+    stops.confirm()
+    assert (stops.answer.kind, stops.answer.is_final) == (Stop.SENT, True)
+    assert "whether it stands could not be read: stage X: no answer" in stops.answer.sentence
+    assert "cut the actuator's power if it moves" in stops.answer.sentence
+
+
+def test_a_stage_that_neither_stops_nor_answers_has_failed():
+    actuator = Actuator()
+    actuator.is_cut = actuator.refuses = "stage X: the line is dead"
+    stops, ending = stops_of(actuator)
+    ending.call("enough", failed=False)
+    stops.confirm()
+    assert (stops.answer.kind, stops.answer.is_final) == (Stop.FAILED, True)
+    assert "nor could its position be read" in stops.answer.sentence
+    stops.is_connected = False
+    assert stops.told("failed").kind is Stop.FAILED  # after the end as well
+
+
+def test_a_stage_that_does_not_return_from_a_stop_has_failed():
+    actuator = Actuator()
+    actuator.hangs = threading.Event()
+    stops, ending = stops_of(actuator)
+    pressed = threading.Thread(target=ending.call, args=("enough",), kwargs={"failed": False})
+    pressed.start()
+    assert stops.answer is None  # it is on its way
+    ending.is_called.wait(TIMEOUT)
+    stops._watchdog.given_up.add("stage X")  # by the thread that decides, which has asked it too
+    ending.call("given up", failed=True)
+    assert stops.answer.kind is Stop.FAILED
+    assert stops.answer.sentence == f"{CUT_POWER}: stage X: it does not return from its calls"
+    actuator.hangs.set()
+    pressed.join()
+
+
+def test_slow_stages_are_given_the_way_of_their_velocity():
+    """Slower than the encoder tells in the time: what the controller says counts."""
+    stops, ending = stops_of(Actuator(), velocity_m_s=0.1e-6)
+    ending.call("enough", failed=False)
+    stops.confirm()
+    assert stops.answer.kind is Stop.AT_REST
+
+
+# ------------------------------------------------------------------ in each state of a run
+
+
+def made(path, *overrides):
+    return live.make_run(config.load(None, [*SMALL, "run.travel=5", *overrides]), path, pace=None)
+
+
+def in_drive(run, action):
+    """Do `action` once, from the thread that reads the forces, while the stage drives."""
+    read, done = run._bench.forces.read, []
+
+    def wrapped(timeout):
+        block = read(timeout)
+        began = run._history.phase_start(Phase.DRIVE)
+        if not done and began is not None and block.end > began + 300:
+            done.append(True)
+            action()
+        return block
+
+    run._bench.forces.read = wrapped
+
+
+def test_a_stop_before_the_run_and_after_its_end_is_sent_to_nothing(tmp_path):
+    run = made(tmp_path / "x.h5")
+    answer = run.stop_motion()
+    assert answer.kind is Stop.NOT_CONNECTED
+    assert "the run has not begun" in answer.sentence
+    assert run.stop_answer() is None
+    run.start()
+    run.wait(TIMEOUT)
+    answer = run.stop_motion()
+    assert answer.kind is Stop.NOT_CONNECTED
+    assert "the run has ended and its bench is closed" in answer.sentence
+
+
+def test_a_stop_while_the_bench_is_made_ready_is_sent_once_it_is_open(tmp_path):
+    run, answers = made(tmp_path / "x.h5"), []
+    opens, check = run._bench.actuator.open, run._check_camera
+
+    def opened():
+        answers.append(run.stop_motion())
+        opens()
+
+    def checked():
+        answers.append(run.stop_motion())
+        check()
+
+    run._bench.actuator.open, run._check_camera = opened, checked
+    run.start()
+    run.wait(TIMEOUT)
+    assert [answer.kind for answer in answers] == [Stop.NOT_CONNECTED, Stop.SENT]
+    assert "not connected yet" in answers[0].sentence
+    assert run.stop_answer().kind is Stop.AT_REST
+
+
+def test_a_stop_in_the_drive_and_one_while_the_run_ends(tmp_path):
+    run, answers = made(tmp_path / "x.h5"), []
+    in_drive(run, lambda: answers.append(run.stop_motion()))
+    stop = run._bench.camera.stop
+    run._bench.camera.stop = lambda: (answers.append(run.stop_motion()), stop())
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
+    assert [answer.kind for answer in answers][:2] == [Stop.SENT, Stop.AT_REST]
+    assert run.stop_answer().kind is Stop.AT_REST
+
+
+def test_a_stop_that_is_refused_in_the_drive_says_so_and_fails_the_run(tmp_path):
+    run, answers = made(tmp_path / "x.h5"), []
+
+    def refuse():
+        raise DeviceFault("simulated actuator: the command is unknown to it")
+
+    def press():
+        run._bench.actuator.stop = refuse
+        answers.append(run.stop_motion())
+
+    in_drive(run, press)
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert answers[0].kind is Stop.FAILED
+    assert answers[0].sentence.startswith(f"{CUT_POWER}: simulated actuator: the command is unknown")
+    assert outcome.state == "failed"
+    assert "did not confirm its stop" in outcome.reason
+    assert run.stop_motion().kind is Stop.FAILED  # it was not heard of since
+
+
+def test_a_run_that_ends_by_itself_leaves_a_stage_that_was_read_at_rest(tmp_path, monkeypatch):
+    monkeypatch.setattr(stops_module, "STANDS_WITHIN_S", 0.0)
+    run = made(tmp_path / "x.h5")
+    run.start()
+    assert run.wait(TIMEOUT).is_complete
+    assert run.stop_answer().kind is Stop.AT_REST
