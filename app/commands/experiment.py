@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,8 +22,10 @@ from app.errors import UserError
 from app.records import Health, Outcome
 from app.session.files import check_new_session, new_session_name, next_free
 from app.settings import Config
+from app.stopping import Stop, StopAnswer
 
 POLL_S = 0.1
+SETTLES_S = 8.0  # until the position of a stage that does not answer is given up
 LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
 
 
@@ -40,7 +43,8 @@ class Source(Protocol):
     def start(self) -> None: ...
     def wait(self, timeout: float | None = None) -> Outcome | None: ...
     def request_stop(self, reason: str) -> None: ...
-    def stop_motion(self) -> None: ...
+    def stop_motion(self) -> StopAnswer: ...
+    def stop_answer(self) -> StopAnswer | None: ...
     def answer(self, text: str) -> None: ...
     def health(self) -> Health: ...
     def outcome(self) -> Outcome | None: ...
@@ -229,13 +233,27 @@ def answer(text: str, bench: str | None) -> int:
 
 
 def stop(bench: str | None) -> int:
-    """Stop the motion of a run that is under way in another process; the exit code."""
+    """Stop the motion of a run that is under way in another process, and say what became of the
+    stop; the exit code.
+    """
     from app.processes.launch import attached
 
     source = attached(bench)
-    source.stop_motion()
-    say(f"the motion of {source.title} is stopped; its run ends and saves {source.session.name}")
+    answer = settled(source, source.stop_motion())
+    say(answer.sentence)
+    if answer.kind is Stop.FAILED:
+        return FAILED
+    say(f"{source.title}: its run ends and saves {source.session.name}")
     return DONE
+
+
+def settled(source: Source, answer: StopAnswer) -> StopAnswer:
+    """The last answer to a stop, once the position was read; the newest, if that takes too long."""
+    give_up = time.monotonic() + SETTLES_S
+    while not answer.is_final and time.monotonic() < give_up:
+        time.sleep(POLL_S)
+        answer = source.stop_answer() or answer
+    return answer
 
 
 def replay(
@@ -363,7 +381,7 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
     """
     from app.processes.signals import acting_on_signals
 
-    operator = _Operator(source)
+    operator, stops = _Operator(source), _Stops(source)
 
     def stop(reason: str) -> None:
         signals.append(reason)
@@ -377,6 +395,7 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
                 outcome = source.wait(POLL_S)
                 health = source.health()
                 operator.ask(health.question)
+                stops.tell(everything=bool(signals))
                 bar.show(_progress_text(health), health.progress)
                 if outcome is not None:
                     return outcome
@@ -386,9 +405,30 @@ def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
         if not source.stays:
             if not signals:
                 source.request_stop(f"the terminal failed ({type(error).__name__}: {error})")
-            source.stop_motion()  # again, which does not change the reason
+            # again, which does not change the reason
+            stops.tell(source.stop_motion(), everything=True)
             source.wait(LEAVE_S)
+            stops.tell(everything=True)
         raise
+
+
+class _Stops:
+    """Tells whoever sits at the terminal what became of a stop: each answer once, and that one has
+    failed also where nobody has called for it.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._told: StopAnswer | None = None
+
+    def tell(self, answer: StopAnswer | None = None, *, everything: bool) -> None:
+        """Tell `answer`, or else the newest of the source."""
+        answer = answer or self._source.stop_answer()
+        if answer is None or answer == self._told:
+            return
+        if everything or answer.kind is Stop.FAILED:
+            say(answer.sentence)
+            self._told = answer
 
 
 class _Operator:

@@ -14,8 +14,8 @@ from app.gui.widgets import Panel, row
 class Notice(Panel):
     """A sentence across the window, hidden while there is nothing to say.
 
-    An alarm stays until it is dismissed or a new run begins; other sentences give way to newer
-    ones.
+    An alarm, and what became of a stop, stay until they are dismissed or a new run begins; other
+    sentences give way to newer ones.
     """
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Notice(Panel):
         self.text = QLabel("")
         self.text.setWordWrap(True)
         self.yes, self.no = QPushButton(""), QPushButton("Dismiss")
-        self.is_alarm = self.is_question = False
+        self.is_alarm = self.is_question = self.is_of_stop = False
         self._on_yes: Callable[[], object] = self.clear
         self.yes.clicked.connect(self._agree)
         self.no.clicked.connect(self.clear)
@@ -31,14 +31,26 @@ class Notice(Panel):
         self.clear()
 
     def say(self, sentence: str, *, is_alarm: bool = False) -> None:
-        """Show `sentence`; an alarm or a question in its place gives way to an alarm only."""
-        if is_alarm or not (self.is_alarm or self.is_question):
+        """Show `sentence`; what stays, or a question in its place, gives way to an alarm only."""
+        if is_alarm or not (self.stays or self.is_question):
             self._show(sentence, Tone.BAD if is_alarm else Tone.WARN)
             self.is_alarm = is_alarm
 
+    def say_stop(self, sentence: str, tone: Tone) -> None:
+        """Show what became of a stop, in place of everything but an alarm of another kind."""
+        is_alarm = tone is Tone.BAD
+        if is_alarm or self.is_of_stop or not self.is_alarm:
+            self._show(sentence, tone)
+            self.is_alarm, self.is_of_stop = is_alarm, True
+
+    @property
+    def stays(self) -> bool:
+        """Whether what it shows stays until it is dismissed."""
+        return self.is_alarm or self.is_of_stop
+
     def ask(self, sentence: str, yes: str, on_yes: Callable[[], object]) -> None:
         """Ask for a decision, beside an alarm that stands; the window stays in use meanwhile."""
-        alarm = f"{self.text.text()}  " if self.is_alarm else ""
+        alarm = f"{self.text.text()}  " if self.stays else ""
         self._show(alarm + sentence, Tone.BAD if self.is_alarm else Tone.WARN)
         self.is_question = True
         self._on_yes = on_yes
@@ -53,20 +65,22 @@ class Notice(Panel):
         self.hide()
 
     def retract(self) -> None:
-        """Take the sentence back, unless it is an alarm or a question."""
-        if not (self.is_alarm or self.is_question):
+        """Take the sentence back, unless it stays or is a question."""
+        if not (self.stays or self.is_question):
             self.clear()
 
     def _agree(self) -> None:
         self._on_yes()
 
     def _show(self, sentence: str, tone: Tone) -> None:
-        self.is_question = False
+        self.is_question = self.is_of_stop = False
         self.yes.hide()
         self.no.setText("Dismiss")
         self.text.setText(sentence)
         colour = theme.TONES[tone]
         self.setStyleSheet(
-            f"QFrame#panel {{ border: 1px solid {colour}; }} QLabel {{ color: {colour}; }}"
+            theme.ALARM
+            if tone is Tone.BAD
+            else f"QFrame#panel {{ border: 1px solid {colour}; }} QLabel {{ color: {colour}; }}"
         )
         self.show()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from app.engine.timeline import Timeline, Verdict
 from app.records import F64, ContactResult, Health, Outcome, Snapshot
 from app.settings import Config
+from app.stopping import StopAnswer
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Rect = tuple[float, float, float, float]  # left, top, width, height in px
@@ -45,8 +46,13 @@ class RunSource(Protocol):
     def start(self) -> None:
         """Begin; returns at once."""
 
-    def stop_motion(self) -> None:
-        """Stop the actuator at once, then end the run; from any thread, at any time."""
+    def stop_motion(self) -> StopAnswer:
+        """Stop the actuator at once, then end the run; from any thread, at any time. What the
+        actuator answered.
+        """
+
+    def stop_answer(self) -> StopAnswer | None:
+        """What is known now of the newest stop, whoever called for it."""
 
     def request_stop(self, reason: str) -> None:
         """Ask for an orderly end of the run; returns at once."""

@@ -36,6 +36,11 @@ _TINTS = "".join(
     f' QLabel#detail[tone="{tone}"], QLabel#count[tone="{tone}"] {{ color: {colour}; }}\n'
     for tone, colour in TONES.items()
 )
+ALARM = """
+QFrame#panel { background: #c8202b; border: 2px solid #ffb3b3; }
+QLabel { color: white; font-size: 18px; font-weight: 700; }
+"""
+
 STYLE = f"""
 QMainWindow, QWidget#body {{ background: {WINDOW}; }}
 QWidget {{ color: {TEXT}; font-size: 13px; }}

@@ -28,6 +28,7 @@ from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Image, Kind, PlaybackSource, RunSource, Setup
 from app.records import F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot
 from app.report.card import Card, card_of
+from app.stopping import StopAnswer
 from app.summary import Summary
 
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
@@ -48,6 +49,7 @@ class Reading:
     outcome: Outcome | None
     browsed: Snapshot | None = None
     cores: float = math.nan
+    stop: StopAnswer | None = None
     is_analysed: bool = True
     is_playing: bool = True
     agreement: Verdict | None = None
@@ -108,6 +110,7 @@ class ViewState:
     cursor: Cursor | None = None
     agreement: Verdict | None = None
     card: Card | None = None
+    stop: StopAnswer | None = None
 
     @property
     def ended(self) -> bool:
@@ -135,6 +138,7 @@ def read(
         source.force_history(FORCE_POINTS),
         outcome,
         cores=cores,
+        stop=source.stop_answer(),
     )
     if not isinstance(source, PlaybackSource):
         return reading
@@ -215,6 +219,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
             previous.steps if previous else None,
         ),
         shed=health.shed,
+        stop=reading.stop,
         kind=setup.kind,
         badge=badge,
         cursor=_cursor(setup, shown),

@@ -30,9 +30,11 @@ from app.gui.playback_bar import PlaybackBar
 from app.gui.plots import CurvesView
 from app.gui.reader import Answer, ViewReader
 from app.gui.source import RunSource, Setup
+from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.view_state import ViewState
 from app.gui.widgets import column
 from app.records import Outcome
+from app.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
 TICK_MS = 15  # one part of the window is drawn per tick, so that a key waits for one part at most
@@ -94,6 +96,7 @@ class MainWindow(QMainWindow):
         self._logs = LogStore()
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
+        self._stops = StopAnswers()
         self._build()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
@@ -141,6 +144,7 @@ class MainWindow(QMainWindow):
             self.notice.say(f"The run did not start: {error}")
             return
         self._started, self._is_fresh = True, False
+        self._stops.begin()
         self.notice.clear()
         self._show_buttons()
         self._redraw_soon()
@@ -153,20 +157,12 @@ class MainWindow(QMainWindow):
         )
 
     def stop_motion(self) -> None:
-        """Stop the actuator now.
-
-        This is done in a thread of its own, so that neither the window nor a slow device can delay
-        it.
-        """
+        """Stop the actuator now, and show what became of it."""
+        self._stops.press(self._source)
         if self._making is not None:
             self._making.is_stopped = True
-        if self._source is None:
-            self.notice.say("STOP MOTION: no bench is connected, so this program moves nothing.")
-            return
         self._is_fresh = False  # a run that was stopped before it began does not begin
-        self.notice.say("STOP MOTION was sent to the actuator.")
-        failed = "STOP MOTION FAILED, cut the actuator's power"
-        self._in_background(failed, lambda source: source.stop_motion())
+        self._show_stop()
 
     def answer(self, text: str = "yes") -> None:
         """Answer the question of the run, if it has one."""
@@ -183,7 +179,6 @@ class MainWindow(QMainWindow):
         self._close_by = time.monotonic() + GIVE_UP_S
         self.notice.clear()
         self.stop_motion()
-        self.notice.say("Closing: the motion is stopped and the run is saving its data.")
 
     def outcome(self) -> Outcome | None:
         """How the run ended; None until then."""
@@ -237,6 +232,7 @@ class MainWindow(QMainWindow):
         if time.monotonic() - self._log_looked > LOG_S and self.log.isVisible():
             self._log_looked = time.monotonic()
             self.log.refresh()
+        self._show_stop()
         if self._reader is None:
             return
         answer, silent_s = self._reader.take(), self._reader.silent_s()
@@ -265,6 +261,7 @@ class MainWindow(QMainWindow):
         if view is None or answer.problem:
             return
         self._view = view
+        self._show_stop(view.stop)
         self._sparing = 2 if view.shed else 1
         change = 1.5 if view.behind > MOST_BEHIND else 0.97
         self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
@@ -276,8 +273,20 @@ class MainWindow(QMainWindow):
         self._parts.append(partial(self.readouts.show_cells, view.readouts))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
-        if view.ended and not (before and before.ended) and not self.notice.is_alarm:
+        if view.ended and not (before and before.ended) and not self.notice.stays:
             self.notice.clear()  # how the run ended stands beside the badge
+
+    def _show_stop(self, read: StopAnswer | None = None) -> None:
+        """Show the next answer to a stop; that one has failed can not be missed."""
+        answer = self._stops.next(read)
+        if answer is None:
+            return
+        self.notice.say_stop(answer.sentence, TONES[answer.kind])
+        self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
+        if answer.kind is Stop.FAILED:
+            self._close_by = None  # the window stays, for an alarm must be seen
+            QApplication.beep()
+            QApplication.alert(self)
 
     def _report(self, sentence: str) -> None:
         """Say what is wrong with reading or drawing, until it is over."""
@@ -395,7 +404,7 @@ class MainWindow(QMainWindow):
                 LOG.error("%s", failed, exc_info=error)
                 self._failures.append((f"{failed}: {error}", True))
 
-        threading.Thread(target=work, name="slipscope-window-stop", daemon=True).start()
+        threading.Thread(target=work, name="slipscope-window-order", daemon=True).start()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Stop the motion by key also while a list or a menu is open, which takes all keys."""

@@ -89,7 +89,6 @@ class RemoteRun:
                 return self.stop_answer() or failed(f"bench: {error}", is_final=False)
             except Gone as error:
                 self._has_died(error)
-                return self._from_outside()
         answer = self._stopped
         if answer is not None and (answer.kind is Stop.FAILED or self._is_dead):
             return answer
@@ -100,21 +99,19 @@ class RemoteRun:
         with self._lock:
             if self._outcome is None:
                 self._stopped = self._read("stop_answer", self._stopped)
-            if self._is_dead:
-                self._stopped = told(self.bench.name) or self._stopped
             return self._stopped
 
     def _from_outside(self) -> StopAnswer:
         """What the supervisor answers for a bench that is gone, as soon as it does."""
-        is_supervised = known(self.bench).supervisor_pid > 0
-        give_up = time.monotonic() + SUPERVISED_S * is_supervised
+        has_ended = f"bench: its process (number {self.bench.pid}) has ended"
+        if self._health.state in ("idle", "armed"):
+            return not_connected(f"{has_ended} before anything could move")
+        if not known(self.bench).supervisor_pid:
+            return failed(f"{has_ended}, and no supervisor watches its stage")
+        give_up = time.monotonic() + SUPERVISED_S
         while (answer := told(self.bench.name)) is None and time.monotonic() < give_up:
             time.sleep(POLL_S)
-        self._stopped = answer or failed(
-            f"bench: its process (number {self.bench.pid}) has ended, and no supervisor says that"
-            " it has stopped the stage"
-        )
-        return self._stopped
+        return answer or failed(f"{has_ended}, and its supervisor says nothing of the stage")
 
     def request_stop(self, reason: str) -> None:
         """End the run in good order; once the stop was sent."""
@@ -229,13 +226,13 @@ class RemoteRun:
         with self._lock:
             if self._outcome is None:
                 LOG.debug("the bench has died", exc_info=error)
-                self._is_dead = True
-                has_one = known(self.bench).supervisor_pid > 0
+                self._is_dead, self._stopped = True, self._from_outside()
+                stage = "the stage was stopped from outside"
+                if self._stopped.kind is not Stop.SENT:
+                    stage = "nothing was sent to its stage from outside"
                 reason = (
-                    f"bench: its process (number {self.bench.pid}) has ended, and"
-                    f" {'its supervisor stops' if has_one else 'no supervisor watches'} the stage;"
-                    " what was recorded is safe, slipscope repair"
-                    f" {self.session.name} gives it back"
+                    f"bench: its process (number {self.bench.pid}) has ended, and {stage}; what was"
+                    f" recorded is safe, slipscope repair {self.session.name} gives it back"
                 )
                 self._outcome = Outcome("failed", reason, self._health.counts, None)
 

@@ -28,6 +28,7 @@ from app.cli import files as cli_files
 from app.commands import experiment
 from app.config import default_toml
 from app.records import Counts, Health, Outcome
+from app.stopping import StopAnswer, at_rest, failed, not_connected, sent_to, unread
 
 Command = Callable[..., Result]
 
@@ -281,8 +282,12 @@ class Interrupted:
     def request_stop(self, reason: str) -> None:
         self.calls.append(reason)
 
-    def stop_motion(self) -> None:
+    def stop_motion(self) -> StopAnswer:
         self.calls.append("stop motion")
+        return failed("stage X: no answer")
+
+    def stop_answer(self) -> StopAnswer | None:
+        return sent_to("stage X") if len(self.calls) > 1 else None
 
     def health(self) -> Health:
         return Health("running", "", "drive", Counts(), 0, 4, 0, 0, 0.5)
@@ -302,6 +307,50 @@ def test_a_second_interrupt_stops_the_motion_again_and_leaves() -> None:
     with pytest.raises(KeyboardInterrupt):
         experiment._follow(source, True, [])
     assert source.calls == ["start", *["Ctrl-C was pressed"] * 2, "stop motion"]
+
+
+def test_the_terminal_tells_what_became_of_each_stop(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        experiment._follow(Interrupted(2), True, [])
+    said = capsys.readouterr().err
+    sent = "STOP MOTION was sent to the stage X"
+    assert sent in said
+    assert "STOP MOTION FAILED, cut the actuator's power: stage X: no answer" in said
+    assert said.index(sent) < said.index("FAILED")
+
+
+class Attached(Interrupted):
+    """A run in another process whose stage comes to rest, or does not, after a while."""
+
+    title, session = "bench X", Path("a.h5")
+
+    def __init__(self, *answers: StopAnswer) -> None:
+        super().__init__(0)
+        self.answers = list(answers)
+
+    def stop_motion(self) -> StopAnswer:
+        return self.answers.pop(0)
+
+    def stop_answer(self) -> StopAnswer | None:
+        return self.answers.pop(0)
+
+
+@pytest.mark.parametrize(
+    ("answers", "code"),
+    [
+        ([sent_to("stage X"), at_rest("stage X", 12.5e-3)], 0),
+        ([sent_to("stage X"), unread("stage X", "no answer")], 0),
+        ([sent_to("stage X"), failed("stage X: it moves")], 1),
+        ([not_connected("the run has ended and its bench is closed")], 0),
+    ],
+)
+def test_slipscope_stop_says_what_became_of_it(
+    slipscope: Command, monkeypatch: pytest.MonkeyPatch, answers: list[StopAnswer], code: int
+) -> None:
+    monkeypatch.setattr("app.processes.launch.attached", lambda name: Attached(*answers))
+    result = slipscope("stop")
+    assert result.exit_code == code
+    assert answers[-1].sentence in " ".join(result.stderr.split())
 
 
 def save_texture(folder: Path, suffix: str, kind: type[np.integer], grey: int) -> None:

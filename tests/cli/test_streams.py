@@ -16,6 +16,7 @@ from short_run import SHORT
 from app.cli.streams import steady_streams
 from app.commands.experiment import _follow
 from app.session.reader import SessionReader
+from app.stopping import not_connected
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = [word for setting in (*SHORT, "stress.method=none") for word in ("--set", setting)]
@@ -111,6 +112,10 @@ def test_a_terminal_that_fails_is_named_as_the_reason():
 
         def stop_motion(self):
             self.request_stop("STOP MOTION was pressed")
+            return not_connected("the run has not begun")
+
+        def stop_answer(self):
+            return None
 
         def wait(self, timeout):
             return None

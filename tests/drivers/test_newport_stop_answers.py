@@ -22,11 +22,10 @@ def stops_of(driver):
     stage.velocity_m_s = 5e-6
     driver.set_velocity(5e-6)
     driver.move_to(12.6e-3)
-    made = []
-    ending = Ending(lambda: made[0].send())
-    made.append(Stops(stage, Watchdog(ending, 1.0, is_direct=False)))
-    made[0].is_connected = True
-    return made[0], ending
+    ending = Ending(lambda: stops.send())
+    stops = Stops(stage, Watchdog(ending, 1.0, is_direct=False))
+    stops.is_connected = True
+    return stops, ending
 
 
 def test_a_real_driver_is_read_at_rest(newport):

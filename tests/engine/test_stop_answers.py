@@ -1,4 +1,4 @@
-"""What a stop answers is what became of it: sent, read at rest, failed, or nothing to send it to."""
+"""A stop answers what became of it: sent, read at rest, failed, or nothing to send it to."""
 
 import threading
 import time
@@ -55,11 +55,10 @@ def stops_of(actuator, velocity_m_s=5e-6):
     """The stops of a run at the pace of a bench whose stage that is, connected."""
     stage = Stage(config.load(None, SMALL), SimpleNamespace(actuator=actuator))
     stage.velocity_m_s = velocity_m_s
-    made = []
-    ending = Ending(lambda: made[0].send())
-    made.append(Stops(stage, Watchdog(ending, 1.0, is_direct=False)))
-    made[0].is_connected = True
-    return made[0], ending
+    ending = Ending(lambda: stops.send())
+    stops = Stops(stage, Watchdog(ending, 1.0, is_direct=False))
+    stops.is_connected = True
+    return stops, ending
 
 
 def test_a_stop_that_was_sent_says_so_before_the_position_is_read():
@@ -257,7 +256,9 @@ def test_a_stop_that_is_refused_in_the_drive_says_so_and_fails_the_run(tmp_path)
     run.start()
     outcome = run.wait(TIMEOUT)
     assert answers[0].kind is Stop.FAILED
-    assert answers[0].sentence.startswith(f"{CUT_POWER}: simulated actuator: the command is unknown")
+    assert answers[0].sentence.startswith(
+        f"{CUT_POWER}: simulated actuator: the command is unknown"
+    )
     assert outcome.state == "failed"
     assert "did not confirm its stop" in outcome.reason
     assert run.stop_motion().kind is Stop.FAILED  # it was not heard of since

@@ -29,6 +29,7 @@ from app.records import (
     Traction,
 )
 from app.settings import Config
+from app.stopping import StopAnswer, at_rest, sent_to
 from app.summary import Summary
 
 MU, P, STIFFNESS = 0.93, 0.5, 5000.0
@@ -135,10 +136,14 @@ class ScriptedRun:
             raise RuntimeError("run: start was asked, but the run is running; make a new run")
         self.started = True
 
-    def stop_motion(self) -> None:
+    def stop_motion(self) -> StopAnswer:
         self.calls.append("stop_motion")
         self.stopped, self.reason = True, "STOP MOTION was pressed"
         self.called.set()
+        return sent_to("stage X")
+
+    def stop_answer(self) -> StopAnswer | None:
+        return at_rest("stage X", 12.5e-3) if self.stopped else None
 
     def request_stop(self, reason: str) -> None:
         self.calls.append(reason)

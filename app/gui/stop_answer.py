@@ -1,0 +1,71 @@
+"""What the window says of STOP MOTION: presses it in the background, and chooses among the answers
+that come from there and from the run.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+
+from app.gui.cells import Tone
+from app.gui.source import RunSource
+from app.stopping import Stop, StopAnswer, failed, not_connected
+
+LOG = logging.getLogger(__name__)
+TONES = {
+    Stop.SENT: Tone.WARN,
+    Stop.AT_REST: Tone.GOOD,
+    Stop.FAILED: Tone.BAD,
+    Stop.NOT_CONNECTED: Tone.NEUTRAL,
+}
+ON_ITS_WAY = StopAnswer(Stop.SENT, "STOP MOTION is on its way to the actuator.", False)
+
+
+class StopAnswers:
+    """The answers to the stops of one run, in the order in which they are to be shown."""
+
+    def __init__(self) -> None:
+        self._is_pressed = False
+        self._shown: StopAnswer | None = None
+        self._came: deque[StopAnswer] = deque()  # from other threads
+
+    def begin(self) -> None:
+        """A new run begins."""
+        self._is_pressed, self._shown = False, None
+
+    def press(self, source: RunSource | None) -> None:
+        """Stop the motion in a thread of its own, so that neither the window nor a slow device can
+        delay it.
+        """
+        self._is_pressed, self._shown = True, None
+        if source is None:
+            why = "no bench is connected, and this program moves nothing"
+            self._came.append(not_connected(why))
+            return
+        self._came.append(ON_ITS_WAY)
+
+        def work() -> None:
+            try:
+                answer = source.stop_motion()
+            except Exception as error:
+                LOG.error("STOP MOTION failed", exc_info=error)
+                answer = failed(error)
+            self._came.append(answer)
+
+        threading.Thread(target=work, name="slipscope-window-stop", daemon=True).start()
+
+    def next(self, read: StopAnswer | None = None) -> StopAnswer | None:
+        """The next answer to show, None if there is no new one; `read` is that of the run now.
+
+        What was read of the position is not replaced by that the stop was sent. A stop that nobody
+        has asked for here is shown if it has failed.
+        """
+        answer = self._came.popleft() if self._came else read
+        if answer is None or not (self._is_pressed or answer.kind is Stop.FAILED):
+            return None
+        before = self._shown
+        if answer == before or (before and before.is_final and not answer.is_final):
+            return None
+        self._shown = answer
+        return answer

@@ -1,0 +1,247 @@
+"""The window says what became of STOP MOTION, in each state of the run and with each answer."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+
+from app.gui import theme
+from app.gui.cells import Tone
+from app.gui.stop_answer import StopAnswers
+from app.gui.window import MainWindow
+from app.stopping import (
+    CUT_POWER,
+    Stop,
+    StopAnswer,
+    at_rest,
+    failed,
+    not_connected,
+    sent_to,
+    unread,
+)
+
+SENT, REST = sent_to("stage X"), at_rest("stage X", 12.5e-3)
+MOVES = failed("stage X: 1.5 s after the stop it says that it moves")
+
+
+class Stopped(ScriptedRun):
+    """A run whose actuator answers as it is told, at once and when its position was read."""
+
+    first: StopAnswer = SENT
+    later: StopAnswer | None = None  # what is read once it was pressed
+    then: StopAnswer | None = None
+    hangs: threading.Event | None = None
+
+    def stop_motion(self) -> StopAnswer:
+        self.then = self.later
+        super().stop_motion()
+        if self.hangs is not None:
+            self.hangs.wait(60)
+        return self.first
+
+    def stop_answer(self) -> StopAnswer | None:
+        return self.then
+
+
+@pytest.fixture
+def run() -> Stopped:
+    return Stopped(320, 240, frames=60)
+
+
+@pytest.fixture
+def beeps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    heard: list[str] = []
+    monkeypatch.setattr(QApplication, "beep", lambda: heard.append("beep"))
+    return heard
+
+
+@pytest.fixture
+def open_window(qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
+    opens: list[MainWindow] = []
+
+    def make(*args: object, **kwargs: object) -> MainWindow:
+        window = MainWindow(*args, **kwargs)  # type: ignore[arg-type]
+        with qtbot.waitActive(window):
+            window.show()
+        opens.append(window)
+        return window
+
+    yield make
+    for window in opens:
+        window._must_close = True
+        window.close()
+        window.deleteLater()
+
+
+def press(qtbot: QtBot, window: MainWindow) -> None:
+    qtbot.mousePress(window.top.stop_motion, Qt.MouseButton.LeftButton)
+
+
+def says(window: MainWindow, sentence: str) -> bool:
+    return window.notice.isVisible() and window.notice.text.text() == sentence
+
+
+def test_sent_is_amber_then_at_rest_is_green_and_stays(
+    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped, beeps: list[str]
+) -> None:
+    window = open_window(run)
+    qtbot.keyClick(window, Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: window._view is not None)
+    press(qtbot, window)
+    qtbot.waitUntil(lambda: says(window, SENT.sentence))
+    assert theme.TONES[Tone.WARN] in window.notice.styleSheet()
+    run.then = REST
+    run.stopped = False  # it ends later
+    window._redraw_soon()
+    qtbot.waitUntil(lambda: says(window, REST.sentence))
+    assert theme.TONES[Tone.GOOD] in window.notice.styleSheet()
+    run.stopped = True
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    assert says(window, REST.sentence)
+    qtbot.mouseClick(window.notice.no, Qt.MouseButton.LeftButton)
+    qtbot.wait(250)
+    assert not window.notice.isVisible()
+    assert not beeps
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_failed_is_red_beeps_and_stays_until_it_is_dismissed(
+    qtbot: QtBot,
+    open_window: Callable[..., MainWindow],
+    run: Stopped,
+    beeps: list[str],
+    at_once: bool,
+) -> None:
+    run.first, run.later = (MOVES, None) if at_once else (SENT, MOVES)
+    window = open_window(run)
+    window.begin()
+    press(qtbot, window)
+    qtbot.waitUntil(lambda: says(window, MOVES.sentence))
+    assert window.notice.text.text().startswith(CUT_POWER)
+    assert window.notice.is_alarm
+    assert "background: #c8202b" in window.notice.styleSheet()
+    assert beeps == ["beep"]
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    qtbot.wait(250)
+    assert says(window, MOVES.sentence)
+    qtbot.mouseClick(window.notice.no, Qt.MouseButton.LeftButton)
+    qtbot.wait(250)
+    assert not window.notice.isVisible()
+
+
+def test_a_stage_that_could_not_be_stopped_is_told_though_nobody_pressed(
+    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped, beeps: list[str]
+) -> None:
+    window = open_window(run)
+    window.begin()
+    run.then = SENT
+    qtbot.waitUntil(lambda: window._view is not None and window._view.stop == SENT)
+    assert not window.notice.isVisible()  # a limit has stopped it, which the run says itself
+    run.then = MOVES
+    qtbot.waitUntil(lambda: says(window, MOVES.sentence))
+    assert beeps == ["beep"]
+
+
+def test_an_actuator_that_does_not_return_is_on_its_way_and_delays_nothing(
+    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped
+) -> None:
+    run.hangs = threading.Event()
+    window = open_window(run)
+    window.begin()
+    began = time.monotonic()
+    press(qtbot, window)
+    assert time.monotonic() - began < 1.0
+    assert run.called.wait(60)
+    assert "on its way" in window.notice.text.text()
+    run.then = failed("stage X: it does not return from its calls", is_final=False)
+    window._redraw_soon()
+    qtbot.waitUntil(lambda: window.notice.is_alarm)
+    run.hangs.set()
+
+
+@pytest.mark.parametrize("state", ["no source", "idle", "ended"])
+def test_nothing_is_sent_where_nothing_is_connected(
+    qtbot: QtBot,
+    open_window: Callable[..., MainWindow],
+    run: Stopped,
+    beeps: list[str],
+    state: str,
+) -> None:
+    window = open_window(None if state == "no source" else run)
+    run.first = not_connected("the run has ended and its bench is closed")
+    expected = run.first.sentence
+    if state == "no source":
+        expected = "no bench is connected"
+    if state == "ended":
+        window.begin()
+        run.at(60)
+        qtbot.waitUntil(lambda: window.outcome() is not None)
+    qtbot.keyClick(window, Qt.Key.Key_Escape)
+    qtbot.waitUntil(lambda: expected in window.notice.text.text())
+    assert theme.TONES[Tone.NEUTRAL] in window.notice.styleSheet()
+    assert not beeps
+
+
+def test_the_next_run_begins_without_the_answer_to_the_last(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    runs: list[Stopped] = []
+
+    def make() -> Stopped:
+        runs.append(Stopped(320, 240, frames=60))
+        return runs[-1]
+
+    window = open_window(make_source=make)
+    window.begin()
+    runs[0].later = REST
+    press(qtbot, window)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    qtbot.waitUntil(lambda: says(window, REST.sentence))
+    qtbot.waitUntil(window.top.start.isEnabled)
+    qtbot.mouseClick(window.top.start, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: len(runs) == 2 and runs[1].started)
+    qtbot.wait(250)
+    assert not window.notice.isVisible()
+
+
+# ------------------------------------------------------------------ without a window
+
+
+def shown(*came: StopAnswer | None, pressed: bool = True) -> list[StopAnswer]:
+    answers = StopAnswers()
+    answers._is_pressed = pressed
+    return [found for answer in came if (found := answers.next(answer)) is not None]
+
+
+def test_what_was_read_is_not_replaced_by_that_it_was_sent() -> None:
+    assert shown(SENT, REST, SENT, REST) == [SENT, REST]
+    assert shown(SENT, None, MOVES, SENT) == [SENT, MOVES]
+
+
+def test_a_stop_that_was_refused_and_then_read_at_rest_is_at_rest() -> None:
+    refused = failed("stage X: not allowed", is_final=False)
+    assert shown(refused, REST) == [refused, REST]
+
+
+def test_only_a_failure_is_shown_of_a_stop_that_nobody_asked_for_here() -> None:
+    assert shown(SENT, unread("stage X", "no answer"), MOVES, pressed=False) == [MOVES]
+
+
+def test_an_exception_on_the_way_is_a_failure() -> None:
+    def broken() -> StopAnswer:
+        raise OSError("bench: the line is dead")
+
+    answers = StopAnswers()
+    answers.press(SimpleNamespace(stop_motion=broken))  # type: ignore[arg-type]
+    assert answers.next() is not None  # on its way
+    give_up = time.monotonic() + 60
+    while (answer := answers.next()) is None:
+        assert time.monotonic() < give_up
+        time.sleep(0.001)
+    assert (answer.kind, answer.sentence) == (Stop.FAILED, f"{CUT_POWER}: bench: the line is dead")
