@@ -227,7 +227,7 @@ class RemoteRun:
             if self._outcome is None:
                 LOG.debug("the bench has died", exc_info=error)
                 self._is_dead, self._stopped = True, self._from_outside()
-                stage = "the stage was stopped from outside"
+                stage = "a stop was sent to its stage from outside"
                 if self._stopped.kind is not Stop.SENT:
                     stage = "nothing was sent to its stage from outside"
                 reason = (

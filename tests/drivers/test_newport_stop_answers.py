@@ -22,8 +22,9 @@ def stops_of(driver):
     stage.velocity_m_s = 5e-6
     driver.set_velocity(5e-6)
     driver.move_to(12.6e-3)
-    ending = Ending(lambda: stops.send())
+    ending = Ending(lambda: None)
     stops = Stops(stage, Watchdog(ending, 1.0, is_direct=False))
+    ending._stop_actuator = stops.send
     stops.is_connected = True
     return stops, ending
 

@@ -55,8 +55,9 @@ def stops_of(actuator, velocity_m_s=5e-6):
     """The stops of a run at the pace of a bench whose stage that is, connected."""
     stage = Stage(config.load(None, SMALL), SimpleNamespace(actuator=actuator))
     stage.velocity_m_s = velocity_m_s
-    ending = Ending(lambda: stops.send())
+    ending = Ending(lambda: None)
     stops = Stops(stage, Watchdog(ending, 1.0, is_direct=False))
+    ending._stop_actuator = stops.send
     stops.is_connected = True
     return stops, ending
 
