@@ -8,6 +8,7 @@ session file that holds it, with its unit and meaning (`app.schema`).
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any, Literal, TypedDict
@@ -31,7 +32,11 @@ Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
 NAN = math.nan
 UNFINISHED = "unfinished"  # state of a session that was cut short
+STOPPED = "stopped"
+ENDED = ("done", STOPPED, "failed")  # as what a run can have ended
 COMPLETE = "complete"  # last word of the reason of a run that has done all that it was to do
+# in the reason of what has done all: a run, a replay or an analysis, an import, a session repaired
+WHOLE = re.compile(rf"^(all \d|imported: )| ({COMPLETE}|done)(;|$)")
 RESTART = "restart"  # kind of the event that the analysis of the frames began anew
 STEP = "step"  # kind of the event that a step began, by its number, ``3 of 6: hold for 10 s``
 ZERO = "zero"  # kind of the event that says what the sensors read without a force, volts
@@ -434,6 +439,11 @@ class Outcome:
     def is_complete(self) -> bool:
         """Whether the run came to its own end: nobody and nothing ended it before."""
         return self.state == "done" and self.reason.endswith(f" {COMPLETE}")
+
+    @property
+    def ended_as(self) -> str:
+        """How it ended, for people: as `state`, but "stopped" where somebody ended it before."""
+        return STOPPED if self.state == "done" and not WHOLE.search(self.reason) else self.state
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ class Origin:
 
     session: str = column("session", "", "name of the session's file")
     started: str = column("start_time", "", "its start_time, which tells it from others")
-    state: str = column("state", "", "how the run ended: done, failed or unfinished")
+    state: str = column("state", "", "how the run ended: done, stopped, failed or unfinished")
     reason: str = column("reason", "", "why it ended, in one sentence")
     config_toml: str = column("settings", "", "the settings of the analysis, complete")
     sample: str = column("sample", "", "name of the sample", default="")

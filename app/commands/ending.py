@@ -88,7 +88,7 @@ def _report(
     files = {"session": session, "picture": picture}
     if not as_json:
         rows = [*about_rows(about), *outcome_rows(outcome)]
-        print_rows(f"{what} {outcome.state}: {outcome.reason}", rows)
+        print_rows(f"{what} {outcome.ended_as}: {outcome.reason}", rows)
         for note in outcome.summary.notes if outcome.summary else ():
             output().print(f"note: {note}")
         for name, path in files.items():

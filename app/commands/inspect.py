@@ -45,7 +45,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
         data = {
             "session": str(session),
             "format": version,
-            "state": outcome.state,
+            "state": outcome.ended_as,
             "reason": outcome.reason,
             "started": header.started,
             "about": config.about,
@@ -70,7 +70,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
     spans = ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases)
     told = [
         Row("format", "", f"SlipScope session, version {version}"),
-        Row("state", "", outcome.state + (f": {outcome.reason}" if outcome.reason else "")),
+        Row("state", "", outcome.ended_as + (f": {outcome.reason}" if outcome.reason else "")),
         *starmap(Row, about_rows(config.about)),
         Row("started", "", header.started),
         Row("ended", "", ended or "not closed in good order"),

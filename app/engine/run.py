@@ -209,7 +209,7 @@ class Run(Watched):
             queue_seconds=self._queue_s,
             disk_free_bytes=disk_free,
             sample=self._history.end,
-            progress=1.0 if self._outcome else self._progress,
+            progress=self._progress,
             uncertain=len(self._analysis.uncertain),
             shed=self._quality.shed,
             shed_why=self._quality.why,
@@ -263,7 +263,8 @@ class Run(Watched):
                 resources["session"] = str(sink.path)
         self._ending.close()
         ended = self._outcome_now(outcome.summary, resources)
-        LOG.info("%s; %s; %s", ended.state, ended.counts, resources)
+        self._progress = 1.0 if ended.is_complete else self._progress
+        LOG.info("%s; %s; %s", ended.ended_as, ended.counts, resources)
         self._end(ended)
 
     def _say_preparing(self, what: str) -> None:

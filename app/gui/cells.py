@@ -12,7 +12,7 @@ from enum import StrEnum
 
 from analysis.options import quantity
 from app.effort import left_out
-from app.records import Conditions, Counts, Health, Outcome, Phase
+from app.records import STOPPED, Conditions, Counts, Health, Outcome, Phase
 from app.settings import Config
 
 DASH = "–"  # stands for a value that is not known
@@ -211,6 +211,7 @@ def state_tone(state: str) -> Tone:
         "armed": Tone.WARN,
         "stopping": Tone.WARN,
         "done": Tone.GOOD,
+        STOPPED: Tone.WARN,
         "failed": Tone.BAD,
     }
     return tones.get(state, Tone.NEUTRAL)

@@ -26,7 +26,7 @@ from app.gui.frame_results import (
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Image, Kind, PlaybackSource, RunSource, Setup
-from app.records import F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot
+from app.records import ENDED, F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot
 from app.report.card import Card, card_of
 from app.stopping import StopAnswer
 from app.summary import Summary
@@ -115,7 +115,7 @@ class ViewState:
     @property
     def ended(self) -> bool:
         """Whether the run is over."""
-        return self.state in ("done", "failed")
+        return self.state in ENDED
 
     @property
     def summary(self) -> Summary | None:
@@ -179,10 +179,13 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         frame = None
     elif frame is None or frame.frame != with_field.frame:
         frame = frame_results(with_field, setup)
-    state = outcome.state if outcome else health.state
     newest = curves.newest
     behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
     latency = cells.latency_cell(math.nan if outcome else behind_s)
+    # a run that has ended since its outcome was read is told with the next reading
+    state = "stopping" if health.state in ENDED else health.state
+    if outcome is not None:
+        state = outcome.ended_as
     if setup.timeline is None:
         sentence = cells.operator_sentence(health, outcome, normal_n, travel_m, config)
     else:
@@ -242,7 +245,7 @@ def badge_of(kind: Kind, state: str, *, is_paused: bool) -> tuple[str, Tone]:
     """What the badge says, and its colour: no replay looks like a run."""
     if kind is Kind.LIVE:
         return state.upper(), cells.state_tone(state)
-    now = state if state in ("done", "failed") else "paused" if is_paused else ""
+    now = state if state in ("done", "failed", "stopped") else "paused" if is_paused else ""
     tone = Tone.BAD if state == "failed" else Tone.REPLAY
     return ": ".join(filter(None, (kind, now))).upper(), tone
 

@@ -236,7 +236,7 @@ class Replay(Watched):
             disk_free_bytes=-1,  # nothing is written
             sample=self._analysis.history.end,
             uncertain=len(self._analysis.uncertain),
-            progress=1.0 if self._outcome else self._done / len(self._frames),
+            progress=self._done / len(self._frames),
         )
 
     def comparison(self) -> Comparison:

@@ -277,6 +277,4 @@ class LaunchedRun(RemoteRun):
 
 def _ended(last: Health, outcome: Outcome) -> Health:
     """The last health of a run that has ended so."""
-    return replace(
-        last, state=outcome.state, reason=outcome.reason, counts=outcome.counts, progress=1.0
-    )
+    return replace(last, state=outcome.state, reason=outcome.reason, counts=outcome.counts)

@@ -178,7 +178,7 @@ def plain(value: Any) -> Any:
 def outcome_data(outcome: Outcome) -> dict[str, Any]:
     """How a run ended, with SI units named in the keys and null where nothing was measured."""
     data: dict[str, Any] = plain(outcome)
-    return data
+    return data | {"state": outcome.ended_as}
 
 
 def budget_data(summary: Summary) -> dict[str, Any]:

@@ -382,8 +382,8 @@ class Session:
 
     @property
     def state(self) -> str:
-        """How the run ended: "done", "failed" or "unfinished"."""
-        return self._reader.outcome.state
+        """How the run ended: "done", "stopped", "failed" or "unfinished"."""
+        return self._reader.outcome.ended_as
 
     @property
     def reason(self) -> str:

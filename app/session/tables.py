@@ -308,7 +308,7 @@ def _run(reader: SessionReader) -> Columns:
         "session": reader.path.name,
         "start_time": header.started,
         "end_time": reader.ended,
-        "state": outcome.state,
+        "state": outcome.ended_as,
         "reason": outcome.reason,
         **{name: getattr(header, name) for name in ("sample", "operator", "note")},
     }

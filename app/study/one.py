@@ -277,7 +277,7 @@ def _origin(session: SessionReader, config: Config) -> Origin:
     return Origin(
         session=session.path.name,
         started=header.started,
-        state=outcome.state,
+        state=outcome.ended_as,
         reason=outcome.reason,
         config_toml=to_toml(config),
         sample=header.sample,

@@ -125,7 +125,7 @@ def planned(
             if content in seen:
                 raise UserError(f"{path}: it is the same session as {seen[content]}; give it once")
             seen[content] = path
-            state, reason = session.outcome.state, session.outcome.reason
+            state, reason = session.outcome.ended_as, session.outcome.reason
             if state != "done":
                 notes.append(
                     f"{path.name}: the run ended as {state} ({reason}); its images are analysed"

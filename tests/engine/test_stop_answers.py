@@ -14,6 +14,7 @@ from app.engine.stage import Stage
 from app.engine.stops import Stops
 from app.engine.watchdog import Watchdog
 from app.records import Phase
+from app.session import Session
 from app.stopping import CUT_POWER, Stop
 from drivers.errors import DeviceFault, DeviceTimeout
 
@@ -239,6 +240,10 @@ def test_a_stop_in_the_drive_and_one_while_the_run_ends(tmp_path):
     run.start()
     outcome = run.wait(TIMEOUT)
     assert (outcome.state, outcome.reason) == ("done", "STOP MOTION was pressed")
+    assert outcome.ended_as == "stopped"
+    assert 0.2 < run.health().progress < 0.9
+    with Session(tmp_path / "x.h5") as session:
+        assert session.state == "stopped"
     assert [answer.kind for answer in answers][:2] == [Stop.SENT, Stop.AT_REST]
     assert run.stop_answer().kind is Stop.AT_REST
 
@@ -269,5 +274,6 @@ def test_a_run_that_ends_by_itself_leaves_a_stage_that_was_read_at_rest(tmp_path
     monkeypatch.setattr(stops_module, "STANDS_WITHIN_S", 0.0)
     run = made(tmp_path / "x.h5")
     run.start()
-    assert run.wait(TIMEOUT).is_complete
+    assert run.wait(TIMEOUT).ended_as == "done"
+    assert run.health().progress == 1.0
     assert run.stop_answer().kind is Stop.AT_REST

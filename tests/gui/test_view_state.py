@@ -13,7 +13,7 @@ from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_c
 from app.gui.frame_results import shown_image, symmetric_limit
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
-from app.records import Counts, Phase
+from app.records import Counts, Outcome, Phase
 
 
 @pytest.fixture(scope="module")
@@ -186,6 +186,30 @@ def test_a_run_that_ended_early_has_dashes_for_results(run: ScriptedRun) -> None
     view = look(run)
     assert (view.card.verdict, view.card.rows) == ("stopped", ())
     assert view.sentence == "STOP MOTION was pressed"
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "shown", "tone"),
+    [
+        ("done", "the drive of 190 um is complete", "done", Tone.GOOD),
+        ("done", "STOP MOTION was pressed", "stopped", Tone.WARN),
+        ("failed", "camera: trigger 5 had no answer", "failed", Tone.BAD),
+    ],
+)
+def test_a_run_ends_done_stopped_or_failed(
+    run: ScriptedRun, state: str, reason: str, shown: str, tone: Tone
+) -> None:
+    reading = read(run.at(165), 0)
+    ended = replace(reading, outcome=Outcome(state, reason, Counts(), None))
+    view = resolve(setup_of(run), ended, None)
+    assert (view.state, view.tone, view.ended) == (shown, tone, True)
+    assert view.progress == pytest.approx(0.5)  # of what was planned
+
+
+def test_a_run_that_ends_between_two_looks_is_not_called_done_too_early(run: ScriptedRun) -> None:
+    reading = read(run.at(40), 0)
+    reading = replace(reading, health=replace(reading.health, state="done"))
+    assert resolve(setup_of(run), reading, None).state == "stopping"
 
 
 def test_losses_are_red() -> None:

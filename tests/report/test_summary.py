@@ -172,3 +172,27 @@ def test_any_result_becomes_plain() -> None:
         "d": (np.int64(3), True, None),
     }
     assert plain(mixed) == {"a": [1.0, None], "b": "drive", "c": "x.h5", "d": [3, True, None]}
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "ended_as"),
+    [
+        ("done", "the drive of 60 um is complete", "done"),
+        ("done", "all 14 steps are complete", "done"),
+        ("done", "all 93 analysed frames were replayed", "done"),
+        ("done", "all 93 frames were analysed", "done"),
+        ("done", "imported: 20 images, 0 lost, from a.tif", "done"),
+        ("done", "the drive of 60 um is complete; repaired, 1 images were lost", "done"),
+        ("done", "the travel is done", "done"),  # of the oldest formats
+        ("done", "STOP MOTION was pressed", "stopped"),
+        ("done", "Ctrl-C was pressed", "stopped"),
+        ("done", "the window was closed", "stopped"),
+        ("done", "the operator ended the run; repaired, 1 images were lost", "stopped"),
+        ("failed", "camera: trigger 5 had no answer", "failed"),
+        ("unfinished", "", "unfinished"),
+    ],
+)
+def test_a_run_that_somebody_ended_was_stopped(state: str, reason: str, ended_as: str) -> None:
+    outcome = Outcome(state, reason, Counts(), None)
+    assert outcome.ended_as == ended_as
+    assert outcome_data(outcome)["state"] == ended_as
