@@ -5,6 +5,7 @@ whether they work.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -25,14 +26,14 @@ def check(
 ) -> int:
     """Check a bench and print what works; the exit code."""
     from app.commands.bench_check import check as check_all
+    from app.commands.bench_check import unpressed
     from app.commands.sync_check import sync_check
     from app.live import make_bench
 
     config = load(bench, tuple(overrides))
     findings: list[Finding] = []
-    steps: Iterator[Finding] = check_all(
-        config, make_bench(config, 1.0), home=home, move_um=move_um
-    )
+    make = partial(make_bench, unpressed(config), 1.0)
+    steps: Iterator[Finding] = check_all(config, make, home=home, move_um=move_um)
     if sync:  # a simulated bench runs only once
         steps = chain(steps, sync_check(config, make_bench(config, 1.0)))
     for finding in steps:

@@ -7,7 +7,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from app.commands.bench_move import move
 from app.commands.doctor import Finding, problem
 from app.engine.setup import sensor_chain
 from app.settings import Config
+from app.steps import Approach
 from drivers.bench import Bench
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import (
@@ -36,44 +38,82 @@ Device = Actuator | Camera | ForceSource
 SECONDS = 2.0  # of data
 HOME_TIMEOUT_S = 120.0
 READ_TIMEOUT_S = 3.0
+NOISES = 3  # standard deviations that have to fit in a tolerance
+NEVER_S = 3600.0
 
 
-def check(config: Config, bench: Bench, *, home: bool, move_um: float) -> Iterator[Finding]:
+def unpressed(config: Config) -> Config:
+    """The settings, but that nobody presses the contact of a simulated world: a block that hangs
+    free may move, and its forces are those of the sensors.
+    """
+    return replace(config, sim=replace(config.sim, press_time=NEVER_S))
+
+
+def check(
+    config: Config, make: Callable[[], Bench], *, home: bool, move_um: float
+) -> Iterator[Finding]:
     """Findings one by one, as they come; the others are checked even if one device fails.
 
     Parameters
     ----------
+    make : callable
+        Makes the bench, of settings that are `unpressed`; called again for every further part of
+        the check where time passes once only, as in a simulated world and in a recording.
     home : bool
         Whether the stage may search its origin.
     move_um : float
         How far the stage may move, and back, if the forces can be watched; 0: not at all.
     """
+    bench = make()
     devices: dict[str, Device] = {
         "actuator": bench.actuator,
         "camera": bench.camera,
         "forces": bench.forces,
     }
-    opened = []
+    opened = set()
     for label, device in devices.items():
         finding = _attempt(label, _open, device)
         yield finding
         if finding.is_fine:
-            opened.append(label)
+            opened.add(label)
+    parts: list[Callable[[Bench], Iterator[Finding]]] = []
+    if "actuator" in opened and home:
+        parts.append(partial(_homing, config, has_forces="forces" in opened))
+    if {"actuator", "forces"} <= opened and move_um:
+        parts.append(partial(_moving, config, move_um * UNITS["um"]))
+    if {"camera", "forces"} <= opened:
+        parts.append(partial(_take_data, config))
+    passes_once = bench.world is not None or "replay" in config.sources
+    now, later = (parts[:1], parts[1:]) if passes_once else (parts, [])
     try:
         if "actuator" in opened and isinstance(bench.actuator, MadeReady):
             yield Finding("limits", _limits(config))
-        if "actuator" in opened and home:
-            yield _attempt("home", _home, bench.actuator)
-        if {"actuator", "forces"} <= set(opened) and move_um:
-            yield _attempt("move", move, config, bench, move_um * UNITS["um"])
-        is_over = bool(move_um) and bench.world is not None  # a world runs only once
-        if {"camera", "forces"} <= set(opened) and not is_over:
-            yield from _take_data(config, bench)
+        for part in now:
+            yield from part(bench)
     finally:
         for label, device in reversed(devices.items()):
             closing = _attempt(label, _close, device)
             if not closing.is_fine:
                 yield closing
+    for part in later:
+        with make() as another:
+            yield from part(another)
+
+
+def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Finding]:
+    """The search of the origin; the time of a simulated bench passes as its forces are read."""
+    if not has_forces:
+        yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05))
+        return
+    bench.forces.start(TriggerTrain(0, config.camera.divisor))
+    try:
+        yield _attempt("home", _home, bench.actuator, partial(bench.forces.read, READ_TIMEOUT_S))
+    finally:
+        bench.forces.stop()
+
+
+def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Finding]:
+    yield _attempt("move", move, config, bench, way_m)
 
 
 def _limits(config: Config) -> str:
@@ -99,13 +139,13 @@ def _close(device: Device) -> str:
     return "closed"
 
 
-def _home(actuator: Actuator) -> str:
+def _home(actuator: Actuator, wait: Callable[[], object]) -> str:
     actuator.home()
-    _wait_until_still(actuator, HOME_TIMEOUT_S)
+    _wait_until_still(actuator, HOME_TIMEOUT_S, wait)
     return f"the origin was found, the stage is at {actuator.position_m() * 1e3:.4f} mm"
 
 
-def _wait_until_still(actuator: Actuator, timeout_s: float) -> None:
+def _wait_until_still(actuator: Actuator, timeout_s: float, wait: Callable[[], object]) -> None:
     give_up = time.monotonic() + timeout_s
     try:
         while actuator.is_moving():
@@ -114,7 +154,7 @@ def _wait_until_still(actuator: Actuator, timeout_s: float) -> None:
                     f"{actuator.name}: it still moves after {timeout_s:.0f} s; it was stopped,"
                     " check the stage"
                 )
-            time.sleep(0.05)
+            wait()
     except BaseException:
         actuator.stop()
         raise
@@ -139,7 +179,7 @@ def _take_data(config: Config, bench: Bench) -> Iterator[Finding]:
     data = _Data()
     yield _attempt("data", _acquire, bench, train, samples, data)
     if data.volts:
-        yield from _forces(config, np.concatenate(data.volts))
+        yield from _forces(config, np.concatenate(data.volts), len(data.volts[0]))
     if data.image is not None:
         yield _picture(config, data.image)
 
@@ -195,8 +235,21 @@ def _collect(bench: Bench, data: _Data, timeout_s: float) -> bool:
             return True
 
 
-def _forces(config: Config, volts: NDArray[np.float64]) -> Iterator[Finding]:
-    newtons = sensor_chain(config).forces(volts)
+def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[Finding]:
+    """What the sensors read, and whether a contact could settle in their noise.
+
+    A run takes a contact as settled by the mean of each block, which has to stay within
+    ``run.settle_tolerance`` (P) and ``run.shear_tolerance`` (Q) of the load. Three standard
+    deviations of these means have to fit in there. Recorded forces are what an operator has pressed
+    as well, and are not judged.
+    """
+    newtons, run = sensor_chain(config).forces(volts), config.run
+    whole = len(newtons) // block * block
+    means = newtons[:whole].reshape(-1, block, 2).mean(axis=1).std(axis=0) * 1e3
+    loads = [step.normal_force for step in run.protocol if isinstance(step, Approach)]
+    load = min(loads, default=run.normal_force)
+    tolerances = ("settle_tolerance", "shear_tolerance")
+    is_recorded = config.forces.source == "replay"
     for i, (label, symbol) in enumerate((("normal sensor", "P"), ("shear sensor", "Q"))):
         reading, limit = volts[:, i], config.forces.range[i]
         used = float(np.abs(reading).max()) / limit
@@ -205,12 +258,21 @@ def _forces(config: Config, volts: NDArray[np.float64]) -> Iterator[Finding]:
             f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force:+.4f} N, std"
             f" {unsteady:.2f} mN"
         )
+        most = getattr(run, tolerances[i]) * load * 1e3 / NOISES
+        if not is_recorded:
+            text += f", of the means of {block} samples {means[i]:.2f} mN (limit {most:.2g} mN)"
         advice = ""
         if used >= 0.98:
             advice = f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
             advice += " forces.range"
         elif np.ptp(reading) == 0:
             advice = "it does not change by one step of the converter: is anything connected?"
+        elif means[i] > most and not is_recorded:
+            advice = (
+                f"too noisy for a contact of {load:g} N to count as settled: {NOISES} standard"
+                f" deviations are more than run.{tolerances[i]} of it; let the block hang free and"
+                " still, check shields, table and cables, or raise that tolerance"
+            )
         yield Finding(label, text, not advice, bool(advice), advice, symbol)
 
 

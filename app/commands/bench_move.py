@@ -35,6 +35,11 @@ def move(config: Config, bench: BenchDevices, way_m: float) -> str:
             f"--move: {way_m * 1e6:g} um was asked, limits.travel is"
             f" {quantity(config.limits, 'travel')}; move less, or raise that limit"
         )
+    if config.actuator.source == "replay":
+        raise DeviceError(
+            f"{bench.actuator.name}: --move was asked, and a recorded stage goes where it was"
+            " recorded; choose another actuator.source"
+        )
     bench.forces.start(TriggerTrain(0, config.camera.divisor))
     try:
         start, began = bench.actuator.position_m(), time.monotonic()

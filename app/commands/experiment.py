@@ -80,7 +80,9 @@ class Conducted(NamedTuple):
 
 
 class _Reports:
-    """Reports each source once, when it has ended: a window may stay open long after that."""
+    """Reports each source once, when it has ended, and lets go of it: a window may stay open for an
+    evening of them.
+    """
 
     def __init__(self, made: list[Made]) -> None:
         self._made = made
@@ -118,6 +120,7 @@ class _Reports:
         for made in tuple(self._made):
             if made.source.outcome() is not None:
                 self._reported.append(made.report())
+                made.source.wait()  # for its threads
                 self._made.remove(made)  # it holds its images and fields
                 return True
         return False
@@ -300,7 +303,7 @@ def conducted(
     With a `desk` further runs and replays can be made in the window, whose first run is the desk's
     if that has settings. With `closes` the window closes after what was made.
     """
-    made: list[Made] = []
+    made: list[Made] = []  # and not yet reported
     signals: list[str] = []
 
     def make_and_keep() -> Any:
@@ -315,7 +318,7 @@ def conducted(
 
         def stop(reason: str) -> None:
             signals.append(reason)
-            for one in made:
+            for one in tuple(made):
                 _stop(one.source, reason)
 
         # what can not be used is refused here, not in a window
@@ -333,7 +336,7 @@ def conducted(
                 autostart=autostart,
                 close_when=lambda: signalled.is_set() or (closes and reports.are_there),
             )
-            for one in made:
+            for one in tuple(made):
                 _let_end(one.source)
     else:
         source = make_and_keep()  # what can not be used is refused before the long part begins

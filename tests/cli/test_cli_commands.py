@@ -443,3 +443,13 @@ def test_the_program_ends_cleanly_as_a_process(session, command):
         )
         assert (done.returncode, done.stderr) == (0, "")
         assert json.loads(done.stdout)["state"] == "done"
+
+
+def test_a_bench_whose_forces_are_too_noisy_does_not_work(slipscope: Command) -> None:
+    result = slipscope(
+        "check", *(w for s in SHORT for w in ("--set", s)), "--set", "sim.force_noise=99"
+    )
+    assert result.exit_code == 1
+    assert "FAILS  shear sensor: " in result.stdout
+    assert "too noisy for a contact of 0.03 N" in " ".join(result.stdout.split())
+    assert "the bench does not work" in result.stdout

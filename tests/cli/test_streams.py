@@ -3,18 +3,20 @@ one.
 """
 
 import errno
+import gc
 import io
 import json
 import os
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import pytest
 from short_run import SHORT
 
 from app.cli.streams import steady_streams
-from app.commands.experiment import _follow
+from app.commands.experiment import Made, _follow, _Reports
 from app.session.reader import SessionReader
 from app.stopping import not_connected
 
@@ -98,6 +100,27 @@ def test_what_is_missing_in_a_file_is_told(monkeypatch, number, code):
         program()
     assert ended.value.code == code
     assert ("No space left" in told.getvalue()) == bool(code)
+
+
+def test_a_run_that_was_reported_is_let_go():
+    class Source:
+        has_ended = False
+
+        def outcome(self):
+            return "ended" if self.has_ended else None
+
+        def wait(self, timeout=None):
+            return self.outcome()
+
+    made = [Made(Source(), lambda n=n: {"run": n}) for n in range(3)]
+    runs, reports = [weakref.ref(one.source) for one in made], _Reports(made)
+    for n in (0, 2):
+        runs[n]().has_ended = True
+    assert reports.of_all() == [{"run": 0}, {"run": 2}]
+    gc.collect()
+    assert [run() is None for run in runs] == [True, False, True]
+    made[0].source.has_ended = True
+    assert [report["run"] for report in reports.of_all()] == [0, 2, 1]
 
 
 def test_a_terminal_that_fails_is_named_as_the_reason():

@@ -2,14 +2,16 @@
 within the limits of a run only.
 """
 
+from itertools import chain
 from pathlib import Path
 
+import numpy as np
 import pytest
 from newport_bench import wait_until
 from short_run import SMALL
 
 from app import config, live
-from app.commands.bench_check import check
+from app.commands.bench_check import _forces, check, unpressed
 from drivers.protocols import SampleBlock
 
 FREE = "sim.press_time=600"  # nothing is pressed meanwhile
@@ -31,7 +33,9 @@ def checked():
                 sabotage(bench)
 
         bench.actuator.open = opened
-        findings = {f.label: f for f in check(settings, bench, home=False, move_um=move_um)}
+        benches = chain([bench], iter(lambda: live.make_bench(settings, 1.0), None))
+        found = check(settings, benches.__next__, home=False, move_um=move_um)
+        findings = {f.label: f for f in found}
         return findings, [command.decode() for _, command in lines[0].arrivals], bench
 
     return run
@@ -90,3 +94,101 @@ def test_a_force_at_its_limit_stops_the_move(checked, column):
     assert "1ST" in sent
     assert bench.world.stage_m() < 300e-6
     wait_until(lambda: not bench.world.is_moving())
+
+
+# ------------------------------------------------------------------ benches without hardware
+
+PLAIN = [line for line in SMALL if not line.startswith("run.travel")]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "a.h5"
+    run = live.make_run(config.load(None, [*PLAIN, "run.travel=60"]), path, pace=None)
+    run.start()
+    assert run.wait(120).is_complete
+    return path
+
+
+def checked_as_it_is(*overrides, home=False, move_um=0.0, pace=None):
+    """What `slipscope check` finds, in simulated time that passes as it is read."""
+    settings = config.load(None, [*PLAIN, "run.velocity=50", *overrides])
+    bench = unpressed(settings)
+    found = check(settings, lambda: live.make_bench(bench, pace), home=home, move_um=move_um)
+    return {f.label: f for f in found}
+
+
+@pytest.mark.parametrize(
+    "mixed", [(), ("camera.source=replay",), ("forces.source=replay",), "emulated"]
+)
+def test_a_stage_moves_on_benches_without_hardware_and_data_is_taken(session, mixed):
+    if mixed == "emulated":
+        mixed = ("actuator.source=smc100-emulated", "forces.source=replay")
+    findings = checked_as_it_is(f"replay.session={session}", *mixed, move_um=10.0, pace=1.0)
+    assert all(f.is_fine for f in findings.values()), findings
+    assert findings["move"].value.startswith("10 um requested, 10.0")
+    assert "2000 samples and 16 frames of 16 triggers" in findings["data"].value
+
+
+def test_a_simulated_stage_finds_its_origin_and_goes_on_from_where_it_stands():
+    findings = checked_as_it_is(home=True, move_um=10.0, pace=40.0)
+    assert all(f.is_fine for f in findings.values() if f.label != "data"), findings
+    assert findings["home"].value == "the origin was found, the stage is at 0.0000 mm"
+
+
+def test_a_recorded_stage_is_not_moved(session):
+    findings = checked_as_it_is(
+        f"replay.session={session}", "actuator.source=replay", move_um=10.0, pace=1.0
+    )
+    assert "a recorded stage goes where it was recorded" in findings["move"].value
+    assert findings["data"].is_fine
+
+
+# ------------------------------------------------------------------ noise
+
+
+def newtons(config_, deviation_n, drift_n=0.0, seconds=2.0, seed=5):
+    """Volts of two unloaded sensors with that noise, and a drift over all of them."""
+    f = config_.forces
+    n = round(seconds * f.sample_rate)
+    forces = np.random.default_rng(seed).normal(0, 1, (n, 2)) * deviation_n
+    forces += np.linspace(0, drift_n, n)[:, None]
+    # without coupling
+    per_volt = np.multiply(f.sensitivity, f.stiffness)
+    return np.asarray(f.zero) + forces / per_volt
+
+
+@pytest.mark.parametrize(
+    ("deviation_n", "drift_n", "fine"),
+    [
+        # 50 samples to a mean: 1 mN is 0.14 mN, 119 mN is 17 mN; 0.5 N allows 3.3 and 1.7 mN
+        (1e-3, 0.0, [True, True]),
+        (8e-3, 0.0, [True, True]),
+        (16e-3, 0.0, [True, False]),
+        (119e-3, 0.0, [False, False]),
+        (1e-3, 50e-3, [False, False]),
+    ],
+)
+def test_forces_too_noisy_for_a_contact_to_settle_fail(deviation_n, drift_n, fine):
+    settings = config.load(None, ["forces.coupling=[[1, 0], [0, 1]]"])
+    volts = newtons(settings, deviation_n, drift_n)
+    findings = list(_forces(settings, volts, settings.forces.block))
+    assert [f.is_fine for f in findings] == fine
+    assert [f.needed for f in findings] == [not one for one in fine]
+    assert "(limit 3.3 mN)" in findings[0].value
+    assert "(limit 1.7 mN)" in findings[1].value
+    if not fine[0]:
+        assert "too noisy for a contact of 0.5 N" in findings[0].value
+
+
+def test_the_lowest_load_of_a_protocol_decides():
+    steps = '{do="approach", normal_force=1}, {do="approach", normal_force=0.05}'
+    settings = config.load(None, [f'run.steps=[{steps}, {{do="reference"}}, {{do="drive"}}]'])
+    findings = list(_forces(settings, newtons(settings, 5e-3), settings.forces.block))
+    assert "too noisy for a contact of 0.05 N" in findings[0].value
+
+
+def test_recorded_forces_are_what_an_operator_pressed_as_well():
+    settings = config.load(None, ["forces.source=replay", "replay.session=a.h5"])
+    findings = list(_forces(settings, newtons(settings, 1e-3, 0.5), settings.forces.block))
+    assert [f.is_fine for f in findings] == [True, True]
