@@ -41,6 +41,7 @@ def dic(
         ),
     ] = None,
     overwrite: Overwrite = False,
+    as_json: JsonFlag = False,
 ) -> int:
     """Displacement fields between plain image files: grey PNG or TIFF, 8 or 16 bit, all of one
     size.
@@ -55,7 +56,14 @@ def dic(
     from app.commands import files
 
     return files.dic(
-        reference, images, fields, correlation, mask=mask, roi=roi, overwrite=overwrite
+        reference,
+        images,
+        fields,
+        correlation,
+        mask=mask,
+        roi=roi,
+        overwrite=overwrite,
+        as_json=as_json,
     )
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from analysis.options import Option, Section, options
 from app.settings import flag
@@ -68,6 +69,26 @@ ALSO = {"modulus": ("--E",)}  # further names of options
 is_debugging = False  # set by `slipscope --debug`; one process runs one command line
 
 
+class _PlainFlags:
+    """Whose help names no type after an option that takes no value."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """All parameters."""
+        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in parameters:
+            if getattr(parameter, "is_flag", False) and parameter.metavar is None:
+                parameter.metavar = ""
+        return parameters
+
+
+class _Command(_PlainFlags, TyperCommand):
+    """A command of the program."""
+
+
+class Program(_PlainFlags, TyperGroup):
+    """The program."""
+
+
 @dataclass(frozen=True, slots=True)
 class Given:
     """Marks a parameter that receives the settings of a section that were given, as a dict of SI
@@ -113,7 +134,7 @@ def command(app: typer.Typer, name: str | None = None) -> Callable[[Callable[...
         parameters.insert(0, _parameter("context", typer.Context, inspect.Parameter.empty))
         call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         call.__annotations__ = {p.name: p.annotation for p in parameters}
-        app.command(name or function.__name__)(call)
+        app.command(name or function.__name__, cls=_Command)(call)
 
     return add
 

@@ -42,7 +42,7 @@ Exit codes: 0 done; 1 a device or the run failed; 2 an argument, file or setting
 
 app = typer.Typer(
     name="slipscope",
-    add_completion=False,
+    cls=options.Program,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from rich.console import Console
 from rich.table import Table
 
 from analysis.settings import PRESETS
-from app.commands.terminal import DONE, FAILED, Bar, output, print_json, say
+from app.commands.terminal import DONE, FAILED, Bar, console, output, print_json, say
 from app.errors import UserError
 from app.report.quantities import Measurement, summary_quantities
 from app.report.summary import plain
@@ -117,22 +116,22 @@ def data_of(plan: Plan, found: Analysed) -> dict[str, Any]:
 
 
 def _print(plan: Plan, found: Analysed) -> None:
-    console = Console(highlight=False, markup=False)
-    console.width = max(console.width, WIDTH)  # wrapped rows can not be read
+    out = console()
+    out.width = max(out.width, WIDTH)  # wrapped rows can not be read
     for symbols in TABLES:
-        console.print(_table(found.runs[:SHOWN], symbols, "point" if plan.is_sweep else "session"))
-        console.print()
+        out.print(_table(found.runs[:SHOWN], symbols, "point" if plan.is_sweep else "session"))
+        out.print()
     if len(found.runs) > SHOWN:
-        console.print(f"... and {len(found.runs) - SHOWN} more runs")
-    console.print("value ± noise of images and forces ± what the operator gives", style="dim")
-    console.print()
+        out.print(f"... and {len(found.runs) - SHOWN} more runs")
+    out.print("value ± noise of images and forces ± what the operator gives", style="dim")
+    out.print()
     rows = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     for one in joint_quantities(found.joint):
         rows.add_row(one.name, one.symbol, str(one))
     if not plan.is_sweep:
-        console.print("All runs together", style="bold")
-        console.print(rows)
-        console.print()
+        out.print("All runs together", style="bold")
+        out.print(rows)
+        out.print()
     for note in found.joint.notes:
         output().print(f"note: {note}")
     output().print(f"results: {plan.output}")

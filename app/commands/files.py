@@ -23,11 +23,12 @@ def dic(
     mask: Path | None,
     roi: tuple[int, int, int, int] | None,
     overwrite: bool,
+    as_json: bool,
 ) -> int:
     """Correlate image files and write the fields; the exit code."""
     from app.exchange.correlating import correlate_files
 
-    with Bar("correlating", quiet=False) as bar:
+    with Bar("correlating", quiet=as_json) as bar:
         summary = correlate_files(
             reference,
             images,
@@ -38,7 +39,12 @@ def dic(
             overwrite=overwrite,
             on_progress=bar.show,
         )
-    _report(summary)
+    if as_json:
+        from app.report.summary import plain
+
+        print_json(plain(summary))
+    else:
+        _report(summary)
     return DONE
 
 

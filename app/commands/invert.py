@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from analysis.options import SettingError, options
-from app.commands.terminal import DONE, Bar, output, print_json
+from app.commands.terminal import DONE, Bar, console, output, print_json
 from app.errors import UserError
 from app.exchange.fields import FieldSeries, read_fields
 from app.exchange.inverting import (
@@ -141,7 +140,9 @@ def _tell(
         f"{method}: {len(results)} fields, contact's centre at x = {x * 1e3:.3f} mm, y ="
         f" {y * 1e3:.3f} mm"
     )
-    Console(highlight=False, markup=False, width=max(Console().width, 110)).print(table)
+    out = console()
+    out.width = max(out.width, 110)
+    out.print(table)
     output().print(
         "Q: integral of sigma; max: the largest sigma of the profile, and where; residual: in units"
         " of the noise"

@@ -24,9 +24,18 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 BAD_INPUTS = (UserError, ConfigError, DeviceNotFound)
 
 
+def console(*, to_stderr: bool = False, wraps: bool = True) -> Console:
+    """Standard output as it is now, on which every text, such as ``a:end:b.h5`` or ``[red]``, is
+    shown as it is.
+    """
+    return Console(
+        stderr=to_stderr, highlight=False, markup=False, emoji=False, soft_wrap=not wraps
+    )
+
+
 def output(*, to_stderr: bool = False) -> Console:
-    """Standard output as it is now; lines are not wrapped, and text is not read as markup."""
-    return Console(stderr=to_stderr, highlight=False, markup=False, soft_wrap=True)
+    """The same for lines, which are not wrapped."""
+    return console(to_stderr=to_stderr, wraps=False)
 
 
 def say(sentence: str) -> None:
@@ -46,16 +55,16 @@ def print_json(data: Any) -> None:
 
 def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
     """Write a table to standard output: what each row is about, its symbol, and its value."""
-    console = Console(highlight=False, markup=False)
-    console.print(title, style="bold", soft_wrap=True)
+    out = console()
+    out.print(title, style="bold", soft_wrap=True)
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(no_wrap=True, style="dim")
     table.add_column(overflow="fold")
     for row in rows:
         table.add_row(*row)
-    console.print(table)
-    console.print()
+    out.print(table)
+    out.print()
 
 
 def print_table(
@@ -68,7 +77,7 @@ def print_table(
     """Write a table to standard output: numbers to the right, and to the left the columns of these
     headings, which are at most so wide.
     """
-    console = Console(highlight=False, markup=False)
+    out = console()
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for heading in headings:
         if heading in texts:
@@ -77,9 +86,9 @@ def print_table(
             table.add_column(heading, justify="right")
     for row in rows:
         table.add_row(*row)
-    if not console.is_terminal:
-        console.width = 240  # a file has no edge to wrap at
-    console.print(table)
+    if not out.is_terminal:
+        out.width = 240  # a file has no edge to wrap at
+    out.print(table)
 
 
 @contextmanager
@@ -123,17 +132,17 @@ class Bar:
     """
 
     def __init__(self, description: str, *, quiet: bool) -> None:
-        console = Console(stderr=True, highlight=False)
+        out = console(to_stderr=True)
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
             TaskProgressColumn(),
             TimeElapsedColumn(),
-            console=console,
+            console=out,
             transient=True,
-            disable=quiet or not console.is_terminal,
+            disable=quiet or not out.is_terminal,
         )
-        has_lines = not (quiet or console.is_terminal)
+        has_lines = not (quiet or out.is_terminal)
         self._lines_left = [tenth / 10 for tenth in range(1, 11)] if has_lines else []
         self._task = self._progress.add_task(description, total=1.0)
 

@@ -16,6 +16,7 @@ from app.session.journal import IMAGES_SUFFIX, RESULTS_SUFFIX, journal_of
 
 # what a disk must have left, beside room for what the journal and the results take once more in the
 # session, for the recording to go on
+ENDING = ".h5"
 RESERVE_BYTES = 32 << 20
 
 
@@ -99,10 +100,10 @@ def check_new_session(
     """
     check_output(session, overwrite, what="session", inputs={"session": read})
     check_not_recorded(session)
-    if picture_of(session) == session:
+    if session.suffix.lower() != ENDING:
         raise UserError(
-            f"{session}: the session would have the name of its own picture; choose another ending,"
-            " such as .h5"
+            f"{session}: the name of a session ends in {ENDING}, '{session.suffix}' was asked; use"
+            f" {session.with_suffix(ENDING).name}"
         )
     for what, path in files_of(session).items():
         if has_picture or what != "picture":

@@ -111,7 +111,9 @@ def test_a_failed_run_with_overwrite_is_not_taken_for_the_session_before_it(
     [
         ("nowhere/a.h5", "the folder nowhere does not exist"),
         (".", "this is a folder"),
-        ("a.png", "the name of its own picture"),
+        ("a.png", "a.png: the name of a session ends in .h5, '.png' was asked; use a.h5"),
+        ("x.txt", "x.txt: the name of a session ends in .h5, '.txt' was asked; use x.h5"),
+        ("x", "x: the name of a session ends in .h5, '' was asked; use x.h5"),
     ],
 )
 def test_an_output_that_can_not_be_written(
