@@ -67,6 +67,7 @@ def invert(
                 {
                     "centre_m": series.centre_m,
                     "method": settings.method,
+                    "notes": list(series.notes),
                     "fields": [_data(one) for one in inverted],
                     "failures": failures,
                 }
@@ -150,7 +151,7 @@ def _tell(
     if step > 1:
         output().print(f"every {step}th field shown")
     for note in dict.fromkeys(
-        [*(note for one in results for note in one.result.notes), *failures[:3]]
+        [*series.notes, *(note for one in results for note in one.result.notes), *failures[:3]]
     ):
         output().print(f"note: {note}")
     if len(failures) > 3:

@@ -20,7 +20,7 @@ from app.config import from_record, to_toml
 from app.engine.setup import sensor_chain, zeroed
 from app.errors import UserError
 from app.exchange.arrays import Array, session_arrays, table_arrays, write_mat, write_npz
-from app.exchange.fields import FieldTable
+from app.exchange.fields import FieldTable, stated
 from app.exchange.paraview import write_pvd
 from app.exchange.tables import number_cell
 from app.exchange.tabular import Tables
@@ -285,15 +285,25 @@ def _text(path: Path) -> Any:
 
 def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     x_px, y_px = chosen.header.grid_x_px, chosen.header.grid_y_px
+    dic = from_record(chosen.header.config_toml, f"{chosen.reader.path}: settings").dic
     with new_file(output, overwrite) as path, _text(path) as file:
         file.write(
-            f"# a pixel is {chosen.header.pixel_m * 1e6:.9g} um; (0, 0) is the centre of the"
-            " top-left pixel, y points down; the motion of the lens is not taken off\n"
+            f"# {stated(chosen.header.pixel_m, dic.averaging_box_px, dic.noise_box_px)}; (0, 0) is"
+            " the centre of the top-left pixel, y points down; ux_px holds the motion of the lens,"
+            " which is lens_px\n"
         )
-        table = FieldTable(file, x_px, y_px)
+        table = FieldTable(file, x_px, y_px, has_lens=True)
         for snapshot, field in chosen.fields():
-            table.append(snapshot.frame, field)
+            table.append(snapshot.frame, field, _lens_px(snapshot, chosen.header.pixel_m))
     return f"{output}: {len(chosen.measured)} fields of {len(x_px) * len(y_px)} points"
+
+
+def _lens_px(snapshot: Snapshot, pixel_m: float) -> float:
+    """Motion of the lens along x, NaN where it is not known."""
+    if snapshot.motion is None:
+        return math.nan
+    along, angle = snapshot.motion.lens_m, snapshot.motion.drive_angle_rad
+    return along * (math.cos(angle) if math.isfinite(angle) else 1.0) / pixel_m
 
 
 def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:

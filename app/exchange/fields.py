@@ -5,6 +5,7 @@ tables.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
@@ -32,9 +33,13 @@ UNEVEN = 1e-3  # of a pitch: points of a regular grid may lie off by this
 _PLACE = LENGTH | {"px": 1.0}
 _QUANTITIES = {
     "frame": NUMBER,
-    **dict.fromkeys(("x", "y", "ux", "u", "ux_std", "ux_sd"), _PLACE),
+    **dict.fromkeys(("x", "y", "ux", "u", "ux_std", "ux_sd", "lens"), _PLACE),
 }
 _ALIASES = {"u": "ux", "ux_sd": "ux_std"}
+_STATED = re.compile(
+    r"# a pixel is (\S+) um, a displacement the mean over (\S+) px, its noise (\S+)"
+)
+_STATED_BEFORE = re.compile(r"# a pixel is (\S+) um")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +66,8 @@ class FieldSeries:
         Of the drive, x and y along the axes of the grid.
     contact : mapping
         What is known of the contact, by names of `app.settings.ContactSettings`, in SI units.
+    notes : tuple of str
+        What was taken from the file without being asked for, and what it does not say.
 
     Raises
     ------
@@ -79,6 +86,7 @@ class FieldSeries:
     centre_m: tuple[float, float] | None = None
     direction: Direction = UPRIGHT
     contact: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if min(len(self.x_m), len(self.y_m)) < 2:
@@ -123,7 +131,7 @@ def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -
     Parameters
     ----------
     pixel_m : float or None
-        Size of a pixel, needed where the file counts in pixels; a session knows its own.
+        Size of a pixel, needed where the file counts in pixels and does not state it.
     box_m : float or None
         Side of the box whose average a displacement is; None: that of a session's correlation, or
         two pitches of the grid.
@@ -134,7 +142,7 @@ def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -
         The file can not be read, or is not what it should be.
     """
     if path.suffix.lower() == ".csv":
-        found = _from_table(read_table(path, _QUANTITIES), pixel_m)
+        found = _from_table(read_table(path, _QUANTITIES), pixel_m, _stated_in(path))
     elif is_session(path):
         found = _from_session(path, pixel_m)
     else:
@@ -220,9 +228,34 @@ def _known_pixel(path: Path, pixel_m: float | None) -> float:
     return pixel_m
 
 
-def _from_table(table: Table, pixel_m: float | None) -> FieldSeries:
-    """The points of a table on the grid on which they lie."""
-    path = table.path
+def stated(pixel_m: float, box_px: float, noise_box_px: float) -> str:
+    """What the fields of a session are measured in, as its table of fields says above them."""
+    return (
+        f"a pixel is {pixel_m * 1e6:.9g} um, a displacement the mean over {box_px:.9g} px, its"
+        f" noise {noise_box_px:.9g}"
+    )
+
+
+def _stated_in(path: Path) -> tuple[float, ...]:
+    """The size of a pixel in metres and, of newer tables, of the two boxes in pixels; nothing where
+    a table does not state them.
+    """
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        first = file.readline(1000)
+    found = _STATED.match(first) or _STATED_BEFORE.match(first)
+    try:
+        pixel_um, *boxes = map(float, (text.rstrip(",;") for text in found.groups()))
+    except (AttributeError, ValueError):
+        return ()
+    return (pixel_um * 1e-6, *boxes) if 0 < pixel_um < math.inf else ()
+
+
+def _from_table(table: Table, pixel_m: float | None, known: tuple[float, ...]) -> FieldSeries:
+    """The points of a table on the grid on which they lie; `known` is what it states."""
+    path, notes = table.path, []
+    if pixel_m is None and known and "px" in table.units.values():
+        pixel_m = known[0]
+        notes.append(f"a pixel is {pixel_m * 1e6:.6g} um, as {path.name} states")
     columns = {
         _ALIASES.get(name, name): values
         * (_known_pixel(path, pixel_m) if table.units[name] == "px" else 1.0)
@@ -256,7 +289,15 @@ def _from_table(table: Table, pixel_m: float | None) -> FieldSeries:
     ux[which, row, column] = columns["ux"]
     if "ux_std" in columns:
         sd[which, row, column] = columns["ux_std"]
-    return _series(path, x, y, tuple(int(n) for n in frames), ux, sd)
+    if "lens" in columns:
+        ux[which, row, column] -= columns["lens"]
+        notes.append(f"the motion of the lens is taken off, as {path.name} states it")
+    elif known:
+        notes.append(f"the motion of the lens is left in: {path.name} does not state it")
+    found = _series(path, x, y, tuple(int(n) for n in frames), ux, sd)
+    if pixel_m and len(known) == 3:
+        found = replace(found, box_m=known[1] * pixel_m, noise_box_m=known[2] * pixel_m)
+    return replace(found, notes=tuple(notes))
 
 
 def _axis(path: Path, name: str, values: F64) -> tuple[F64, NDArray[np.intp]]:
@@ -287,6 +328,8 @@ class FieldTable:
         Centres of the boxes.
     more : sequence of str
         Further whole numbers that a field has for each point, such as "iterations".
+    has_lens : bool
+        Whether the motion of the lens under each field is written beside it.
     """
 
     def __init__(
@@ -295,14 +338,19 @@ class FieldTable:
         x_px: NDArray[np.float64],
         y_px: NDArray[np.float64],
         more: Sequence[str] = (),
+        *,
+        has_lens: bool = False,
     ) -> None:
-        self._file, self._more = file, more
+        self._file, self._more, self._has_lens = file, more, has_lens
         self._labels = [status.label for status in Status]
         self._places = [f"{x:.1f},{y:.1f}" for y in y_px for x in x_px]
-        file.write(",".join([COLUMNS, *more]) + "\n")
+        file.write(",".join([COLUMNS, *more, *["lens_px"] * has_lens]) + "\n")
 
-    def append(self, frame: int, field: Field | DisplacementField) -> None:
-        """Write the field of a frame."""
+    def append(
+        self, frame: int, field: Field | DisplacementField, lens_px: float = math.nan
+    ) -> None:
+        """Write the field of a frame; the cell of a motion of the lens that is NaN is empty."""
+        ends = [f"{lens_px:.6f}" if math.isfinite(lens_px) else ""] * self._has_lens
         planes = (field.ux_px, field.uy_px, field.status, field.zncc, field.ux_std_px)
         numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px)]
         more = [getattr(field, name).ravel().tolist() for name in self._more]
@@ -311,4 +359,4 @@ class FieldTable:
         ):
             label = self._labels[status] if status < len(self._labels) else status
             line = f"{frame},{place},{ux:.6f},{uy:.6f},{label},{zncc:.6f},{ux_std:.6f},{uy_std:.6f}"
-            self._file.write(",".join([line, *map(str, rest)]) + "\n")
+            self._file.write(",".join([line, *map(str, rest), *ends]) + "\n")

@@ -160,6 +160,55 @@ def test_a_session_knows_what_it_was_measured_on(slipscope: Command, session: Pa
     assert found[-1]["Q_n"] == pytest.approx(0.93 * 0.03, rel=0.1)
 
 
+def test_the_fields_of_a_session_give_the_same_from_their_own_table(
+    slipscope: Command, session: Path
+) -> None:
+    """The pixel and the boxes are those that the table states; the motion of the lens is taken off
+    as of a session.
+    """
+    assert slipscope("export", session, "-o", "f.csv").exit_code == 0
+    found = json.loads(slipscope("invert", session, "--roughness", 0, "--json").stdout)
+    centre = [part * 1e3 for part in found["centre_m"]]
+    frames = [one["frame"] for one in found["fields"]]
+    options = ("--centre", *centre, *(w for n in frames for w in ("--frame", n)), *MATERIAL[:-1])
+    given = slipscope("invert", "f.csv", *options, 0.03, "--json")
+    assert given.exit_code == 0, given.output
+    again = json.loads(given.stdout)
+    assert again["notes"] == [
+        "a pixel is 7.04 um, as f.csv states",
+        "the motion of the lens is taken off, as f.csv states it",
+    ]
+    for one, same in zip(found["fields"], again["fields"], strict=True):
+        assert same["Q_n"] == pytest.approx(one["Q_n"], rel=0.01, abs=1e-4)
+        assert same["D_m"] == pytest.approx(one["D_m"], abs=9e-9)
+    # without it: the simulated lens moves by 0.68 um/N, and 0.028 N pull at the end
+    lines = Path("f.csv").read_text(encoding="utf-8").splitlines()
+    bare = [lines[0], *(line.rpartition(",")[0] for line in lines[1:])]
+    Path("f.csv").write_text("\n".join(bare), encoding="utf-8")
+    left_in = json.loads(slipscope("invert", "f.csv", *options, 0.03, "--json").stdout)
+    lens = left_in["fields"][-1]["D_m"] - again["fields"][-1]["D_m"]
+    assert lens == pytest.approx(0.028 * 0.68e-6, rel=0.2)
+    assert "left in" in left_in["notes"][-1]
+
+
+def test_a_table_that_does_not_state_the_motion_of_the_lens_says_that_it_is_left_in(
+    slipscope: Command, tmp_path: Path
+) -> None:
+    path = write_fields(tmp_path / "fields.csv")
+    old = "# a pixel is 7.04 um; (0, 0) is the centre of the top-left pixel"
+    path.write_text(f"{old}\n{path.read_text()}")
+    found = json.loads(slipscope("invert", path, *MATERIAL, "--json").stdout)
+    assert found["notes"] == [
+        "a pixel is 7.04 um, as fields.csv states",
+        "the motion of the lens is left in: fields.csv does not state it",
+    ]
+    other = json.loads(slipscope("invert", path, *MATERIAL, "--pixel", 8, "--json").stdout)
+    assert found["fields"][0]["D_m"] * 8 / 7.04 == pytest.approx(
+        other["fields"][0]["D_m"], rel=0.05
+    )
+    assert other["notes"] == found["notes"][1:]
+
+
 def test_both_components_of_a_session(slipscope: Command, session: Path, tmp_path: Path) -> None:
     more = ("--roughness", 0, "--method", "coupled", "-o", "both.npz")
     said = slipscope("invert", session, *more)

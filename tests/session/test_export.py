@@ -157,9 +157,10 @@ def test_fields_as_a_table_that_invert_reads(session: Session, tmp_path: Path) -
     measured = [snapshot for snapshot in session.snapshots if snapshot.field]
     assert found.frames == tuple(snapshot.frame for snapshot in measured)
     np.testing.assert_allclose(found.x_m, GRID_X * PIXEL)
+    lens = [s.motion.lens_m * np.cos(np.nan_to_num(s.motion.drive_angle_rad)) for s in measured]
     np.testing.assert_allclose(
         [ux for _, ux, _ in found.fields()],
-        np.stack([s.field.ux_px for s in measured]) * PIXEL,
+        np.stack([s.field.ux_px * PIXEL - x for s, x in zip(measured, lens, strict=True)]),
         atol=1e-6 * PIXEL,
     )
     first = rows_of(tmp_path / "fields.csv")[2]
