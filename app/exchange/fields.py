@@ -244,8 +244,8 @@ def _stated_in(path: Path) -> tuple[float, ...]:
         first = file.readline(1000)
     found = _STATED.match(first) or _STATED_BEFORE.match(first)
     try:
-        pixel_um, *boxes = map(float, (text.rstrip(",;") for text in found.groups()))
-    except (AttributeError, ValueError):
+        pixel_um, *boxes = (float(text.rstrip(",;")) for text in (found.groups() if found else ()))
+    except ValueError:  # nothing, or no numbers
         return ()
     return (pixel_um * 1e-6, *boxes) if 0 < pixel_um < math.inf else ()
 

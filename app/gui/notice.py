@@ -37,11 +37,13 @@ class Notice(Panel):
             self.is_alarm = is_alarm
 
     def say_stop(self, sentence: str, tone: Tone) -> None:
-        """Show what became of a stop, in place of everything but an alarm of another kind."""
+        """Show what became of a stop, in place of everything but an alarm of another kind; what was
+        sent to nothing does not stay.
+        """
         is_alarm = tone is Tone.BAD
         if is_alarm or self.is_of_stop or not self.is_alarm:
             self._show(sentence, tone)
-            self.is_alarm, self.is_of_stop = is_alarm, True
+            self.is_alarm, self.is_of_stop = is_alarm, tone is not Tone.NEUTRAL
 
     @property
     def stays(self) -> bool:

@@ -273,8 +273,8 @@ class MainWindow(QMainWindow):
         self._parts.append(partial(self.readouts.show_cells, view.readouts))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
-        if view.ended and not (before and before.ended) and not self.notice.stays:
-            self.notice.clear()  # how the run ended stands beside the badge
+            if not self.notice.stays:
+                self.notice.clear()  # how the run ended stands beside the badge
 
     def _show_stop(self, read: StopAnswer | None = None) -> None:
         """Show the next answer to a stop; that one has failed can not be missed."""
@@ -285,8 +285,7 @@ class MainWindow(QMainWindow):
         self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
         if answer.kind is Stop.FAILED:
             self._close_by = None  # the window stays, for an alarm must be seen
-            QApplication.beep()
-            QApplication.alert(self)
+            self._ring()
 
     def _report(self, sentence: str) -> None:
         """Say what is wrong with reading or drawing, until it is over."""
@@ -299,17 +298,19 @@ class MainWindow(QMainWindow):
         self._logs.say(sentence, is_trouble=is_alarm)
         if is_alarm:
             self._close_by = None
-            QApplication.beep()
-            QApplication.alert(self)
+            self._ring()
+
+    def _ring(self) -> None:
+        QApplication.beep()
+        QApplication.alert(self)
 
     def _say_ended(self, view: ViewState) -> None:
         """Tell the log and the desk that a run has ended; a failure is heard."""
         assert view.outcome is not None
         has_failed = view.outcome.state == "failed"
-        self._logs.say(f"{view.outcome.state}: {view.outcome.reason}", is_trouble=has_failed)
+        self._logs.say(f"{view.state}: {view.outcome.reason}", is_trouble=has_failed)
         if has_failed:
-            QApplication.beep()
-            QApplication.alert(self)
+            self._ring()
         if self.desk is not None:
             self.desk.ended.emit(self._source)
 
@@ -349,6 +350,8 @@ class MainWindow(QMainWindow):
         not be made.
         """
         self._making = making = _Making(what)
+        if not self.notice.is_alarm:
+            self.notice.clear()
         self.top.show_state("making ready", Tone.BUSY, "")
         self.top.sentence.setText(f"{what} is being made ready.")
         self._show_buttons()

@@ -89,9 +89,9 @@ class RemoteRun:
                 return self.stop_answer() or failed(f"bench: {error}", is_final=False)
             except Gone as error:
                 self._has_died(error)
-        answer = self._stopped
-        if answer is not None and (answer.kind is Stop.FAILED or self._is_dead):
-            return answer
+        known = self._stopped
+        if known is not None and (known.kind is Stop.FAILED or self._is_dead):
+            return known
         return not_connected("the run has ended and its bench is closed")
 
     def stop_answer(self) -> StopAnswer | None:

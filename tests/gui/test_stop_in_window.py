@@ -13,8 +13,10 @@ from scripted_run import ScriptedRun
 
 from app.gui import theme
 from app.gui.cells import Tone
+from app.gui.desk import Desk
 from app.gui.stop_answer import StopAnswers
 from app.gui.window import MainWindow
+from app.settings import Config
 from app.stopping import (
     CUT_POWER,
     Stop,
@@ -197,8 +199,10 @@ def test_the_next_run_begins_without_the_answer_to_the_last(
         runs.append(Stopped(320, 240, frames=60))
         return runs[-1]
 
-    window = open_window(make_source=make)
-    window.begin()
+    bench = SimpleNamespace(run=lambda config, session: make())
+    window = open_window(desk=Desk(bench, Config()))  # type: ignore[arg-type]
+    qtbot.keyClick(window, Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
     runs[0].later = REST
     press(qtbot, window)
     qtbot.waitUntil(lambda: window.outcome() is not None)
