@@ -24,8 +24,7 @@ from app.stopping import failed, sent_from_outside
 from drivers.errors import DeviceError
 from drivers.protocols import OutsideStopper
 
-SILENT_S = 0.8
-TRIES = 5
+SILENT_S, TRIES = 0.8, 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +84,7 @@ def _stop(watch: Watch, *, and_kill: bool) -> None:
         with suppress(OSError):  # it may be gone
             os.kill(watch.bench, getattr(signal, "SIGKILL", signal.SIGTERM))
         for _ in range(TRIES):
-            problem = _problem(watch)
-            if not problem:
+            if not (problem := _problem(watch)):
                 break
             time.sleep(0.05)
     tell(watch.answer, failed(problem) if problem else sent_from_outside())

@@ -130,6 +130,15 @@ def test_an_actuator_that_takes_the_stop_and_moves_on_has_failed(says_so):
     assert stops.answer.sentence.startswith(f"{CUT_POWER}: stage X: ")
 
 
+def test_a_stage_that_stands_and_says_that_it_moves_is_not_at_rest():
+    actuator = Actuator()
+    actuator.is_moving = lambda: True
+    stops, ending = stops_of(actuator)
+    ending.call("enough", failed=False)
+    stops.confirm()
+    assert stops.answer.kind is Stop.FAILED
+
+
 def test_a_stage_whose_position_can_not_be_read_stays_sent():
     actuator = Actuator()
     actuator.is_cut = "stage X: no answer"

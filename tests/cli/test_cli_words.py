@@ -1,0 +1,118 @@
+"""What the program writes on the terminal: texts as they are, help, completion, JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+from short_run import SHORT
+from typer.testing import Result
+
+from app.commands.terminal import output, print_rows, print_table, say
+
+Command = Callable[..., Result]
+
+
+def save_texture(folder: Path, suffix: str, kind: type[np.integer], grey: int) -> None:
+    """Two pictures: ``a`` and, two pixels further, ``b``."""
+    texture = gaussian_filter(np.random.default_rng(3).normal(size=(80, 100)), 1.2, mode="wrap")
+    reference = np.clip(grey * (1 + 0.7 * texture / texture.std()), 0, 2 * grey).astype(kind)
+    for name, image in (("a", reference), ("b", np.roll(reference, 2, axis=1))):
+        Image.fromarray(image).save(folder / f"{name}{suffix}")
+
+
+def test_a_bench_whose_forces_are_too_noisy_does_not_work(slipscope: Command) -> None:
+    result = slipscope(
+        "check", *(w for s in SHORT for w in ("--set", s)), "--set", "sim.force_noise=99"
+    )
+    assert result.exit_code == 1
+    assert "FAILS  shear sensor: " in result.stdout
+    assert "too noisy for a contact of 0.03 N" in " ".join(result.stdout.split())
+    assert "the bench does not work" in result.stdout
+
+
+@pytest.mark.parametrize("command", [(), ("run",), ("dic",), ("check",)])
+def test_help_names_no_type_after_an_option_without_a_value(
+    slipscope: Command, command: tuple[str, ...]
+) -> None:
+    shown = slipscope(*command, "--help").stdout
+    assert "--help" in shown
+    assert "<bool>" not in shown
+    assert "BOOLEAN" not in shown
+
+
+@pytest.mark.parametrize(
+    ("shell", "words"),
+    [("bash", "complete -o default -F"), ("zsh", "#compdef slipscope"), ("fish", "complete --")],
+)
+def test_a_shell_completes_commands(shell: str, words: str) -> None:
+    environment = os.environ | {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    program = "from app.cli import main; main()"
+    called = [sys.executable, "-c", f"import sys; sys.argv[0] = 'slipscope'; {program}"]
+    script = subprocess.run(
+        [*called, "--show-completion", shell],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert script.returncode == 0, script.stderr
+    assert words in script.stdout
+    assert "_SLIPSCOPE_COMPLETE" in script.stdout
+    if shell == "bash":
+        asked = {
+            "_SLIPSCOPE_COMPLETE": "complete_bash",
+            "COMP_WORDS": "slipscope rep",
+            "COMP_CWORD": "1",
+        }
+        found = subprocess.run(
+            called, env=os.environ | asked, capture_output=True, text=True, check=False
+        )
+        assert found.stdout.split() == ["replay", "repair"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no file has such a name")
+def test_names_are_printed_as_they_are(
+    slipscope: Command, session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "a:end:b[red]c.h5"
+    (session.parent / name).write_bytes(session.read_bytes())
+    for result in (
+        slipscope("info", name),
+        slipscope("config", ":end:[bold]x[/bold]"),
+        slipscope("export", name, "-o", ":end:[b].csv", "--what", "counts"),
+        slipscope("replay", "no:end:[b].h5", "--headless"),
+        slipscope("run", "--headless", "-o", ":end:.txt"),
+        slipscope(":end:"),
+    ):
+        assert ":end:" in result.output, result.output
+        assert "🔚" not in result.output
+    for line in ("a:end:b", "[red]a[/red]"):
+        say(line)
+        print_rows(line, [(line, line, line)])
+        print_table([line], [[line]], texts=[line])
+        output().print(line)
+        shown = capsys.readouterr()
+        assert shown.err == f"slipscope: {line}\n"
+        assert shown.out.count(line) == 7, shown.out
+
+
+def test_dic_as_json(slipscope: Command, tmp_path: Path) -> None:
+    save_texture(tmp_path, ".png", np.uint8, 100)
+    result = slipscope("dic", "a.png", "b.png", "-o", "f.csv", "--search", "4", "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert (found["frames"], found["output"]) == (1, "f.csv")
+    assert found["statuses"]["ok"] > 0.9 * found["points"]
+    assert 0 < found["ux_std_px"] < 0.05
+    refused_ = slipscope("dic", "a.png", "no.png", "-o", "g.csv", "--json")
+    assert refused_.exit_code == 2
+    assert "no.png" in json.loads(refused_.stdout)["error"]
