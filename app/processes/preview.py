@@ -22,7 +22,7 @@ from app.engine.intake import BenchDevices
 from app.engine.preview import Preview
 from app.errors import UserError
 from app.processes.calls import Caller, Gone, Methods, Server, Silent
-from app.processes.folder import new_folder
+from app.processes.folder import ANSWER, new_folder, told
 from app.processes.signals import acting_on_signals
 from app.processes.starting import hello_of, payload, say_hello, started
 from app.processes.supervision import SupervisedBench
@@ -37,6 +37,7 @@ FIRST_CALL_S = 15.0
 POLL_S = 0.05
 CLOSES_S = 8.0  # for all devices, and the end of the process
 ZEROES_S = 10.0
+SUPERVISED_S = 3.0  # until the supervisor of a process that is gone has stopped its stage
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,11 @@ class _Served:
     def _guard(self, bench: BenchDevices, preview: Preview) -> None:
         """Have the stage stopped from outside should this process fail, as in a run."""
         supervised = SupervisedBench(
-            _Opened(bench), self._config.limits, preview.motion, lambda pid: None
+            _Opened(bench),
+            self._config.limits,
+            preview.motion,
+            lambda pid: None,
+            self._folder / ANSWER,
         )
         supervised.open()
         self._supervised = supervised
@@ -210,8 +215,15 @@ class LaunchedPreview:
         except Silent as error:
             return failed(f"bench: {error}", is_final=False)
         except Gone:
-            return failed(self._is_gone())
+            return self._from_outside()
         return answer
+
+    def _from_outside(self) -> StopAnswer:
+        """What the supervisor of a process that is gone has done, as soon as it tells."""
+        give_up = time.monotonic() + SUPERVISED_S
+        while (answer := told(self._folder.name)) is None and time.monotonic() < give_up:
+            time.sleep(POLL_S)
+        return answer or failed(self._is_gone())
 
     def zero(self) -> tuple[float, float]:
         """The readings without a force, volts."""

@@ -104,7 +104,9 @@ def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
             DeviceError, match=r"its process .* has ended, and its devices are free"
         ):
             wait_until(preview.look)
-        assert preview.stop_motion().kind is Stop.FAILED
+        answer = preview.stop_motion()
+        assert answer.kind is Stop.SENT
+        assert "was sent by the supervisor" in answer.sentence
         wait_until(lambda: not outside.stage.is_moving(), "the stage's rest")
     with connected(*outside.settings) as again:
         wait_until(lambda: shows_all(again), "the bench")
