@@ -44,7 +44,6 @@ def main() -> None:
 
 def take(folder: Path, size: str) -> None:
     """Take the pictures at one size."""
-    import pyqtgraph as pg
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
@@ -58,7 +57,6 @@ def take(folder: Path, size: str) -> None:
     )
     application = QApplication(["slipscope"])
     application.setStyle("Fusion")
-    pg.setConfigOptions(useOpenGL=False, antialias=False)
     pixels, _, scale = size.partition("@")
     width, height = (round(int(n) / float(scale or 1)) for n in pixels.split("x"))
     session = folder / f"evening-{size}.h5"

@@ -239,4 +239,4 @@ def framed(*parts: Part) -> Panel:
 
 
 def _colour(gauge: Gauge) -> str:
-    return theme.NORMAL if gauge.symbol == "P" else theme.SHEAR
+    return theme.now().normal if gauge.symbol == "P" else theme.now().shear

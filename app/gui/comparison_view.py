@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QPushButton, QSplitter, QWidget
 
-from app.gui import theme
+from app.gui.canvas import Canvas
 from app.gui.cells import number, typeset
+from app.gui.charts import Chart, Line
+from app.gui.plot_panel import PlotPanel
 from app.gui.result_panel import fill, read_only_table
+from app.gui.run_charts import MODEL_POINTS, TRAVEL_Q
 from app.gui.widgets import column, label, row
 from app.report.side_by_side import Recorded, as_csv, colours, compared
 
-MODEL_POINTS = 200
+LOADING, STICKING = "Loading curves Q(δ)", "Stick radius c / a"
 
 
 class ComparisonView(QWidget):
@@ -26,7 +28,6 @@ class ComparisonView(QWidget):
         super().__init__(parent, Qt.WindowType.Window)
         self.sessions = tuple(sessions)
         self.setObjectName("body")
-        self.setStyleSheet(theme.STYLE)
         self.setWindowTitle(f"{' · '.join(one.name for one in sessions)} – side by side")
         heads = tuple(f"{one.name}\n{_about(one)}" for one in sessions)
         pair = len(sessions) == 2
@@ -42,8 +43,8 @@ class ComparisonView(QWidget):
             ],
         )
         self.colours = colours([one.load_n for one in sessions])
-        self.loading = theme.plot_widget("travel δ (µm)", "shear force Q (N)")
-        self.sticking = theme.plot_widget("Q / (μₛ P)", "stick radius c / a")
+        self.loading = PlotPanel(Canvas(), title=LOADING)
+        self.sticking = PlotPanel(Canvas(), title=STICKING)
         self._draw()
         self.copy = QPushButton("Copy as CSV")
         self.copy.setToolTip("All numbers, unrounded, to the clipboard")
@@ -73,16 +74,22 @@ class ComparisonView(QWidget):
 
     def _draw(self) -> None:
         ratio = np.linspace(0.0, 1.0, MODEL_POINTS)
-        dashed = pg.mkPen(theme.MODEL, width=1.5, style=Qt.PenStyle.DashLine)
-        self.sticking.plot(ratio, (1 - ratio) ** (1 / 3), pen=dashed)
+        columns = ("Q_to_mu_s_P", "c_to_a")
+        model = Line(
+            "Cattaneo–Mindlin", ratio, (1 - ratio) ** (1 / 3), "model", columns, style="dashed"
+        )
+        loading, sticking = [], [model]
         for one, colour in zip(self.sessions, self.colours, strict=True):
-            self.loading.plot(*one.loading.T, pen=pg.mkPen(colour, width=2), antialias=True)
-            x, y, sd = one.sticking.T
-            bars = pg.ErrorBarItem(x=x, y=y, height=2 * sd, pen=pg.mkPen(colour, width=1))
-            self.sticking.addItem(bars)
-            self.sticking.plot(x, y, pen=None, symbol="o", symbolSize=5, symbolBrush=colour)
-        self.sticking.setXRange(0, 1.05)
-        self.sticking.setYRange(0, 1.3)
+            travel, shear = one.loading.T
+            loading.append(Line(one.name, travel, shear, colour, TRAVEL_Q))
+            x, y, sd = one.sticking[np.argsort(one.sticking[:, 0], kind="stable")].T
+            sticking.append(Line(one.name, x, y, colour, columns, sd=sd, style="dots"))
+        self.loading.show_chart(
+            Chart(LOADING, "travel δ (µm)", "shear force Q (N)", tuple(loading))
+        )
+        self.sticking.show_chart(
+            Chart(STICKING, "Q / (μₛ P)", "stick radius c / a", tuple(sticking), y_least=(0, 1.2))
+        )
 
 
 def _about(one: Recorded) -> str:

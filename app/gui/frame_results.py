@@ -1,4 +1,4 @@
-"""What is drawn of one frame: its image, its fields, and the traction about the contact's centre.
+"""What is drawn of one frame: its image, its fields, and the profiles about the contact's centre.
 
 Lengths on the image are pixels (x, y), with (0, 0) the centre of the top-left pixel.
 """
@@ -6,154 +6,321 @@ Lengths on the image are pixels (x, y), with (0, 0) the centre of the top-left p
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.gui.cells import number, typeset
+from app.gui.scales import Range, is_one_signed, robust_range
 from app.gui.source import Image, Rect, Setup
 from app.records import F32, F64, ContactResult, Snapshot
 from app.report.quantities import measured_text
 from app.settings import Config
 
 LARGEST_DISPLAY_PX = 1000  # of wider images every second, third ... pixel is shown
-LIMITS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten: ends of a scale
+COARSE = ", fine detail not converged"  # of the live field: a few iterations for each frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """An image as displayed: its pixels and place, the grey levels of black and white."""
+    """An image as displayed: its pixels and its place.
 
-    pixels: Image
+    Attributes
+    ----------
+    pixels : ndarray
+        Grey levels, of which 255 says that one of the pixels in its place is saturated.
+    stretched : (int, int)
+        Grey levels that are black and white where the image is stretched: 0.5 and 99.8 % of it.
+    """
+
+    pixels: NDArray[np.uint8]
     rect_px: Rect
-    levels: tuple[float, float]
+    stretched: tuple[int, int]
     caption: str
     full: Image
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Overlay:
-    """A field over the image; the colour scale runs from -limit to +limit."""
+def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
+    """`full` thinned for the screen; its grey levels end at `full_scale`, 0: with its type."""
+    full_scale = full_scale or int(np.iinfo(full.dtype).max)
+    every = max(1, math.ceil(full.shape[1] / LARGEST_DISPLAY_PX))
+    thin = full[::every, ::every]
+    pixels = np.array(thin if full_scale == 255 else thin * (255.0 / full_scale), np.uint8)
+    rows, cols = pixels.shape
+    rect = (-every / 2, -every / 2, float(every * cols), float(every * rows))
+    low, high = np.percentile(pixels[::4, ::4], (0.5, 99.8))
+    caption = "display 1:1" if every == 1 else f"display 1:{every}, data full"
+    if full.max() >= full_scale:
+        found = np.argwhere(full >= full_scale)
+        pixels[tuple((found // every).T)] = 255
+        caption += f", {100 * len(found) / full.size:.2g} % of the pixels saturated"
+    return ShownImage(pixels, rect, (int(low), int(max(high, low + 1))), caption, full)
 
-    values: F32
-    limit: float
+
+# ------------------------------------------------------------------ fields
+
+
+@dataclass(frozen=True, slots=True)
+class FieldKind:
+    """A field that can be shown: how it is called, and of which sign it is.
+
+    Attributes
+    ----------
+    key : str
+        How a file calls it, with its unit.
+    sign : str
+        "one": never below zero; "both": about zero; "drive": as the values are.
+    """
+
+    key: str
     symbol: str
     unit: str
+    hint: str
+    sign: str
+
+
+FIELDS = (
+    FieldKind(
+        "ux_um", "uₓ", "µm", "Displacement along the drive, without the lens' motion", "drive"
+    ),
+    FieldKind("uy_um", "uᵧ", "µm", "Displacement across the drive", "both"),
+    FieldKind("u_um", "|u|", "µm", "Magnitude of the displacement", "one"),
+    FieldKind("sigma_kPa", "σₓ", "kPa", "Shear traction along the drive", "drive"),
+    FieldKind(
+        "slip_um",
+        "slip",
+        "µm",
+        "How far the block's surface has moved over the lens inside the contact, along the drive",
+        "drive",
+    ),
+    FieldKind(
+        "zncc", "ZNCC", "", "Correlation of each box with the reference; 1 is perfect", "one"
+    ),
+    FieldKind("ux_sd_um", "s(uₓ)", "µm", "Standard uncertainty of uₓ of each box", "one"),
+)
+KINDS = {kind.key: kind for kind in FIELDS}
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A field over the image.
+
+    `offset` was subtracted from all values: the rigid part, 0 where it is shown.
+    """
+
+    kind: FieldKind
+    values: F32
     caption: str
+    offset: float = 0.0
+
+    @cached_property
+    def extent(self) -> Range:
+        """What nearly all of its values lie in."""
+        return robust_range(self.values)
+
+    @property
+    def is_diverging(self) -> bool:
+        """Whether the colours go both ways from zero."""
+        if self.kind.sign == "drive" and not self.offset:
+            return not is_one_signed(*self.extent)
+        return self.kind.sign == "both" or bool(self.offset)
+
+    @property
+    def label(self) -> str:
+        """Symbol and unit, for the colour bar."""
+        symbol = self.kind.symbol
+        if self.offset:
+            sign = "−" if self.offset > 0 else "+"
+            symbol = f"{symbol} {sign} {number(abs(self.offset), 1)}"
+        return f"{symbol} ({self.kind.unit})" if self.kind.unit else symbol
+
+    def without_rigid_part(self) -> Field:
+        """About the median of its values; itself where there are none or it has no sign."""
+        offset = float(np.nanmedian(self.values)) if np.isfinite(self.extent[0]) else 0.0
+        if self.kind.sign == "one" or not offset:
+            return self
+        return Field(self.kind, self.values - np.float32(offset), self.caption, offset)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TractionProfile:
-    """Shear traction about the contact's centre with its standard uncertainty.
-
-    `model_kpa` is the traction of Cattaneo and Mindlin for the measured stick radius.
+class Profile:
+    """Azimuthal means about the contact's centre with their standard uncertainties, and those of
+    Cattaneo and Mindlin's contact for the measured stick radius.
     """
 
     radius_mm: F64
-    stress_kpa: F64
-    sd_kpa: F64
-    model_kpa: F64
-    stick_mm: float
-    peak_mm: float
-    caption: str
+    values: F64
+    sd: F64
+    model: F64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Profiles:
+    """The profiles of a frame, where they were computed, and the radii c of both definitions."""
+
+    displacement_um: Profile | None
+    traction_kpa: Profile | None
+    stick_mm: float
+    peak_mm: float
+    balance: str
+
+
+@dataclass(frozen=True, eq=False)
 class FrameResults:
-    """What is drawn of a frame that has a displacement field; None: not computed."""
+    """What is drawn of a frame that has a displacement field.
+
+    The fields are computed when they are shown.
+    """
 
     frame: int
-    displacement: Overlay
-    traction: Overlay | None
-    profile: TractionProfile | None
+    snapshot: Snapshot
+    setup: Setup
+    circles: Circles
+    profiles: Profiles
+
+    @cached_property
+    def _made(self) -> dict[str, Field]:
+        return {}
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The fields that there are."""
+        has_stress = self.snapshot.stress_field_pa is not None
+        return tuple(kind.key for kind in FIELDS if kind.key != "sigma_kPa" or has_stress)
+
+    def prepare(self, before: FrameResults) -> None:
+        """Compute the fields that were shown of the frame before."""
+        for key in before._made:
+            if key in self.keys:
+                _ = self.field(key).extent
+
+    def field(self, key: str) -> Field:
+        """The field of that name."""
+        if key not in self._made:
+            time_s, kind = self.snapshot.conditions.time_s, KINDS[key]
+            when = f", t = {time_s:.2f} s" if math.isfinite(time_s) else ""
+            doubt = COARSE if key == "sigma_kPa" else ""
+            caption = f"{kind.symbol} of frame {self.frame}{when}{doubt}"
+            self._made[key] = Field(kind, _VALUES[key](self), caption)
+        return self._made[key]
+
+
+def _along(one: FrameResults) -> F32:
+    field, motion = one.snapshot.field, one.snapshot.motion
+    assert field is not None
+    assert motion is not None
+    return field.ux_px * np.float32(one.setup.pixel_um) - np.float32(motion.lens_m * 1e6)
+
+
+def _across(one: FrameResults) -> F32:
+    assert one.snapshot.field is not None
+    return one.snapshot.field.uy_px * np.float32(one.setup.pixel_um)
+
+
+def _slip(one: FrameResults) -> F32:
+    """u_x inside the apparent contact: the lens does not deform, so that this is the slip."""
+    values, circles = _along(one), one.circles
+    radius = circles.apparent_px if math.isfinite(circles.apparent_px) else circles.hertz_px
+    if circles.centre_px is None:
+        return np.full_like(values, np.nan)
+    left, top, width, height = one.setup.grid_rect_px
+    rows, cols = values.shape
+    x = left + (np.arange(cols) + 0.5) * width / cols - circles.centre_px[0]
+    y = top + (np.arange(rows) + 0.5) * height / rows - circles.centre_px[1]
+    return np.where(np.hypot(x, y[:, None]) <= radius, values, np.float32(np.nan))
+
+
+def _traction(one: FrameResults) -> F32:
+    assert one.snapshot.stress_field_pa is not None
+    return one.snapshot.stress_field_pa * np.float32(1e-3)
+
+
+def _quality(one: FrameResults) -> F32:
+    assert one.snapshot.field is not None
+    return one.snapshot.field.zncc
+
+
+def _uncertainty(one: FrameResults) -> F32:
+    assert one.snapshot.field is not None
+    return one.snapshot.field.ux_std_px * np.float32(one.setup.pixel_um)
+
+
+_VALUES: dict[str, Callable[[FrameResults], F32]] = {
+    "ux_um": _along,
+    "uy_um": _across,
+    "u_um": lambda one: np.hypot(_along(one), _across(one)),
+    "sigma_kPa": _traction,
+    "slip_um": _slip,
+    "zncc": _quality,
+    "ux_sd_um": _uncertainty,
+}
+
+
+# ------------------------------------------------------------------ one frame
+
+
+def frame_results(snapshot: Snapshot, setup: Setup, around: Circles) -> FrameResults | None:
+    """What is drawn of `snapshot`; None where it has no displacement field."""
+    if snapshot.field is None or snapshot.motion is None:
+        return None
+    return FrameResults(snapshot.frame, snapshot, setup, around, _profiles(snapshot, setup.config))
+
+
+def _profiles(snapshot: Snapshot, config: Config) -> Profiles:
+    rings, stress, stick = snapshot.rings, snapshot.stress, snapshot.stick
+    P, sample, traction = snapshot.conditions.normal_force_n, config.sample, snapshot.traction
+    c = stick.stick_radius_m if stick else math.nan
+    a = Q = mu = math.nan
+    if P > 0 and stick and math.isfinite(c):
+        a = hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
+        mu = stick.full_slip_pa / hertz.peak_pressure(P, a)
+        Q = mu * P * (1 - min(1.0, c / a) ** 3)
+    has_model = math.isfinite(Q) and mu > 0
+    shown = sheared = None
+    if rings is not None and snapshot.motion is not None:
+        model = np.full(rings.radius_m.shape, math.nan)
+        if has_model:
+            radii = np.concatenate([[0.0], rings.radius_m])
+            moved, _ = cattaneo_mindlin.radial_displacement(
+                radii, Q, mu, P, a, sample.young_modulus, sample.poisson
+            )
+            model = snapshot.motion.centre_ux_m + moved[0] - moved[1:]
+        shown = Profile(rings.radius_m * 1e3, rings.ux_m * 1e6, rings.sd_m * 1e6, model * 1e6)
+    if stress is not None:
+        model = np.full(stress.radius_m.shape, math.nan)
+        if has_model:
+            model = cattaneo_mindlin.traction(stress.radius_m, Q, mu, P, a)
+        sheared = Profile(
+            stress.radius_m * 1e3, stress.stress_pa * 1e-3, stress.sd_pa * 1e-3, model * 1e-3
+        )
+    balance = ""
+    if traction is not None:
+        force = typeset(measured_text(traction.stress_force_n, traction.stress_force_sd_n))
+        balance = f"∫σ dA = {force} N, Q = {number(snapshot.conditions.shear_force_n, 3)} N"
+    peak = traction.peak_radius_m if traction else math.nan
+    return Profiles(shown, sheared, c * 1e3, peak * 1e3, balance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Circles:
-    """Centre of the contact, apparent radius a and stick radius c on the image; NaN: not known."""
+    """Centre of the contact, and the radii a (apparent), a_H (after Hertz, for the load) and c
+    (stick) on the image; NaN: not known.
+    """
 
     centre_px: tuple[float, float] | None
     apparent_px: float
     stick_px: float
     apparent_mm: float
+    hertz_px: float = math.nan
 
 
-def shown_image(full: Image) -> ShownImage:
-    """`full` thinned for the screen; black and white are 0.5 and 99.8 % of its grey levels."""
-    every = max(1, math.ceil(full.shape[1] / LARGEST_DISPLAY_PX))
-    pixels = full[::every, ::every].copy()
-    rows, cols = pixels.shape
-    rect = (-every / 2, -every / 2, float(every * cols), float(every * rows))
-    low, high = np.percentile(pixels[::4, ::4].astype(np.float32), (0.5, 99.8))
-    caption = "display 1:1" if every == 1 else f"display 1:{every}, data full"
-    return ShownImage(pixels, rect, (float(low), float(max(high, low + 1))), caption, full)
-
-
-COARSE = ", fine detail not converged"  # of the live field: a few iterations for each frame
-
-
-def frame_results(snapshot: Snapshot, setup: Setup) -> FrameResults | None:
-    """What is drawn of `snapshot`; None where it has no displacement field."""
-    field, motion, kpa = snapshot.field, snapshot.motion, None
-    if field is None or motion is None:
-        return None
-    ux_um = field.ux_px * np.float32(setup.pixel_um) - np.float32(motion.lens_m * 1e6)
-    if snapshot.stress_field_pa is not None:
-        kpa = _overlay(snapshot.stress_field_pa * np.float32(1e-3), "σₓ", "kPa", snapshot, COARSE)
-    return FrameResults(
-        snapshot.frame,
-        _overlay(ux_um, "uₓ", "µm", snapshot),
-        kpa,
-        traction_profile(snapshot, setup.config),
-    )
-
-
-def _overlay(values: F32, symbol: str, unit: str, snapshot: Snapshot, doubt: str = "") -> Overlay:
-    time_s = snapshot.conditions.time_s
-    when = f", t = {time_s:.2f} s" if math.isfinite(time_s) else ""
-    caption = f"{symbol} of frame {snapshot.frame}{when}{doubt}"
-    return Overlay(values, symmetric_limit(values), symbol, unit, caption)
-
-
-def symmetric_limit(values: F32) -> float:
-    """The least round number (`LIMITS` times a power of ten) above 99 % of |values|; at least 1."""
-    finite = np.abs(values[np.isfinite(values)])
-    top = max(1.0, float(np.percentile(finite, 99)) if finite.size else 0.0)
-    decade = 10.0 ** math.floor(math.log10(top))
-    return next(step * decade for step in LIMITS if top <= step * decade)
-
-
-def traction_profile(snapshot: Snapshot, config: Config) -> TractionProfile | None:
-    """The profile of the shear traction, beside that of Cattaneo and Mindlin for the same c.
-
-    None where the displacement was not inverted.
-    """
-    profile, traction, stick = snapshot.stress, snapshot.traction, snapshot.stick
-    if profile is None or traction is None:
-        return None
-    radius_m, P = profile.radius_m, snapshot.conditions.normal_force_n
-    c = stick.stick_radius_m if stick else math.nan
-    model = np.full(radius_m.shape, math.nan)
-    if P > 0 and stick:
-        sample = config.sample
-        a = hertz.contact_radius(P, sample.young_modulus, sample.poisson, sample.lens_radius)
-        mu = stick.full_slip_pa / hertz.peak_pressure(P, a)
-        Q = mu * P * (1 - min(1.0, c / a) ** 3)
-        model = cattaneo_mindlin.traction(radius_m, Q, mu, P, a)
-    force = typeset(measured_text(traction.stress_force_n, traction.stress_force_sd_n))
-    return TractionProfile(
-        radius_m * 1e3,
-        profile.stress_pa * 1e-3,
-        profile.sd_pa * 1e-3,
-        model * 1e-3,
-        c * 1e3,
-        traction.peak_radius_m * 1e3,
-        f"∫σ dA = {force} N, Q = {number(snapshot.conditions.shear_force_n, 3)} N",
-    )
-
-
-def circles(contact: ContactResult | None, stick_m: float, setup: Setup) -> Circles:
+def circles(
+    contact: ContactResult | None, stick_m: float, normal_n: float, setup: Setup
+) -> Circles:
     """The circles of the contact, of which some may not be known yet."""
     centre = contact.centre_px if contact and all(map(math.isfinite, contact.centre_px)) else None
     apparent_um = contact.apparent_radius_m * 1e6 if contact else math.nan
@@ -162,4 +329,13 @@ def circles(contact: ContactResult | None, stick_m: float, setup: Setup) -> Circ
         apparent_um / setup.pixel_um,
         stick_m * 1e6 / setup.pixel_um,
         apparent_um * 1e-3,
+        hertz_radius_m(normal_n, setup.config) * 1e6 / setup.pixel_um,
     )
+
+
+def hertz_radius_m(normal_n: float, config: Config) -> float:
+    """a_H of the settings' sample under a load; NaN without one."""
+    if not normal_n > 0:
+        return math.nan
+    sample = config.sample
+    return hertz.contact_radius(normal_n, sample.young_modulus, sample.poisson, sample.lens_radius)

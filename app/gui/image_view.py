@@ -1,61 +1,70 @@
-"""The interface as the camera sees it, with a field, the apparent radius and the stick radius."""
+"""The interface as the camera sees it, with a field, the circles of the contact, and a cut."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-import pyqtgraph as pg
-from PySide6.QtCore import QRectF, Qt
+from numpy.typing import NDArray
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QSlider
 
-from app.gui import theme
+from app.gui.canvas import Canvas
 from app.gui.cells import number
-from app.gui.frame_results import FrameResults, Overlay, ShownImage
+from app.gui.charts import Chart, Line
+from app.gui.frame_results import KINDS, Circles, Field, FrameResults, ShownImage
+from app.gui.picture_canvas import PictureCanvas
+from app.gui.plot_panel import PlotPanel
+from app.gui.scales import Range, colour_range
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row
 
-_ANGLES = np.linspace(0.0, 2 * np.pi, 181)
+CUT = "Cut through the centre"
+RAW, DIFFERENCE = "raw", "difference"
+PICTURES = {RAW: "raw image", DIFFERENCE: "difference to the reference"} | {
+    key: f"{kind.symbol}  {kind.hint[0].lower()}{kind.hint[1:]}" for key, kind in KINDS.items()
+}
+SHORT = {RAW: "raw", DIFFERENCE: "difference"} | {key: k.symbol for key, k in KINDS.items()}
+POINT_HINT = "Point at the picture to read it. The wheel zooms, dragging moves, R shows all."
 
 
 class InterfaceView(Panel):
-    """Live image, overlay and circles.
+    """Live image, one of the fields over it, and the circles.
 
     The axes are in mm from the top-left pixel, x along the driving direction, y down.
     """
 
     def __init__(self) -> None:
         super().__init__()
+        self.setObjectName("")  # the panel of the picture has the frame
         self._setup: Setup | None = None
         self._image: ShownImage | None = None
+        self._reference: ShownImage | None = None
         self._frame: FrameResults | None = None
-        self._overlay: Overlay | None = None  # that of the two in _frame which is shown
-        self.plot = theme.plot_widget("x, driving direction → (mm)", "y (mm)")
-        self.image = pg.ImageItem(axisOrder="row-major")
-        self.overlay = pg.ImageItem(axisOrder="row-major")
-        dashed = pg.mkPen(theme.APPARENT, width=2, style=Qt.PenStyle.DashLine)
-        self.apparent = pg.PlotCurveItem(pen=dashed, antialias=True)
-        self.stick = pg.PlotCurveItem(pen=pg.mkPen(theme.STICK, width=2.5), antialias=True)
-        cross = pg.mkPen(theme.APPARENT, width=1.5)
-        self.centre = pg.ScatterPlotItem(symbol="+", size=16, pen=cross, brush=None)
-        self._build_plot()
+        self._circles: Circles | None = None
+        self.field: Field | None = None  # that is shown
+        self._grey: NDArray[Any] = np.empty((0, 0), np.uint8)  # or the image, or the difference
+        self._held: dict[str, Range] = {}  # ranges of the colour scale
+        self._point = (math.nan, math.nan)
+        self.canvas, self.cut = PictureCanvas(), Canvas()
         self._build_controls()
         self._build_layout()
 
     def show_setup(self, setup: Setup) -> None:
-        """Empty the view and set its scale for a new run."""
-        self._setup, self._image, self._frame, self._overlay = setup, None, None, None
-        for side in ("bottom", "left"):
-            self.plot.getPlotItem().getAxis(side).setScale(setup.pixel_um * 1e-3)
-        self._show_all()
-        self.image.clear()
-        self.overlay.clear()
-        for item in self._marks:
-            item.setData([], [])
-        self.caption.setText("")
+        """Empty the view and show all of the next run's pictures."""
+        self._setup = setup
+        self._image = self._reference = self._frame = self._circles = self.field = None
+        self._held.clear()
+        camera, mm = setup.config.camera, setup.pixel_um * 1e-3
+        self.canvas.begin_run((camera.width, camera.height), mm, setup.grid_rect_px)
+        self.cut.clear()
+        self._show_cut()
+        self.panel.caption.setText("")
+        self._offer()
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
@@ -64,129 +73,221 @@ class InterfaceView(Panel):
 
     def show_view(self, view: ViewState) -> None:
         """Draw what has changed since the last call."""
-        shown, circles = view.image, view.circles
-        if shown is not None and shown is not self._image:
-            self._image = shown
-            self.image.setImage(shown.pixels, levels=shown.levels, rect=QRectF(*shown.rect_px))
-        self._frame = view.frame
-        self.which.setVisible(view.frame is not None and view.frame.traction is not None)
-        self._show_overlay()
-        _draw_circle(self.apparent, circles.centre_px, circles.apparent_px)
-        _draw_circle(self.stick, circles.centre_px, circles.stick_px)
-        self.centre.setData(pos=[circles.centre_px] if circles.centre_px else [])
-        captions = [part.caption for part in (self._overlay, shown) if part is not None]
-        self.caption.setText(" · ".join(captions))
+        if view.image is not self._image or view.reference is not self._reference:
+            self._image, self._reference = view.image, view.reference
+            self._show_image()
+        if view.frame is not self._frame:
+            self._frame = view.frame
+            self._offer()
+            self._show_field()
+        elif self.field is None:
+            self._show_cut()
+        if view.circles != self._circles:
+            self._circles = view.circles
+            self.canvas.show_circles(view.circles)
+        self._say()
 
-    def _show_overlay(self) -> None:
-        overlay = self._frame.displacement if self._frame else None
-        if self._frame and self._frame.traction and self.which.currentIndex() == 1:
-            overlay = self._frame.traction
-        if overlay is self._overlay:
-            return
-        self._overlay = overlay
-        if overlay is None or self._setup is None:
-            self.overlay.clear()
-            return
-        limit, rect = overlay.limit, QRectF(*self._setup.grid_rect_px)
-        self.overlay.setImage(overlay.values, levels=(-limit, limit), rect=rect)
-        self.colour_bar.setLevels((-limit, limit))
-        self.colour_bar.getAxis("left").setLabel(f"{overlay.symbol} ({overlay.unit})")
-        values = [share * limit for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-        ticks = [(value, number(value, 0 if limit >= 10 else 1)) for value in values]
-        self.colour_bar.getAxis("right").setTicks([ticks])
+    # ------------------------------------------------------------------ what is shown
 
-    def _build_plot(self) -> None:
-        self._marks = (self.apparent, self.stick, self.centre)
-        plot = self.plot.getPlotItem()
-        plot.invertY(True)
-        plot.setAspectLocked(True)
-        plot.showGrid(x=False, y=False)
-        plot.hideButtons()
-        for depth, item in enumerate((self.image, self.overlay, *self._marks)):
-            item.setZValue(depth)
-            plot.addItem(item)
-        colours, pen = theme.displacement_map(), theme.GRID
-        self.colour_bar = pg.ColorBarItem(
-            values=(-1, 1), colorMap=colours, label="uₓ (µm)", interactive=False, width=16, pen=pen
+    def _show_image(self) -> None:
+        """The image below, or its difference to the reference."""
+        if self._image is None:
+            return
+        if self.key == DIFFERENCE and self._reference is not None:
+            self._grey = pixels = self._image.pixels.astype(np.int16) - self._reference.pixels
+            held = self._held.get(DIFFERENCE)
+            if held is None or not self.locked.isChecked():
+                reach = float(np.percentile(np.abs(pixels[::4, ::4]), 99))
+                held = colour_range(-reach, max(reach, 2.0), held, is_diverging=True)
+                self._held[DIFFERENCE] = held
+            self.canvas.show_difference(pixels, self._image.rect_px, held)
+        else:
+            self._grey = self._image.pixels
+            levels = self._image.stretched if self.stretch.isChecked() else (0, 255)
+            self.canvas.show_image(self._image, levels)
+
+    def _show_field(self) -> None:
+        """The field that is chosen, in the colours of its range."""
+        self.field = None
+        if self._frame is not None and self.key in self._frame.keys:
+            field = self._frame.field(self.key)
+            self.field = field.without_rigid_part() if self.rigid.isChecked() else field
+        if self.field is None:
+            self.canvas.show_field(None, (0.0, 1.0))
+        else:
+            self.canvas.show_field(self.field, self._range_of(self.field))
+        self._show_cut()
+
+    def _show_cut(self) -> None:
+        if self.show_cut.isChecked():
+            self.cut.show_chart(self._cut_chart())
+
+    def _range_of(self, field: Field) -> Range:
+        name = f"{field.kind.key} {bool(field.offset)}"
+        held = self._held.get(name)
+        if held is None or not self.locked.isChecked():
+            held = colour_range(*field.extent, held, is_diverging=field.is_diverging)
+            self._held[name] = held
+        return held
+
+    def _cut_chart(self) -> Chart:
+        """What is shown, along the drive through the contact's centre."""
+        if self._setup is None:
+            return Chart(CUT, "x (mm)", "")
+        left, top, width, height = self._setup.grid_rect_px
+        centre = self._circles.centre_px if self._circles else None
+        y_px = centre[1] if centre else top + height / 2
+        if self.field is not None:
+            values, rect, column = self.field.values, self._setup.grid_rect_px, self.field.kind.key
+            name = self.field.label
+        elif self._image is not None:
+            values, rect, column, name = self._grey, self._image.rect_px, self.key, "grey levels"
+        else:
+            return Chart(CUT, "x (mm)", "")
+        left, top, width, height = rect
+        rows, cols = values.shape
+        at = min(rows - 1, max(0, math.floor((y_px - top) / height * rows)))
+        mm = self._setup.pixel_um * 1e-3
+        x_mm = mm * (left + (np.arange(cols) + 0.5) * width / cols)
+        line = Line("", x_mm, values[at].astype(np.float64), "stick", ("x_mm", column), width=1.2)
+        return Chart(
+            CUT, "x (mm)", name, (line,), x_range=(0.0, self._setup.config.camera.width * mm)
         )
-        self.colour_bar.setImageItem(self.overlay, insert_in=plot)
-        axis = self.colour_bar.getAxis("right")
-        axis.setTextPen(theme.MUTED)
-        axis.setWidth(44)
-        self.colour_bar.layout.setContentsMargins(0, 10, 0, 10)  # room for the outermost numbers
-        self.plot.scene().sigMouseMoved.connect(self._show_cursor)
-        self.plot.scene().sigMouseClicked.connect(self._reset_zoom)
+
+    # ------------------------------------------------------------------ what is said
+
+    def _say(self) -> None:
+        parts = (self.field, self._image)
+        caption = " · ".join(part.caption for part in parts if part is not None)
+        if caption != self.panel.caption.text():
+            self.panel.caption.setText(caption)
+        self.panel.caption.setVisible(bool(caption))
+        self._read_point()
+
+    def _point_at(self, x_mm: float, y_mm: float) -> None:
+        mm = self._setup.pixel_um * 1e-3 if self._setup else math.nan
+        self._point = (x_mm / mm, y_mm / mm)
+        self._read_point()
+
+    def _read_point(self) -> None:
+        if self._setup is None or not math.isfinite(self._point[0]):
+            text = POINT_HINT
+        else:
+            text = describe_point(self._setup, self.field, *self._point, self._image)
+        if text != self.pointed.text():
+            self.pointed.setText(text)
+
+    # ------------------------------------------------------------------ what the operator chooses
+
+    @property
+    def key(self) -> str:
+        """Of the picture that is shown."""
+        return str(self.which.currentData())
+
+    def _choose(self) -> None:
+        kind = KINDS.get(self.key)
+        self.rigid.setEnabled(kind is not None and kind.sign != "one")
+        self.opacity.setEnabled(kind is not None)
+        self._show_image()
+        self._show_field()
+        self._say()
+
+    def _offer(self) -> None:
+        """Offer the pictures that there are; the others are off."""
+        there = set(self._frame.keys) if self._frame else set(KINDS)
+        model = cast(QStandardItemModel, self.which.model())
+        for n, key in enumerate(PICTURES):
+            is_there = key in (RAW, *there) or (key == DIFFERENCE and self._reference is not None)
+            model.item(n).setEnabled(is_there)
+
+    def _set_opacity(self, percent: int) -> None:
+        self.canvas.opacity = percent / 100
+        self.canvas.update()
 
     def _build_controls(self) -> None:
-        self.show_field, self.show_circles = QCheckBox("overlay"), QCheckBox("circles a, c")
         self.which, self.opacity = QComboBox(), QSlider(Qt.Orientation.Horizontal)
-        self.which.addItems(["uₓ", "σₓ"])
-        self.which.setToolTip("Displacement along the driving direction, or shear traction")
-        self.which.hide()
-        self.show_circles.setToolTip(
-            "Dashed: apparent radius a; solid: stick radius c; cross: centre of the contact"
-        )
+        for n, (key, hint) in enumerate(PICTURES.items()):
+            self.which.addItem(SHORT[key], key)
+            self.which.setItemData(n, hint, Qt.ItemDataRole.ToolTipRole)
+        self.which.setToolTip("Which picture is shown")
+        self.which.setCurrentIndex(list(PICTURES).index("ux_um"))
         self.opacity.setRange(0, 100)
-        self.opacity.setFixedWidth(120)
-        self.opacity.setToolTip("Opacity of the overlay")
-        self.show_field.setChecked(True)
+        self.opacity.setValue(100)
+        self.opacity.setFixedWidth(90)
+        self.opacity.setToolTip("Opacity of the field over the image")
+        self.rigid = _check("− rigid part", "Take the median of the field off, and show both signs")
+        self.locked = _check("lock range", "Keep the colour scale as it is; else it follows")
+        self.stretch = _check(
+            "stretch grey",
+            "Stretch the grey levels in each image; else black is 0 and white is full scale",
+        )
+        self.show_circles = _check(
+            "circles",
+            "Dashed: apparent radius a; dotted: aₕ after Hertz; solid: stick radius c; cross:"
+            " centre of the contact",
+        )
+        self.show_cut = _check("cut", "The field along the line through the contact's centre")
         self.show_circles.setChecked(True)
-        self.which.currentIndexChanged.connect(self._show_overlay)
-        self.show_field.toggled.connect(self.overlay.setVisible)
-        for item in self._marks:
-            self.show_circles.toggled.connect(item.setVisible)
-        self.opacity.valueChanged.connect(lambda percent: self.overlay.setOpacity(percent / 100))
-        self.opacity.setValue(45)
+        self.which.currentIndexChanged.connect(self._choose)
+        self.opacity.valueChanged.connect(self._set_opacity)
+        self.rigid.toggled.connect(self._choose)
+        self.locked.toggled.connect(self._choose)
+        self.stretch.toggled.connect(self._choose)
+        self.show_circles.toggled.connect(self.canvas.set_circles_visible)
+        self.show_cut.toggled.connect(self._set_cut_visible)
+
+    def _set_cut_visible(self, is_visible: bool) -> None:
+        self.cut_panel.setVisible(is_visible)
+        self.canvas.has_cut = is_visible
+        self.canvas.update()
+        self._show_cut()
 
     def _build_layout(self) -> None:
-        self.caption = label("", "muted")
-        self.pointed = label(
-            "Point at the image to read it. The wheel zooms, dragging moves, a double click shows"
-            " all.",
-            "muted",
-        )
-        head = row(label("Interface", "heading"), 10, self.caption, STRETCH)
-        for widget in (self.show_field, self.which, self.opacity, self.show_circles):
-            head.addSpacing(8)
-            head.addWidget(widget)
-        self.setLayout(column(head, (self.plot, 1), self.pointed, margins=(12, 8, 12, 8)))
-
-    def _reset_zoom(self, event: Any) -> None:
-        if event.double():
-            self._show_all()
-
-    def _show_all(self) -> None:
-        if self._setup is not None:
-            camera = self._setup.config.camera
-            self.plot.setRange(QRectF(-0.5, -0.5, camera.width, camera.height), padding=0.03)
-
-    def _show_cursor(self, position: Any) -> None:
-        if self._setup is not None:
-            point = self.plot.getPlotItem().vb.mapSceneToView(position)
-            self.pointed.setText(describe_point(self._setup, self._overlay, point.x(), point.y()))
+        self.pointed = label(POINT_HINT, "muted")
+        self.panel = PlotPanel(self.canvas, self.which, self.opacity, title="Interface")
+        self.caption = self.panel.caption
+        checks = (self.rigid, self.locked, self.stretch, self.show_circles, self.show_cut)
+        self.panel.body.insertLayout(1, row(*checks, STRETCH, spacing=12))
+        self.panel.body.addWidget(self.pointed)
+        self.cut_panel = PlotPanel(self.cut, title=f"{CUT}, along the drive")
+        self.cut.setMaximumHeight(170)
+        self.cut_panel.hide()
+        self.setLayout(column((self.panel, 1), self.cut_panel, spacing=8))
+        self.canvas.pointed.connect(self._point_at)
+        self.cut.pointed.connect(lambda x, _y: self.canvas.show_place(x))
 
 
-def describe_point(setup: Setup, overlay: Overlay | None, x_px: float, y_px: float) -> str:
-    """Place of a point in px and mm, and the overlay's value in the box under it."""
+def _check(text: str, tooltip: str) -> QCheckBox:
+    box = QCheckBox(text)
+    box.setToolTip(tooltip)
+    return box
+
+
+def describe_point(
+    setup: Setup,
+    field: Field | None,
+    x_px: float,
+    y_px: float,
+    image: ShownImage | None = None,
+) -> str:
+    """Place of a point in px and mm, the grey level there, and the field's value in its box."""
     x_mm, y_mm = (at_px * setup.pixel_um * 1e-3 for at_px in (x_px, y_px))
-    place = (
-        f"x {number(x_px, 0)} px, y {number(y_px, 0)} px  ·  {number(x_mm, 2)} mm,"
-        f" {number(y_mm, 2)} mm"
-    )
-    if overlay is None:
-        return place
-    left, top, width, height = setup.grid_rect_px
-    rows, cols = overlay.values.shape
-    col, row = math.floor((x_px - left) / width * cols), math.floor((y_px - top) / height * rows)
-    if not (0 <= row < rows and 0 <= col < cols):
-        return place
-    value = float(overlay.values[row, col])
-    measured = f"{number(value, 2)} {overlay.unit}" if math.isfinite(value) else "not measured"
-    return f"{place}  ·  {overlay.symbol} {measured}"
-
-
-def _draw_circle(curve: Any, centre: tuple[float, float] | None, radius: float) -> None:
-    if centre is None or not math.isfinite(radius):
-        curve.setData([], [])
-    else:
-        curve.setData(centre[0] + radius * np.cos(_ANGLES), centre[1] + radius * np.sin(_ANGLES))
+    texts = [
+        f"x {number(x_px, 0)} px, y {number(y_px, 0)} px",
+        f"{number(x_mm, 2)} mm, {number(y_mm, 2)} mm",
+    ]
+    if image is not None:
+        at = round(y_px), round(x_px)
+        if all(0 <= n < size for n, size in zip(at, image.full.shape, strict=True)):
+            texts.append(f"grey {image.full[at]}")
+    if field is not None:
+        left, top, width, height = setup.grid_rect_px
+        rows, cols = field.values.shape
+        col = math.floor((x_px - left) / width * cols)
+        line = math.floor((y_px - top) / height * rows)
+        if 0 <= line < rows and 0 <= col < cols:
+            value = float(field.values[line, col])
+            symbol = field.label.rpartition(" (")[0] or field.label
+            measured = f"{value:.3g} {field.kind.unit}".strip().replace("-", "−")
+            texts.append(f"{symbol} {measured if math.isfinite(value) else 'not measured'}")
+    return "  ·  ".join(texts)

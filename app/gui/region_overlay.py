@@ -41,18 +41,8 @@ class Picture:
 
 def picture_of(view: InterfaceView) -> Picture:
     """The picture of the interface."""
-    plot = view.plot
-    box = plot.getPlotItem().vb
-
-    def point(at: QPointF) -> tuple[float, float]:
-        found: tuple[float, float] = box.mapSceneToView(plot.mapToScene(at.toPoint())).toTuple()
-        return found
-
-    return Picture(
-        plot.viewport(),
-        lambda x, y: QPointF(plot.mapFromScene(box.mapViewToScene(QPointF(x, y)))),
-        point,
-    )
+    canvas = view.canvas
+    return Picture(canvas, canvas.place, canvas.point)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,30 +1,34 @@
-"""The curves of a run so far: Q(delta), c(Q), and P and Q against time."""
+"""What the curves of a run are made of so far: numbers of each analysed frame, and P and Q."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mechanics import cattaneo_mindlin
+from analysis.mechanics import hertz
+from app.gui.frame_results import hertz_radius_m
 from app.gui.source import Setup
 from app.legs import REVERSED_M
 from app.numbers import series_of
 from app.records import F64, Phase, Snapshot
-from app.summary import Summary
 
 DRAWN = (
     "travel_m",
     "shear_force_n",
+    "normal_force_n",
     "stick_radius_m",
     "stick_radius_sd_m",
     "peak_radius_m",
     "peak_radius_sd_m",
 )
 MOST_UNCERTAIN = 0.2  # radii of the largest traction are left out beyond this share of uncertainty
+NORMAL_MEDIAN = 1.4826  # standard deviation of normal noise over its median magnitude
+SHARES_OF_A = (0.0, 0.5, 0.75, 1.0)  # of a: where u_x is followed in time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,10 +41,16 @@ class Curves:
         Snapshots up to now.
     loading : ndarray, shape (n, 2)
         Travel (um) and Q (N).
-    sticking : ndarray, shape (n, 3)
-        Q (N), and the stick radius c with its standard uncertainty (mm).
-    peaks : ndarray, shape (n, 2)
-        Q (N), and the radius of the largest shear traction (mm).
+    sticking : ndarray, shape (n, 4)
+        Q (N), the stick radius c with its standard uncertainty (mm), and P (N).
+    peaks : ndarray, shape (n, 3)
+        Q (N), the radius of the largest shear traction (mm), and P (N).
+    sliding : ndarray, shape (n, 5)
+        Time (s), and u_x (um) at `SHARES_OF_A` of a.
+    noise : ndarray, shape (n, 3)
+        Time on the sample clock (s), the noise of u_x (px), and the floor that the images set.
+    full_slip : float
+        Friction coefficient of the newest profile that gave c.
     drive_start_s : float
         On the sample clock; NaN until the drive begins.
     newest, newest_field : Snapshot or None
@@ -51,12 +61,26 @@ class Curves:
     loading: F64
     sticking: F64
     peaks: F64
+    sliding: F64
+    noise: F64
+    full_slip: float
     drive_start_s: float
     newest: Snapshot | None
     newest_field: Snapshot | None
 
 
-NO_CURVES = Curves(0, np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 2)), math.nan, None, None)
+NO_CURVES = Curves(
+    seen=0,
+    loading=np.empty((0, 2)),
+    sticking=np.empty((0, 4)),
+    peaks=np.empty((0, 3)),
+    sliding=np.empty((0, 1 + len(SHARES_OF_A))),
+    noise=np.empty((0, 3)),
+    full_slip=math.nan,
+    drive_start_s=math.nan,
+    newest=None,
+    newest_field=None,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,12 +93,16 @@ class ForceStrips:
     time_label: str
 
 
-def extended(curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup) -> Curves:
-    """`curves` with the points of newer `snapshots`; the same object if there are none."""
+def extended(
+    curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup, radius_m: float = math.nan
+) -> Curves:
+    """`curves` with the points of newer `snapshots`; the same object if there are none. `radius_m`
+    is a, where it is known.
+    """
     if not snapshots:
         return curves
     loaded = [s for s in snapshots if s.conditions.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
-    travel, shear, stick, stick_sd, peak, peak_sd = (series_of(loaded, name) for name in DRAWN)
+    travel, shear, normal, stick, stick_sd, peak, peak_sd = (series_of(loaded, n) for n in DRAWN)
     # c belongs to the first loading: not to what comes after the stage has turned back
     before = curves.loading[:, 0].max(initial=0.0) * 1e-6
     furthest = np.maximum.accumulate(np.append(before, np.nan_to_num(travel)))[1:]
@@ -83,17 +111,75 @@ def extended(curves: Curves, snapshots: tuple[Snapshot, ...], setup: Setup) -> C
     stick = np.where(loads, stick, np.nan)
     newest, start_s = snapshots[-1], curves.drive_start_s
     if math.isfinite(newest.conditions.time_s):
-        middle = newest.sample + setup.config.exposure_samples / 2
-        start_s = middle / setup.config.forces.sample_rate - newest.conditions.time_s
+        start_s = _middle_s(newest, setup) - newest.conditions.time_s
     return Curves(
         curves.seen + len(snapshots),
         _with_points(curves.loading, travel * 1e6, shear),
-        _with_points(curves.sticking, shear, stick * 1e3, np.nan_to_num(stick_sd * 1e3)),
-        _with_points(curves.peaks, shear[is_certain], peak[is_certain] * 1e3),
+        _with_points(curves.sticking, shear, stick * 1e3, np.nan_to_num(stick_sd * 1e3), normal),
+        _with_points(curves.peaks, *(values[is_certain] for values in (shear, peak * 1e3, normal))),
+        _with_rows(curves.sliding, (_sliding(s, radius_m) for s in loaded if s.rings)),
+        _with_rows(curves.noise, (_noise(s, setup) for s in loaded if s.field)),
+        _full_slip(loaded, setup, curves.full_slip),
         start_s,
         newest,
         next((s for s in reversed(snapshots) if s.field), curves.newest_field),
     )
+
+
+def _middle_s(snapshot: Snapshot, setup: Setup) -> float:
+    """Middle of the exposure on the sample clock."""
+    middle = snapshot.sample + setup.config.exposure_samples / 2
+    return middle / setup.config.forces.sample_rate
+
+
+def _sliding(snapshot: Snapshot, radius_m: float) -> list[float]:
+    """Time, and u_x at the shares of a; NaN where a is not known."""
+    assert snapshot.rings is not None
+    radii, ux_um = snapshot.rings.radius_m, snapshot.rings.ux_m * 1e6
+    there = np.isfinite(ux_um)
+    values = [math.nan] * len(SHARES_OF_A)
+    if there.any() and math.isfinite(radius_m):
+        at = np.array(SHARES_OF_A) * radius_m
+        values = list(np.interp(at, radii[there], ux_um[there], right=math.nan))
+    return [snapshot.conditions.time_s, *values]
+
+
+def _noise(snapshot: Snapshot, setup: Setup) -> list[float]:
+    """Time, noise of u_x, and its floor. The noise is what differs between boxes that do not
+    overlap: the median of second differences, in which the displacement hardly shows.
+    """
+    field, dic = snapshot.field, setup.config.dic
+    assert field is not None
+    apart = math.ceil(dic.box / dic.step)
+    ux = field.ux_px
+    if ux.shape[1] <= 2 * apart:
+        return [math.nan] * 3
+    second = ux[:, 2 * apart :] - 2 * ux[:, apart:-apart] + ux[:, : -2 * apart]
+    second = second[np.isfinite(second)]
+    floor = field.ux_std_px[np.isfinite(field.ux_std_px)]
+    if not second.size:
+        return [math.nan] * 3
+    spread = NORMAL_MEDIAN * float(np.median(np.abs(second))) / math.sqrt(6.0)
+    lowest = float(np.median(floor)) if floor.size else math.nan
+    return [_middle_s(snapshot, setup), spread, lowest]
+
+
+def _full_slip(snapshots: list[Snapshot], setup: Setup, before: float) -> float:
+    """The friction coefficient of the newest profile that gave c, of `before` where none did."""
+    for snapshot in reversed(snapshots):
+        P = snapshot.conditions.normal_force_n
+        if snapshot.stick is None or not (P > 0 and snapshot.stick.stick_radius_m > 0):
+            continue
+        mu = snapshot.stick.full_slip_pa / hertz.peak_pressure(P, hertz_radius_m(P, setup.config))
+        if math.isfinite(mu):
+            return mu
+    return before
+
+
+def _with_rows(curve: F64, rows: Iterable[list[float]]) -> F64:
+    """`curve` with those rows whose first number, a time, is known."""
+    new = [row for row in rows if math.isfinite(row[0])]
+    return np.concatenate([curve, np.array(new)]) if new else curve
 
 
 def _with_points(curve: F64, *columns: F64) -> F64:
@@ -112,15 +198,3 @@ def force_strips(
         label = "time t from the start of the drive (s)"
         return ForceStrips(time_s - drive_start_s, normal, shear, label)
     return ForceStrips(time_s, normal, shear, "time from the first sample (s)")
-
-
-def model_curve(summary: Summary, points: int = 200) -> tuple[F64, F64]:
-    """Q (N) and stick radius c (mm) of Cattaneo and Mindlin's contact that slides at Q_s.
-
-    The points are evenly spaced in c; there are none where Q_s is not known.
-    """
-    limit, a = summary.static_force_n, summary.hertz_radius_m
-    if not (limit > 0 and a > 0):
-        return np.empty(0), np.empty(0)
-    Q = limit * (1 - np.linspace(1.0, 0.0, points) ** 3)
-    return Q, 1e3 * cattaneo_mindlin.stick_radius(Q, limit, a)

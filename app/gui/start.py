@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
@@ -55,7 +54,6 @@ def run_window(
     application = QApplication.instance() or QApplication(["slipscope"])
     assert isinstance(application, QApplication)
     application.setStyle("Fusion")
-    pg.setConfigOptions(useOpenGL=False, antialias=False)
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
     desk = None if workshop is None else Desk(workshop, config or Config(), session)
     window = MainWindow(source, desk)
@@ -71,7 +69,7 @@ def run_window(
     _close_when(window, close_when)
     loop.exec()
     outcome = window.outcome() or (window.source.outcome() if window.source else None)
-    # pyqtgraph may crash an interpreter that ends while one of its windows still exists
+    # nothing of the window outlives the interpreter
     window.deleteLater()
     application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     application.processEvents()

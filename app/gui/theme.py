@@ -1,139 +1,218 @@
-"""The look of the window: dark, because benches are dim and the image must be seen."""
+"""The look of the window: a dark palette, because benches are dim, and a light one.
+
+`apply` chooses; `now` is the one in use, and so are `STYLE`, `TEXT`, `TONES` and the like.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
-import pyqtgraph as pg
+from PySide6.QtWidgets import QApplication
 
 from app.gui.cells import Tone
 
-WINDOW = "#14171c"
-PANEL = "#1c2027"
-EDGE = "#2d333d"
-TEXT = "#e4e7eb"
-MUTED = "#98a2b0"
-GRID = "#5b6573"
+Name = Literal["dark", "light"]
 
-NORMAL = "#6cb2f0"  # P
-SHEAR = "#f2b05e"  # Q
-STICK = "#7fd68a"  # c
-APPARENT = "#f1f3f5"  # a
-MODEL = "#c6a8f0"  # closed forms
 
-TONES = {
-    Tone.NEUTRAL: MUTED,
-    Tone.GOOD: "#52b788",
-    Tone.BUSY: "#4f9fe8",
-    Tone.WARN: "#e0a63a",
-    Tone.BAD: "#f0655c",
-    Tone.REPLAY: "#b48cf2",
-}
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """Colours by what they are for. Those of curves can be told apart by the colour-blind."""
 
-# a label of a tone has its colour whatever its style
-_TINTS = "".join(
-    f'QLabel[tone="{tone}"], QLabel#name[tone="{tone}"], QLabel#muted[tone="{tone}"],'
-    f' QLabel#detail[tone="{tone}"], QLabel#count[tone="{tone}"] {{ color: {colour}; }}\n'
-    for tone, colour in TONES.items()
+    name: Name
+    window: str
+    panel: str
+    edge: str
+    button: str
+    text: str
+    muted: str
+    grid: str
+    normal: str  # P
+    shear: str  # Q
+    stick: str  # c
+    apparent: str  # a
+    model: str  # closed forms
+    saturated: str
+    tones: dict[Tone, str]
+
+    def role(self, name: str) -> str:
+        """The colour of a curve by what it shows; a colour, ``#rrggbb``, stays what it is."""
+        colour: str = name if name.startswith("#") else getattr(self, name)
+        return colour
+
+
+DARK = Palette(
+    name="dark",
+    window="#14171c",
+    panel="#1c2027",
+    edge="#2d333d",
+    button="#2a303a",
+    text="#e4e7eb",
+    muted="#98a2b0",
+    grid="#5b6573",
+    normal="#6cb2f0",
+    shear="#f2a03d",
+    stick="#35c9a5",
+    apparent="#f1f3f5",
+    model="#f7ee7a",
+    saturated="#ff2020",
+    tones={
+        Tone.NEUTRAL: "#98a2b0",
+        Tone.GOOD: "#52b788",
+        Tone.BUSY: "#4f9fe8",
+        Tone.WARN: "#e0a63a",
+        Tone.BAD: "#f0655c",
+        Tone.REPLAY: "#b48cf2",
+    },
+)
+LIGHT = Palette(
+    name="light",
+    window="#e9ecf0",
+    panel="#ffffff",
+    edge="#c3c9d2",
+    button="#f2f4f7",
+    text="#1a1f27",
+    muted="#525c6a",
+    grid="#8a94a2",
+    normal="#0b6bb8",
+    shear="#b04a00",
+    stick="#00775a",
+    apparent="#20252d",
+    model="#5a1fe0",
+    saturated="#e00000",
+    tones={
+        Tone.NEUTRAL: "#525c6a",
+        Tone.GOOD: "#1a7045",
+        Tone.BUSY: "#1666b0",
+        Tone.WARN: "#8a5a00",
+        Tone.BAD: "#c0271d",
+        Tone.REPLAY: "#6a35c0",
+    },
 )
 ALARM = """
 QFrame#panel { background: #c8202b; border: 2px solid #ffb3b3; }
-QLabel { color: white; font-size: 18px; font-weight: 700; }
+QLabel { color: white; font-weight: 700; }
 """
+PALETTES = {palette.name: palette for palette in (DARK, LIGHT)}
+_used: list[Palette] = [DARK]
 
-STYLE = f"""
-QMainWindow, QWidget#body {{ background: {WINDOW}; }}
-QWidget {{ color: {TEXT}; font-size: 13px; }}
-QFrame#panel {{ background: {PANEL}; border: 1px solid {EDGE}; border-radius: 6px; }}
+
+def now() -> Palette:
+    """The palette in use."""
+    return _used[0]
+
+
+def apply(application: QApplication, name: Name) -> None:
+    """Use a palette in all windows of the program, in sizes that follow the system's font."""
+    _used[0] = PALETTES[name]
+    application.setStyleSheet(style(now(), application.font().pointSizeF()))
+
+
+def __getattr__(name: str) -> Any:
+    if name == "STYLE":
+        return style(now(), QApplication.font().pointSizeF())
+    if name.isupper() and name.lower() in Palette.__slots__:
+        return getattr(now(), name.lower())
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def style(palette: Palette, size: float) -> str:
+    """The style sheet of a palette, about text of `size` points."""
+    p, tones = palette, palette.tones
+    is_dark = palette.name == "dark"
+    hover, off = ("#343c48", "#1f242b") if is_dark else ("#e2e6ec", "#dfe3e8")
+    start, start_edge, start_text = (
+        ("#22603f", "#2f8457", p.text) if is_dark else ("#1f7a4d", "#1f7a4d", "white")
+    )
+
+    # a label of a tone has its colour whatever its style
+    styles = ("", "#name", "#muted", "#detail", "#count")
+    tints = "".join(
+        f'QLabel{name}[tone="{tone}"] {{ color: {colour}; }}\n'
+        for tone, colour in tones.items()
+        for name in styles
+    )
+
+    def points(share: float) -> str:
+        return f"{share * size:.3g}pt"
+
+    return f"""
+QMainWindow, QWidget#body, QDialog {{ background: {p.window}; }}
+QWidget {{ color: {p.text}; font-size: {points(1.0)}; }}
+QFrame#panel {{ background: {p.panel}; border: 1px solid {p.edge}; border-radius: 6px; }}
 QLabel {{ background: transparent; border: none; }}
-QLabel#title {{ font-size: 16px; font-weight: 600; }}
-QLabel#muted, QLabel#name {{ color: {MUTED}; font-size: 12px; }}
-QLabel#value {{ font-size: 20px; font-weight: 600; }}
-QLabel#detail {{ color: {MUTED}; font-size: 12px; }}
-QLabel#count {{ font-size: 14px; font-weight: 600; }}
-QLabel#heading {{ font-size: 13px; font-weight: 600; }}
-QPushButton {{ background: #2a303a; border: 1px solid #3b4350; border-radius: 5px;
+QLabel#title {{ font-size: {points(1.25)}; font-weight: 600; }}
+QLabel#muted, QLabel#name {{ color: {p.muted}; font-size: {points(0.95)}; }}
+QLabel#value {{ font-size: {points(1.55)}; font-weight: 600; }}
+QLabel#detail {{ color: {p.muted}; font-size: {points(0.95)}; }}
+QLabel#count {{ font-size: {points(1.1)}; font-weight: 600; }}
+QLabel#heading {{ font-size: {points(1.0)}; font-weight: 600; }}
+QPushButton {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 5px;
     padding: 8px 16px; }}
-QPushButton:hover {{ background: #343c48; }}
-QPushButton:focus {{ border-color: #7fb4ec; }}
-QPushButton:disabled {{ color: #626b78; background: #1f242b; border-color: {EDGE}; }}
-QPushButton#start {{ background: #22603f; border-color: #2f8457; font-weight: 600; }}
-QPushButton#start:hover {{ background: #2a744d; }}
-QPushButton#start:disabled {{ background: #1f242b; border-color: {EDGE}; }}
+QPushButton:hover {{ background: {hover}; }}
+QPushButton:focus {{ border-color: {tones[Tone.BUSY]}; }}
+QPushButton:disabled {{ color: {p.grid}; background: {off}; border-color: {p.edge}; }}
+QPushButton#start {{ background: {start}; border-color: {start_edge}; color: {start_text};
+    font-weight: 600; }}
+QPushButton#start:disabled {{ background: {off}; border-color: {p.edge}; color: {p.grid}; }}
 QPushButton#stop_motion {{ background: #c8202b; border: 2px solid #ff6b6b; border-radius: 6px;
-    color: white; font-size: 20px; font-weight: 700; padding: 6px 24px; }}
-QPushButton#stop_motion:hover {{ background: #dd2c37; }}
+    color: white; font-size: {points(1.55)}; font-weight: 700; padding: 6px 24px; }}
+QPushButton#stop_motion:hover {{ background: #d02732; }}
 QPushButton#stop_motion:pressed {{ background: #8f141d; }}
-QProgressBar {{ background: #12151a; border: 1px solid {EDGE}; border-radius: 4px; height: 12px; }}
-QProgressBar::chunk {{ background: {TONES[Tone.BUSY]}; border-radius: 3px; }}
-QProgressBar#queue[tone="warn"]::chunk {{ background: {TONES[Tone.WARN]}; }}
-QProgressBar#queue[tone="bad"]::chunk {{ background: {TONES[Tone.BAD]}; }}
-QProgressBar#queue::chunk {{ background: {TONES[Tone.GOOD]}; }}
+QToolButton {{ background: transparent; border: 1px solid transparent; border-radius: 4px;
+    padding: 1px 5px; color: {p.muted}; }}
+QToolButton:hover, QToolButton:focus {{ background: {hover}; color: {p.text};
+    border-color: {p.edge}; }}
+QToolButton::menu-indicator {{ image: none; }}
+QProgressBar {{ background: {p.window}; border: 1px solid {p.edge}; border-radius: 4px;
+    height: 12px; }}
+QProgressBar::chunk {{ background: {tones[Tone.BUSY]}; border-radius: 3px; }}
+QProgressBar#queue[tone="warn"]::chunk {{ background: {tones[Tone.WARN]}; }}
+QProgressBar#queue[tone="bad"]::chunk {{ background: {tones[Tone.BAD]}; }}
+QProgressBar#queue::chunk {{ background: {tones[Tone.GOOD]}; }}
 QCheckBox {{ spacing: 6px; }}
-QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {MUTED}; border-radius: 3px;
-    background: {WINDOW}; }}
-QCheckBox::indicator:checked {{ background: {TONES[Tone.BUSY]}; border-color: {TONES[Tone.BUSY]}; }}
-QComboBox {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE}; border-radius: 3px;
-    padding: 1px 6px; min-width: 34px; }}
-QComboBox QAbstractItemView {{ background: {PANEL}; color: {TEXT};
-    selection-background-color: {EDGE}; }}
-QLineEdit, QPlainTextEdit {{ background: {WINDOW}; color: {TEXT}; border: 1px solid {EDGE};
-    border-radius: 3px; padding: 2px 4px; selection-background-color: {TONES[Tone.BUSY]}; }}
-QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border-color: #7fb4ec; }}
-QToolButton#framed {{ background: #2a303a; border: 1px solid #3b4350; border-radius: 4px;
-    padding: 3px 8px; }}
-QToolButton#framed:hover, QToolButton#framed:checked {{ background: #343c48; }}
-QToolButton#framed:focus {{ border-color: #7fb4ec; }}
-QToolButton#framed::menu-indicator {{ image: none; }}
-QToolButton#bare {{ background: transparent; border: 1px solid transparent; padding: 2px; }}
-QToolButton#bare:hover {{ background: #2a303a; }}
-QToolButton#bare:focus {{ border-color: #7fb4ec; }}
-QWidget#page {{ background: {PANEL}; }}
+QCheckBox::indicator {{ width: 12px; height: 12px; border: 1px solid {p.muted};
+    border-radius: 3px; background: {p.window}; }}
+QCheckBox::indicator:checked {{ background: {tones[Tone.BUSY]}; border-color: {tones[Tone.BUSY]}; }}
+QComboBox {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
+    border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
+QComboBox:focus, QCheckBox:focus, QSlider:focus {{ border-color: {tones[Tone.BUSY]}; }}
+QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
+    selection-background-color: {hover}; selection-color: {p.text}; }}
+QLineEdit, QPlainTextEdit {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
+    border-radius: 3px; padding: 2px 4px; selection-background-color: {tones[Tone.BUSY]}; }}
+QLineEdit:focus, QPlainTextEdit:focus {{ border-color: {tones[Tone.BUSY]}; }}
+QToolButton#framed {{ background: {p.button}; border: 1px solid {p.edge}; border-radius: 4px;
+    padding: 3px 8px; color: {p.text}; }}
+QToolButton#framed:hover, QToolButton#framed:checked {{ background: {hover}; }}
+QToolButton#bare {{ padding: 2px; }}
+QToolButton#framed:focus, QToolButton#bare:focus {{ border-color: {tones[Tone.BUSY]}; }}
+QWidget#page {{ background: {p.panel}; }}
 QScrollBar {{ background: transparent; border: none; }}
 QScrollBar:vertical {{ width: 10px; }}
 QScrollBar:horizontal {{ height: 10px; }}
-QScrollBar::handle {{ background: {GRID}; border-radius: 4px; min-height: 24px; min-width: 24px; }}
+QScrollBar::handle {{ background: {p.grid}; border-radius: 4px; min-height: 24px;
+    min-width: 24px; }}
 QScrollBar::add-line, QScrollBar::sub-line {{ width: 0; height: 0; }}
-QSlider::groove:horizontal {{ height: 4px; background: {EDGE}; border-radius: 2px; }}
+QSlider::groove:horizontal {{ height: 4px; background: {p.edge}; border-radius: 2px; }}
 QSlider::handle:horizontal {{ width: 14px; height: 14px; margin: -5px 0; border-radius: 7px;
-    background: {MUTED}; }}
-QSplitter::handle {{ background: {WINDOW}; }}
-QMenuBar, QMenu, QStatusBar {{ background: {WINDOW}; }}
-QMenuBar::item:selected, QMenu::item:selected {{ background: {EDGE}; }}
-QMenu::item:disabled {{ color: #626b78; }}
-QMenu {{ border: 1px solid {EDGE}; }}
+    background: {p.muted}; }}
+QSplitter::handle {{ background: {p.window}; }}
+QMenuBar, QMenu, QStatusBar {{ background: {p.window}; }}
+QMenuBar::item:selected, QMenu::item:selected {{ background: {hover}; }}
+QMenu::item:disabled {{ color: {p.grid}; }}
+QMenu {{ border: 1px solid {p.edge}; }}
 QStatusBar::item {{ border: none; }}
-QDockWidget::title {{ background: {PANEL}; padding: 4px 8px; }}
+QDockWidget::title {{ background: {p.panel}; padding: 4px 8px; }}
 QTabBar {{ qproperty-drawBase: 0; }}
-QTabBar::tab {{ background: {PANEL}; color: {MUTED}; border: 1px solid {EDGE}; padding: 4px 10px; }}
-QTabBar::tab:selected {{ background: {EDGE}; color: {TEXT}; }}
-QScrollArea, QScrollArea > QWidget > QWidget {{ background: {WINDOW}; border: none; }}
+QTabBar::tab {{ background: {p.panel}; color: {p.muted}; border: 1px solid {p.edge};
+    padding: 4px 10px; }}
+QTabBar::tab:selected {{ background: {p.edge}; color: {p.text}; }}
+QScrollArea, QScrollArea > QWidget > QWidget {{ background: {p.window}; border: none; }}
 QSpinBox, QDoubleSpinBox, QListView, QTreeView, QTableView {{
-    background: {WINDOW}; border: 1px solid {EDGE}; }}
-QHeaderView::section {{ background: {PANEL}; border: 1px solid {EDGE}; padding: 3px 6px; }}
-{_TINTS}
-QLineEdit[tone="bad"], QPlainTextEdit[tone="bad"] {{ border-color: {TONES[Tone.BAD]}; }}
-QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; padding: 4px; }}
+    background: {p.window}; border: 1px solid {p.edge}; }}
+QHeaderView::section {{ background: {p.panel}; border: 1px solid {p.edge}; padding: 3px 6px; }}
+{tints}
+QLineEdit[tone="bad"], QPlainTextEdit[tone="bad"] {{ border-color: {tones[Tone.BAD]}; }}
+QToolTip {{ background: {p.panel}; color: {p.text}; border: 1px solid {p.edge}; padding: 4px; }}
 """
-
-
-def displacement_map() -> Any:
-    """Blue for negative values, near-white for 0, red for positive ones, perceptually uniform."""
-    return pg.colormap.get("CET-D1")
-
-
-def plot_widget(bottom: str, left: str) -> Any:
-    """An empty plot with these axis labels, which name the units."""
-    widget = pg.PlotWidget(background=PANEL)
-    plot = widget.getPlotItem()
-    for side, text in (("bottom", bottom), ("left", left)):
-        axis = plot.getAxis(side)
-        axis.enableAutoSIPrefix(False)
-        axis.setLabel(text, **{"color": TEXT, "font-size": "9.5pt"})
-        axis.setPen(GRID)
-        axis.setTextPen(MUTED)
-        # each grid line is blended over the plot: minor ones make a repaint take four times as long
-        axis.setStyle(maxTickLevel=0)
-    plot.showGrid(x=True, y=True, alpha=0.18)
-    plot.setMenuEnabled(False)
-    return widget

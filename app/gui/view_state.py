@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from app.engine.timeline import Verdict
 from app.gui import cells
 from app.gui.cells import Cell, Tone
+from app.gui.charts import Chart
 from app.gui.frame_results import (
     Circles,
     FrameResults,
@@ -23,6 +24,7 @@ from app.gui.frame_results import (
     frame_results,
     shown_image,
 )
+from app.gui.run_charts import charts_of, with_cursor
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Image, Kind, PlaybackSource, RunSource, Setup
@@ -95,10 +97,13 @@ class ViewState:
     processor: Cell
     verdict: Cell
     image: ShownImage | None
+    reference: ShownImage | None
     frame: FrameResults | None
     circles: Circles
     curves: Curves
     forces: ForceStrips
+    charts: dict[str, Chart]
+    shown: Snapshot | None
     readouts: tuple[Cell, ...]
     result: tuple[Cell, ...]
     outcome: Outcome | None
@@ -165,7 +170,10 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     """
     health, outcome, config = reading.health, reading.outcome, setup.config
     image, frame = (previous.image, previous.frame) if previous else (None, None)
-    curves = extended(previous.curves if previous else NO_CURVES, reading.snapshots, setup)
+    apparent_m = reading.contact.apparent_radius_m if reading.contact else math.nan
+    curves = extended(
+        previous.curves if previous else NO_CURVES, reading.snapshots, setup, apparent_m
+    )
     shown, with_field = curves.newest, curves.newest_field
     normal_n, shear_n = (float(f[-1]) if len(f) else math.nan for f in reading.forces[1:])
     if reading.browsed is not None:
@@ -174,11 +182,17 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     travel_m = shown.conditions.travel_m if shown else math.nan
     stick_m = shown.stick_radius if shown else math.nan
     if reading.image is not None and (image is None or image.full is not reading.image):
-        image = shown_image(reading.image)
+        image = shown_image(reading.image, setup.config.camera.full_scale)
+    reference = previous.reference if previous else None
+    if health.phase == Phase.REFERENCE:
+        reference = image
+    around = circles(reading.contact, stick_m, normal_n, setup)
     if with_field is None:
         frame = None
     elif frame is None or frame.frame != with_field.frame:
-        frame = frame_results(with_field, setup)
+        before, frame = frame, frame_results(with_field, setup, around)
+        if before and frame:
+            frame.prepare(before)
     newest = curves.newest
     behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
     latency = cells.latency_cell(math.nan if outcome else behind_s)
@@ -191,6 +205,11 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     else:
         sentence = recorded_sentence(setup, reading, shown)
     badge, tone = badge_of(setup.kind, state, is_paused=not reading.is_playing)
+    forces = force_strips(reading.forces, curves.drive_start_s, setup)
+    summary = outcome.summary if outcome else None
+    charts, cursor = charts_of(setup, curves, frame, forces, summary), _cursor(setup, shown)
+    if cursor is not None:
+        charts = with_cursor(charts, cursor.frame, cursor.time_s, cursor.travel_um, cursor.shear_n)
     return ViewState(
         state=state,
         tone=tone,
@@ -205,10 +224,13 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         processor=cells.processor_cell(reading.cores),
         verdict=cells.verdict_cell(health, outcome, config),
         image=image,
+        reference=reference,
         frame=frame,
-        circles=circles(reading.contact, stick_m, setup),
+        circles=around,
         curves=curves,
-        forces=force_strips(reading.forces, curves.drive_start_s, setup),
+        forces=forces,
+        charts=charts,
+        shown=shown,
         readouts=cells.readouts(normal_n, shear_n, travel_m, stick_m),
         result=cells.setting_cells(config),
         outcome=outcome,
@@ -225,7 +247,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         stop=reading.stop,
         kind=setup.kind,
         badge=badge,
-        cursor=_cursor(setup, shown),
+        cursor=cursor,
         agreement=reading.agreement,
         card=_card(setup, reading, previous),
     )

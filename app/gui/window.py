@@ -74,8 +74,8 @@ class MainWindow(QMainWindow):
     def __init__(self, source: RunSource | None = None, desk: Desk | None = None) -> None:
         super().__init__()
         self.setWindowTitle("SlipScope")
-        self.setStyleSheet(theme.STYLE)
         self.desk, self.memory = desk, Memory()
+        self._apply_theme()
         self._making: _Making | None = None  # what is being made in a thread
         self._source: RunSource | None = None
         self._reader: ViewReader | None = None
@@ -500,7 +500,12 @@ class MainWindow(QMainWindow):
     def toggle_theme(self) -> None:
         """Change between the dark look and the light one."""
         self.memory.theme = "light" if self.memory.theme == "dark" else "dark"
-        self.setStyleSheet(theme.STYLE)
+        self._apply_theme()
+
+    def _apply_theme(self) -> None:
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        theme.apply(application, "light" if self.memory.theme == "light" else "dark")
 
     def full_screen(self) -> None:
         """Fill the screen, or give it back."""

@@ -4,18 +4,20 @@ import gc
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtGui import QImage
+from PySide6.QtGui import QColor, QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
 from app.gui import window as window_module
+from app.gui.charts import Line
 from app.gui.desk import Desk
 from app.gui.frame_results import shown_image
 from app.gui.image_view import describe_point
@@ -44,7 +46,9 @@ class Raising(ScriptedRun):
 
 
 def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated bench") -> ScriptedRun:
-    return kind(320, 240, frames=60, title=title)
+    run = kind(320, 240, frames=60, title=title)
+    run.config = replace(run.config, camera=replace(run.config.camera, width=320, height=240))
+    return run
 
 
 class Bench:
@@ -100,6 +104,19 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
     )
 
 
+def drawn(window: MainWindow, key: str) -> Line:
+    """The curve of a chart that is of this run."""
+    (cell,) = (cell for cell in window.curves.cells if cell.key == key)
+    lines = [line for line in cell.canvas.chart.lines if not line.is_faint]
+    return lines[0] if lines else Line("", np.empty(0), np.empty(0), "shear", ("", ""))
+
+
+def screen_place(window: MainWindow, x_px: float, y_px: float) -> tuple[int, int]:
+    """Where the centre of a pixel of the camera is on the canvas."""
+    left, top = window.interface.canvas.frame().place(*(7.04e-3 * at for at in (x_px, y_px)))
+    return int(left), int(top)
+
+
 def test_the_qt_binding_counts_its_references() -> None:
     """PySide6 6.12.0 loses a reference to None with every call, on Python before 3.12.
 
@@ -118,43 +135,26 @@ def test_everything_that_the_run_measures_is_drawn(
     qtbot: QtBot, window: MainWindow, run: ScriptedRun
 ) -> None:
     begin(qtbot, window, run, 50)
-    travel, shear = window.curves.loading_curve.getData()
+    qtbot.waitUntil(lambda: len(drawn(window, "loading").x) == 30)
+    travel, shear = drawn(window, "loading").x, drawn(window, "loading").y
     snapshots = run.snapshots_since(20)
     np.testing.assert_allclose(travel, [s.conditions.travel_m * 1e6 for s in snapshots])
     np.testing.assert_allclose(shear, [s.conditions.shear_force_n for s in snapshots])
-    np.testing.assert_array_equal(window.interface.image.image, run.pressed)
-    x, y = window.interface.apparent.getData()
-    np.testing.assert_allclose(
-        np.hypot(x - run.centre_px[0], y - run.centre_px[1]), run.radius_m / 7.04e-6
-    )
-    assert window.interface.image.mapRectToView(
-        window.interface.image.boundingRect()
-    ).getRect() == (-0.5, -0.5, 320, 240)
+    # black is 0 and white is full scale
+    grey = QColor(window.interface.canvas.grab().toImage().pixel(*screen_place(window, 3, 3)))
+    assert (grey.red(), grey.green(), grey.blue()) == (run.pressed[3, 3],) * 3
+    x, y = run.centre_px[0] + run.radius_m / 7.04e-6, run.centre_px[1]
+    left, top = screen_place(window, x, y)
+    near = (left - 3, top - 8, 7, 17)
+    with_circles = window.interface.canvas.grab().toImage().copy(*near)
+    window.interface.show_circles.click()
+    assert window.interface.canvas.grab().toImage().copy(*near) != with_circles
+    inside = (left - 20, top - 8, 7, 17)
+    without = window.interface.canvas.grab().toImage().copy(*inside)
+    window.interface.show_circles.click()
+    assert window.interface.canvas.grab().toImage().copy(*inside) == without
     assert window.top.badge.text() == "RUNNING"
     assert {v.name.text(): v.value.text() for v in window.health.views}["frames received"] == "50"
-
-
-def test_the_overlay_shows_the_traction_on_request(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun
-) -> None:
-    begin(qtbot, window, run, 50)
-    assert window.interface.which.isVisible()
-    window.interface.which.setCurrentIndex(1)
-    np.testing.assert_allclose(window.interface.overlay.image, 12, rtol=1e-6)
-    window.interface.which.setCurrentIndex(0)
-    assert not np.allclose(window.interface.overlay.image, 12)
-
-
-def test_the_overlay_can_be_hidden_and_made_opaque(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun
-) -> None:
-    begin(qtbot, window, run, 50)
-    window.interface.opacity.setValue(80)
-    assert window.interface.overlay.opacity() == pytest.approx(0.8)
-    window.interface.show_field.click()
-    window.interface.show_circles.click()
-    assert not window.interface.overlay.isVisible()
-    assert not window.interface.stick.isVisible()
 
 
 def test_start_and_end_by_button_and_key(
@@ -321,10 +321,7 @@ def test_after_a_run_start_makes_the_next(qtbot: QtBot, open_window: Open) -> No
     qtbot.waitUntil(lambda: window.top.title.text() == "run 1" and window._view is not None)
     assert [run.started for run in runs] == [True, True]
     assert window.outcome() is None
-    assert (
-        window.curves.loading_curve.getData()[0] is None
-        or len(window.curves.loading_curve.getData()[0]) == 0
-    )
+    qtbot.waitUntil(lambda: len(drawn(window, "loading").x) == 0)
 
 
 def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(
@@ -410,8 +407,10 @@ def test_a_window_on_a_run_of_others_leaves_it_running(qapp: QApplication) -> No
     assert run.calls == []
 
 
-def test_sixteen_bit_images_are_shown_between_their_own_black_and_white() -> None:
+def test_sixteen_bit_images_end_at_the_cameras_full_scale() -> None:
     full = np.random.default_rng(1).integers(1000, 3000, (240, 320)).astype(np.uint16)
-    low, high = shown_image(full).levels
-    assert 1000 <= low < 1100
-    assert 2900 < high <= 3000
+    shown = shown_image(full, 4095)
+    np.testing.assert_allclose(shown.pixels, full / 4095 * 255, atol=1)
+    low, high = shown.stretched
+    assert 1000 <= low * 4095 / 255 + 16 < 1100
+    assert 2900 < (high + 1) * 4095 / 255 <= 3016

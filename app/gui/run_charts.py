@@ -1,0 +1,260 @@
+"""The charts of a run: what is drawn of its curves, beside what theory and settings say."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.mechanics import cattaneo_mindlin
+from app.gui.cells import number
+from app.gui.charts import NOTHING, Chart, Guide, Line, Mark, Span
+from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
+from app.gui.run_curves import SHARES_OF_A, Curves, ForceStrips
+from app.gui.source import Setup
+from app.records import F64
+from app.report.quantities import measured_text
+from app.steps import Approach, reach
+from app.summary import Summary
+
+TITLES = {
+    "loading": "Loading curve Q(δ)",
+    "sticking": "Stick radius c",
+    "traction": "Shear traction σ(r)",
+    "forces": "Forces P, Q",
+    "displacement": "Displacement uₓ(r)",
+    "sliding": "Slip in time",
+    "noise": "Noise of uₓ",
+}
+NAMES_OF_SHARES = ("r = 0", "a/2", "3a/4", "a")
+ROLES_OF_SHARES = ("shear", "stick", "normal", "model")
+TRAVEL_Q = ("travel_um", "Q_N")
+MODEL_POINTS = 200
+
+
+def charts_of(
+    setup: Setup,
+    curves: Curves,
+    frame: FrameResults | None,
+    forces: ForceStrips,
+    summary: Summary | None,
+) -> dict[str, Chart]:
+    """All charts of the run as of now, by the keys of `TITLES`, with their extents computed."""
+    charts = {
+        "loading": _loading(setup, curves, summary),
+        "sticking": _sticking(setup, curves, summary),
+        "traction": _traction(frame),
+        "forces": _forces(setup, forces, summary),
+        "displacement": _displacement(frame),
+        "sliding": _sliding(curves, summary),
+        "noise": _noise(curves),
+    }
+    for chart in charts.values():
+        _ = chart.extents
+    return charts
+
+
+def with_cursor(
+    charts: dict[str, Chart], frame: int, time_s: float, travel_um: float, shear_n: float
+) -> dict[str, Chart]:
+    """The same charts with the place of the frame of a recorded run that is shown."""
+    loading, forces, text = charts["loading"], charts["forces"], f"{frame}"
+    mark, guide = Mark(travel_um, shear_n, text), Guide(time_s, text, is_upright=True)
+    return charts | {
+        "loading": replace(loading, marks=(*loading.marks, mark)),
+        "forces": replace(forces, guides=(*forces.guides, guide)),
+    }
+
+
+def _loading(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
+    low, high = reach(setup.config.run.protocol)
+    guides = (Guide(summary.static_force_n, "Qₛ"),) if summary else ()
+    furthest = max(high, -low) * 1e6  # along the drive, as it is plotted
+    behind = float(curves.loading[:, 0].min(initial=0.0))
+    travel_um, shear_n = curves.loading.T
+    line = Line("", travel_um, shear_n, "shear", TRAVEL_Q)
+    return Chart(
+        TITLES["loading"],
+        "travel δ (µm)",
+        "Q (N)",
+        (line,),
+        guides,
+        x_range=(min(behind, 0.0), furthest),
+    )
+
+
+def _sticking(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
+    """c/a_H against Q/(mu P); against Q/P as long as no friction coefficient is known."""
+    fitted, largest = curves.sticking, curves.peaks
+    mu, said = curves.full_slip, ""
+    if summary is not None and math.isfinite(summary.mu_s):
+        mu, said = summary.mu_s, f"μ = Qₛ/P = {number(summary.mu_s, 3)}"
+    elif math.isfinite(mu):
+        said = f"μ = {number(mu, 3)}, of the newest profile"
+    known = mu if math.isfinite(mu) and mu > 0 else 1.0
+    columns = ("Q_over_mu_P" if said else "Q_over_P", "c_over_aH")
+    a_mm = _hertz_mm(setup, fitted[:, 3]), _hertz_mm(setup, largest[:, 2])
+    order = np.argsort(fitted[:, 0] / fitted[:, 3], kind="stable")
+    Q, c, sd, P = fitted[order].T
+    fit = Line(
+        "fitted profile",
+        Q / (known * P),
+        c / a_mm[0][order],
+        "stick",
+        columns,
+        sd=sd / a_mm[0][order],
+        style="dots",
+    )
+    peaks = Line(
+        "largest σ",
+        largest[:, 0] / (known * largest[:, 2]),
+        largest[:, 1] / a_mm[1],
+        "shear",
+        columns,
+        style="squares",
+        width=1.2,
+    )
+    model = Line("Cattaneo–Mindlin", NOTHING, NOTHING, "model", columns)
+    if said:
+        ratio = 1 - np.linspace(1.0, 0.0, MODEL_POINTS) ** 3
+        model = Line(
+            "Cattaneo–Mindlin",
+            ratio,
+            cattaneo_mindlin.stick_radius(ratio, 1.0, 1.0),
+            "model",
+            columns,
+        )
+    return Chart(
+        TITLES["sticking"],
+        "Q/(μP)" if said else "Q/P",
+        "c/aₕ",
+        (peaks, fit, model),
+        caption=said,
+        x_range=(0.0, 1.1) if said else None,
+        y_least=(0.0, 1.2),
+    )
+
+
+def _hertz_mm(setup: Setup, normal_n: F64) -> F64:
+    """a_H for each load: it grows with the cube root."""
+    return 1e3 * hertz_radius_m(1.0, setup.config) * np.cbrt(normal_n)
+
+
+def _radii(frame: FrameResults) -> tuple[Guide, ...]:
+    """Upright lines at the radii of the contact."""
+    mm = frame.setup.pixel_um * 1e-3
+    around, profiles = frame.circles, frame.profiles
+    return (
+        Guide(around.apparent_px * mm, "a", is_upright=True),
+        Guide(around.hertz_px * mm, "aₕ", is_upright=True, role="muted"),
+        Guide(profiles.stick_mm, "c fitted", is_upright=True, role="stick"),
+        Guide(profiles.peak_mm, "c", is_upright=True, role="shear"),
+    )
+
+
+def _profile(profile: Profile | None, role: str, column: str) -> tuple[Line, ...]:
+    if profile is None:
+        return ()
+    columns = ("r_mm", column)
+    r, sd = profile.radius_mm, np.nan_to_num(profile.sd)
+    return (
+        Line("measured", r, profile.values, role, columns, sd=sd),
+        Line("Cattaneo–Mindlin, for c fitted", r, profile.model, "model", columns, style="dashed"),
+    )
+
+
+def _traction(frame: FrameResults | None) -> Chart:
+    return Chart(
+        TITLES["traction"],
+        "r (mm)",
+        "σ (kPa)",
+        _profile(frame.profiles.traction_kpa, "shear", "sigma_kPa") if frame else (),
+        _radii(frame) if frame else (),
+        caption=frame.profiles.balance if frame else "",
+        y_least=(0.0, 1.0),
+    )
+
+
+def _displacement(frame: FrameResults | None) -> Chart:
+    return Chart(
+        TITLES["displacement"],
+        "r (mm)",
+        "uₓ (µm)",
+        _profile(frame.profiles.displacement_um, "stick", "ux_um") if frame else (),
+        _radii(frame) if frame else (),
+        y_least=(0.0, 1.0),
+    )
+
+
+def _forces(setup: Setup, forces: ForceStrips, summary: Summary | None) -> Chart:
+    config = setup.config
+    limits, tolerance = config.limits, config.run.settle_tolerance
+    loads = {step.normal_force for step in config.run.protocol if isinstance(step, Approach)}
+    spans = [Span(load * (1 - tolerance), load * (1 + tolerance), "normal") for load in loads]
+    onset = summary.onset_time_s if summary else math.nan
+    ends = (
+        [Guide(limits.normal_force, "limit of P and Q", role="saturated")]
+        if limits.normal_force == limits.shear_force
+        else [
+            Guide(limits.normal_force, "limit of P", role="saturated"),
+            Guide(limits.shear_force, "limit of Q", role="saturated"),
+        ]
+    )
+    return Chart(
+        TITLES["forces"],
+        forces.time_label,
+        "P, Q (N)",
+        (
+            Line("P", forces.time_s, forces.normal_n, "normal", ("time_s", "P_N"), width=1.0),
+            Line("Q", forces.time_s, forces.shear_n, "shear", ("time_s", "Q_N"), width=1.0),
+        ),
+        (
+            *ends,
+            Guide(-limits.shear_force, "limit of −Q", role="saturated"),
+            Guide(onset, "tₛ", is_upright=True),
+        ),
+        tuple(spans),
+        y_least=(0.0, max(loads, default=0.1)),
+    )
+
+
+def _sliding(curves: Curves, summary: Summary | None) -> Chart:
+    time_s = curves.sliding[:, 0]
+    lines = tuple(
+        Line(name, time_s, curves.sliding[:, 1 + n], role, ("time_s", "ux_um"), width=1.4)
+        for n, (name, role) in enumerate(zip(NAMES_OF_SHARES, ROLES_OF_SHARES, strict=True))
+    )
+    assert len(lines) == len(SHARES_OF_A)
+    onset = (Guide(summary.onset_time_s, "tₛ", is_upright=True),) if summary else ()
+    caption = ""
+    if summary is not None and math.isfinite(summary.onset_time_s):
+        onset_text = measured_text(summary.onset_time_s, summary.onset_time_sd_s)
+        caption = f"sliding begins at tₛ = {onset_text} s"
+    return Chart(
+        TITLES["sliding"],
+        "time t from the start of the drive (s)",
+        "uₓ (µm)",
+        lines,
+        onset,
+        caption=caption,
+        y_least=(0.0, 1.0),
+    )
+
+
+def _noise(curves: Curves) -> Chart:
+    start = curves.drive_start_s
+    begins = start if math.isfinite(start) else 0.0
+    time_s, measured, floor = curves.noise.T
+    mine = Line("measured", time_s - begins, measured, "normal", ("time_s", "noise_px"), width=1.2)
+    least = Line("floor of the images", time_s - begins, floor, "model", ("time_s", "noise_px"))
+    caption = ""
+    if len(measured):
+        caption = (
+            f"now {number(measured[-1], 4)} px, {number(measured[-1] / floor[-1], 2)} times the"
+            " floor"
+        )
+    label = "time t from the start of the drive (s)" if math.isfinite(start) else "time (s)"
+    return Chart(
+        TITLES["noise"], label, "s(uₓ) (px)", (mine, least), caption=caption, y_least=(0.0, 0.002)
+    )

@@ -1,0 +1,346 @@
+"""The picture of the interface and the charts, as an operator uses them."""
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QWidget
+from pytestqt.qtbot import QtBot
+from scripted_run import REFERENCE, ScriptedRun
+
+from app.gui.frame_results import shown_image
+from app.gui.image_view import POINT_HINT, InterfaceView
+from app.gui.plots import CurvesView
+from app.gui.scales import diverging, sequential
+from app.gui.source import setup_of
+from app.gui.view_state import ViewState, read, resolve
+
+MM = 7.04e-3
+
+
+@pytest.fixture(scope="module")
+def script() -> ScriptedRun:
+    run = ScriptedRun(320, 240, frames=330)
+    run.config = replace(run.config, camera=replace(run.config.camera, width=320, height=240))
+    return run
+
+
+@pytest.fixture
+def run(script: ScriptedRun) -> ScriptedRun:
+    script.started, script.stopped = True, False
+    return script.at(0)
+
+
+def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
+    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
+
+
+def shown(qtbot: QtBot, widget: QWidget, width: int, height: int) -> None:
+    widget.resize(width, height)
+    qtbot.addWidget(widget)
+    with qtbot.waitExposed(widget):
+        widget.show()
+
+
+@pytest.fixture
+def picture(qtbot: QtBot, run: ScriptedRun) -> InterfaceView:
+    view = InterfaceView()
+    shown(qtbot, view, 800, 760)
+    view.show_setup(setup_of(run))
+    return view
+
+
+def pixel(view: InterfaceView, x_px: float, y_px: float) -> QColor:
+    image = view.canvas.grab().toImage()  # first: it may take its final size only now
+    left, top = view.canvas.frame().place(x_px * MM, y_px * MM)
+    return image.pixelColor(int(left), int(top))
+
+
+def rgb(colour: QColor) -> tuple[int, int, int]:
+    return colour.red(), colour.green(), colour.blue()
+
+
+def choose(view: InterfaceView, key: str) -> None:
+    view.which.setCurrentIndex(view.which.findData(key))
+
+
+def test_the_field_is_opaque_in_the_colours_of_its_bar(
+    picture: InterfaceView, run: ScriptedRun
+) -> None:
+    state = look(run.at(200))
+    picture.show_view(state)
+    low, high = picture.canvas._colours[1]
+    field = state.frame.field("ux_um").values
+    assert low == 0.0
+    assert 1.0 <= high / np.nanpercentile(field, 99) < 1.3
+    for row, col in ((2, 3), (20, 28)):
+        share = (field[row, col] - low) / (high - low)
+        wanted = sequential()[min(255, int(256 * share))]
+        x, y = run.grid_x_px[col] + 3, run.grid_y_px[row] + 3
+        assert rgb(pixel(picture, x, y)) == tuple(wanted)
+
+
+def test_the_slider_shows_the_image_below(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    picture.show_view(look(run.at(200)))
+    covered = rgb(pixel(picture, 43, 44))
+    picture.opacity.setFocus()
+    qtbot.keyClick(picture.opacity, Qt.Key.Key_Home)
+    assert rgb(pixel(picture, 43, 44)) == (run.pressed[44, 43],) * 3
+    assert covered != rgb(pixel(picture, 43, 44))
+
+
+def test_the_rigid_part_is_taken_off_by_a_click(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    picture.show_view(look(run.at(330)))
+    assert picture.canvas._colours[0] is sequential()
+    qtbot.mouseClick(picture.rigid, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    low, high = picture.canvas._colours[1]
+    assert picture.canvas._colours[0] is diverging()
+    assert low == -high
+    assert "−" in picture.canvas._colours[2]
+    choose(picture, "zncc")
+    assert not picture.rigid.isEnabled()
+
+
+def test_every_picture_can_be_chosen_once_it_is_there(
+    picture: InterfaceView, run: ScriptedRun
+) -> None:
+    view = look(run.at(REFERENCE - 1))
+    picture.show_view(view)
+    model = picture.which.model()
+    assert not model.item(picture.which.findData("difference")).isEnabled() or view.reference
+    picture.show_view(look(run.at(200), view))
+    names = {picture.which.itemData(n) for n in range(picture.which.count())}
+    assert names == {
+        "raw", "difference", "ux_um", "uy_um", "u_um", "sigma_kPa", "slip_um", "zncc", "ux_sd_um"
+    }  # fmt: skip
+    for key in names:
+        assert model.item(picture.which.findData(key)).isEnabled()
+        choose(picture, key)
+        assert not picture.canvas.grab().isNull()
+
+
+def test_the_difference_is_to_the_image_of_the_reference(
+    picture: InterfaceView, run: ScriptedRun
+) -> None:
+    before = look(run.at(REFERENCE - 1))
+    brighter = np.clip(run.pressed.astype(int) + 40, 0, 255).astype(np.uint8)
+    after = replace(look(run.at(60), before), image=shown_image(brighter))
+    assert after.reference is before.image
+    picture.show_view(after)
+    choose(picture, "difference")
+    low, high = picture.canvas._colours[1]
+    assert low == -high == -40.0
+    assert rgb(pixel(picture, 43, 44)) == tuple(diverging()[255])
+
+
+def test_a_locked_range_stays(qtbot: QtBot, picture: InterfaceView, run: ScriptedRun) -> None:
+    view = look(run.at(100))
+    picture.show_view(view)
+    ends = picture.canvas._colours[1]
+    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    view = look(run.at(330), view)
+    picture.show_view(view)
+    assert picture.canvas._colours[1] == ends
+    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    assert picture.canvas._colours[1][1] > ends[1]
+
+
+def test_grey_levels_are_those_of_the_camera_unless_stretched(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    picture.show_view(look(run.at(5)))
+    grey = int(run.free[44, 43])
+    assert rgb(pixel(picture, 43, 44)) == (grey,) * 3
+    qtbot.mouseClick(picture.stretch, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    low, high = np.percentile(run.free[::4, ::4], (0.5, 99.8)).astype(int)
+    wanted = min(255, max(0, int((grey - low) * 255 / (high - low))))
+    assert rgb(pixel(picture, 43, 44)) == (wanted,) * 3
+
+
+def test_saturated_pixels_are_red(picture: InterfaceView, run: ScriptedRun) -> None:
+    image = run.free.copy()
+    image[44, 43] = 255
+    picture.show_view(replace(look(run.at(5)), image=shown_image(image)))
+    red, green, blue = rgb(pixel(picture, 43, 44))
+    assert red > 200
+    assert max(green, blue) < 60
+    assert "saturated" in picture.panel.caption.text()
+
+
+def test_the_probe_follows_the_frame(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    view = look(run.at(100))
+    picture.show_view(view)
+    assert picture.pointed.text() == POINT_HINT
+    left, top = picture.canvas.frame().place(203 * MM, 144 * MM)
+    qtbot.mouseMove(picture.canvas, QPoint(5, 5))
+    qtbot.mouseMove(picture.canvas, QPoint(round(left), round(top)))
+    texts = []
+    for frame in (100, 200):
+        view = look(run.at(frame), view)
+        picture.show_view(view)
+        values = view.frame.field("ux_um").values
+        texts.append(picture.pointed.text())
+        assert texts[-1].startswith("x 203 px, y 144 px  ·  1.43 mm, 1.0")
+        assert "  ·  grey " in texts[-1]
+        assert texts[-1].endswith(f"uₓ {values[13, 19]:.3g} µm".replace("-", "−"))
+    assert texts[0] != texts[1]
+
+
+def test_the_cut_goes_through_the_centre(
+    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
+) -> None:
+    view = look(run.at(200))
+    picture.show_view(view)
+    qtbot.mouseClick(picture.show_cut, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
+    (line,) = picture.cut.chart.lines
+    row = int((run.centre_px[1] - 5) // 10)
+    np.testing.assert_array_equal(line.y, view.frame.field("ux_um").values[row])
+    np.testing.assert_allclose(line.x, run.grid_x_px * MM)
+    assert line.columns == ("x_mm", "ux_um")
+    choose(picture, "sigma_kPa")
+    assert picture.cut.chart.y_label == "σₓ (kPa)"
+    # what is pointed at in the cut is marked in the picture
+    left, top = picture.cut.frame().place(1.0, 12.0)
+    qtbot.mouseMove(picture.cut, QPoint(5, 5))
+    qtbot.mouseMove(picture.cut, QPoint(round(left), round(top)))
+    assert picture.canvas._place == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_new_run_shows_all_again(picture: InterfaceView, run: ScriptedRun, qtbot: QtBot) -> None:
+    picture.show_view(look(run.at(100)))
+    before = picture.canvas.frame()
+    qtbot.keyClick(picture.canvas, Qt.Key.Key_Plus)
+    assert picture.canvas.is_zoomed
+    picture.show_setup(setup_of(run))
+    assert not picture.canvas.is_zoomed
+    after = picture.canvas.frame()
+    assert (after.x, after.y) == (before.x, before.y)
+    assert picture.field is None
+
+
+def test_the_picture_keeps_its_shape_when_zoomed(
+    picture: InterfaceView, run: ScriptedRun, qtbot: QtBot
+) -> None:
+    picture.show_view(look(run.at(100)))
+    for _ in range(3):
+        along, down = picture.canvas.frame().scale
+        assert along == pytest.approx(down)
+        qtbot.keyClick(picture.canvas, Qt.Key.Key_Plus)
+
+
+def test_the_field_is_saved_as_numbers(picture: InterfaceView, run: ScriptedRun) -> None:
+    state = look(run.at(200))
+    picture.show_view(state)
+    rows = list(csv.DictReader(io.StringIO(picture.canvas.table())))
+    values = state.frame.field("ux_um").values
+    assert list(rows[0]) == ["x_mm", "y_mm", "ux_um"]
+    assert len(rows) == np.isfinite(values).sum()
+    assert float(rows[0]["x_mm"]) == pytest.approx(run.grid_x_px[1] * MM)
+    assert float(rows[0]["ux_um"]) == pytest.approx(values[0, 1], rel=1e-6)
+
+
+# ------------------------------------------------------------------ the charts
+
+
+@pytest.fixture
+def curves(qtbot: QtBot, run: ScriptedRun) -> CurvesView:
+    view = CurvesView()
+    shown(qtbot, view, 700, 820)
+    view.show_setup(setup_of(run))
+    return view
+
+
+def draw(curves: CurvesView, view: ViewState) -> None:
+    for part in curves.parts:
+        part(view)
+
+
+def keys(curves: CurvesView) -> list[str]:
+    return [cell.key for cell in curves.cells if cell.isVisible()]
+
+
+def test_there_are_as_many_charts_as_there_is_room_for(curves: CurvesView) -> None:
+    assert len(keys(curves)) == len(curves.parts) == 7 or len(keys(curves)) == 8
+    curves.resize(320, 420)
+    assert keys(curves) == ["loading", "sticking"]
+
+
+def test_another_chart_is_chosen_in_its_place(
+    qtbot: QtBot, curves: CurvesView, run: ScriptedRun
+) -> None:
+    draw(curves, look(run.at(200)))
+    cell = curves.cells[0]
+    cell.choice.setFocus()
+    qtbot.keyClicks(cell.choice, "Noise")
+    assert cell.key == "noise"
+    assert cell.canvas.chart.y_label == "s(uₓ) (px)"
+    assert not cell.mark.isVisible()
+
+
+def test_frames_are_numbered_on_the_loading_curve(
+    qtbot: QtBot, curves: CurvesView, run: ScriptedRun
+) -> None:
+    view = None
+    for frame in (100, 200):
+        view = look(run.at(frame), view)
+        draw(curves, view)
+        qtbot.mouseClick(curves.cells[0].mark, Qt.MouseButton.LeftButton)
+    marks = curves.cells[0].canvas.chart.marks
+    assert [mark.text for mark in marks] == ["1: frame 99", "2: frame 199"]
+    snapshot = run.snapshots_since(99)[0]
+    assert marks[0].x == pytest.approx(snapshot.conditions.travel_m * 1e6)
+    assert marks[0].y == pytest.approx(snapshot.conditions.shear_force_n)
+
+
+def test_charts_are_drawn_twice_a_second_and_at_the_end(
+    curves: CurvesView, run: ScriptedRun
+) -> None:
+    def points() -> int:
+        return len(curves.cells[0].canvas.chart.lines[0].x)
+
+    view = look(run.at(100))
+    draw(curves, view)
+    before = points()
+    view = look(run.at(110), view)
+    draw(curves, view)
+    assert points() == before
+    draw(curves, look(run.at(330), view))
+    assert points() == 330 - (REFERENCE - 4)
+
+
+def test_earlier_runs_are_seen_faintly_behind(curves: CurvesView, run: ScriptedRun) -> None:
+    for _ in range(7):
+        draw(curves, look(run.at(330)))
+        curves.show_setup(setup_of(run))
+    draw(curves, look(run.at(60)))
+    lines = curves.cells[0].canvas.chart.lines
+    faint = [line for line in lines if line.is_faint]
+    assert len(faint) == 5
+    assert all(len(line.x) <= 310 for line in faint)
+    assert lines[-1] is not faint[-1]
+    assert "earlier" in curves.cells[0].caption.text()
+    # nothing else of those runs is held
+    assert not any(line.x.base is not None for line in faint)
+
+
+def test_a_new_run_forgets_marks_and_zoom(
+    qtbot: QtBot, curves: CurvesView, run: ScriptedRun
+) -> None:
+    draw(curves, look(run.at(200)))
+    curves.mark_frame()
+    qtbot.keyClick(curves.cells[0].canvas, Qt.Key.Key_Plus)
+    assert curves.cells[0].canvas.is_zoomed
+    curves.show_setup(setup_of(run))
+    draw(curves, look(run.at(60)))
+    assert not curves.cells[0].canvas.is_zoomed
+    assert curves.cells[0].canvas.chart.marks == ()
