@@ -32,8 +32,7 @@ Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 
 NAN = math.nan
 UNFINISHED = "unfinished"  # state of a session that was cut short
-STOPPED = "stopped"
-ENDED = ("done", STOPPED, "failed")  # as what a run can have ended
+ENDED = ("done", STOPPED := "stopped", "failed")  # as what a run can have ended
 COMPLETE = "complete"  # last word of the reason of a run that has done all that it was to do
 # in the reason of what has done all: a run, a replay or an analysis, an import, a session repaired
 WHOLE = re.compile(rf"^(all \d|imported: )| ({COMPLETE}|done)(;|$)")
@@ -425,8 +424,7 @@ class Resources(TypedDict, total=False):
 class Outcome:
     """How a run ended: its state ("done" or "failed"), the reason in one sentence, and its account.
 
-    `resources` says what the run took of the computer, see `Resources`, and,
-    once the session is closed, holds its receipt.
+    `resources` says what the run took of the computer, see `Resources`, and holds its receipt.
     """
 
     state: str
@@ -481,13 +479,10 @@ class Health:
 
     @property
     def doing(self) -> str:
-        """The step under way, with the time left of it and of all: ``3 of 6: hold for 10 s; 4 s
-        left, 60 s of all``.
-        """
+        """The step and the time left: ``3 of 6: hold for 10 s; 4 s left, 60 s of all``."""
         left = f"; {self.left_s:.0f} s left" if math.isfinite(self.left_s) else ""
-        every = (
-            f", {self.all_left_s:.0f} s of all" if left and self.all_left_s > self.left_s else ""
-        )
+        has_more = left and self.all_left_s > self.left_s
+        every = f", {self.all_left_s:.0f} s of all" if has_more else ""
         return f"{self.step}{left}{every}"
 
 

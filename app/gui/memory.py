@@ -39,6 +39,7 @@ class Memory:
 
     @theme.setter
     def theme(self, name: str) -> None:
+        """Keep the look."""
         self._settings.setValue("theme", name)
 
     def layout(self) -> tuple[QByteArray, QByteArray] | None:

@@ -88,18 +88,24 @@ class TopBar(Panel):
         if (state, tone, phase) == self._shown:
             return
         self._shown = (state, tone, phase)
+        self.show_again()
+
+    def show_again(self) -> None:
+        """Show the state in the colours of now."""
+        assert self._shown is not None
+        state, tone, phase = self._shown
         self.badge.setText(state.upper())
         self.badge.setStyleSheet(
-            f"background: {theme.TONES[tone]}; color: #10131a; border-radius: 4px; padding: 2px"
-            " 10px; font-weight: 700; font-size: 12px;"
+            f"background: {theme.TONES[tone]}; color: {theme.now().window}; border-radius: 4px;"
+            " padding: 2px 10px; font-weight: 700;"
         )
         words = (
             f"<b style='color:{theme.TEXT}'>{step}</b>"
             if step == phase
-            else f"<span style='color:#6c7684'>{step}</span>"
+            else f"<span style='color:{theme.MUTED}'>{step}</span>"
             for step in Phase
         )
-        self.phases.setText("<span style='color:#4b5563'> &nbsp;›&nbsp; </span>".join(words))
+        self.phases.setText(f"<span style='color:{theme.MUTED}'> &nbsp;›&nbsp; </span>".join(words))
 
 
 def _button(text: str, style: str) -> QPushButton:

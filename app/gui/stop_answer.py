@@ -7,9 +7,9 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
+from typing import Protocol
 
 from app.gui.cells import Tone
-from app.gui.source import RunSource
 from app.stopping import Stop, StopAnswer, failed, not_connected
 
 LOG = logging.getLogger(__name__)
@@ -20,6 +20,13 @@ TONES = {
     Stop.NOT_CONNECTED: Tone.NEUTRAL,
 }
 ON_ITS_WAY = StopAnswer(Stop.SENT, "STOP MOTION is on its way to the actuator.", False)
+
+
+class Stoppable(Protocol):
+    """A run, or a bench that is connected without one."""
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the actuator at once; what became of it."""
 
 
 class StopAnswers:
@@ -34,7 +41,7 @@ class StopAnswers:
         """A new run begins."""
         self._is_pressed, self._shown = False, None
 
-    def press(self, source: RunSource | None) -> None:
+    def press(self, source: Stoppable | None) -> None:
         """Stop the motion in a thread of its own, so that neither the window nor a slow device can
         delay it.
         """

@@ -13,26 +13,17 @@ from pathlib import Path
 
 from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QApplication, QFileDialog, QMainWindow, QMenuBar, QWidget
+from PySide6.QtWidgets import QApplication, QFileDialog
 
-from app.gui import theme
 from app.gui.cells import Tone
-from app.gui.desk import Desk, Part
-from app.gui.docks import BOTTOM, RIGHT, Docks, Place
-from app.gui.health_panel import HealthPanel, HealthStrip
-from app.gui.image_view import InterfaceView
-from app.gui.keys import ACTS, KeyList, make_actions
-from app.gui.log_panel import LogPanel, LogStore
-from app.gui.memory import LAYOUT, Memory
-from app.gui.notice import Notice
-from app.gui.panels import CellRow, ResultPanel, TopBar
-from app.gui.playback_bar import PlaybackBar
-from app.gui.plots import CurvesView
+from app.gui.desk import Desk
+from app.gui.log_panel import LogStore
+from app.gui.memory import LAYOUT
 from app.gui.reader import Answer, ViewReader
 from app.gui.source import RunSource, Setup
+from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.view_state import ViewState
-from app.gui.widgets import column
 from app.records import Outcome
 from app.stopping import Stop, StopAnswer
 
@@ -58,7 +49,7 @@ class _Making:
     is_stopped: bool = False  # STOP was pressed meanwhile: it does not begin
 
 
-class MainWindow(QMainWindow):
+class MainWindow(Station):
     """One operator, one window, one run after the other.
 
     Parameters
@@ -72,10 +63,8 @@ class MainWindow(QMainWindow):
     closed = Signal()
 
     def __init__(self, source: RunSource | None = None, desk: Desk | None = None) -> None:
-        super().__init__()
-        self.setWindowTitle("SlipScope")
-        self.desk, self.memory = desk, Memory()
-        self._apply_theme()
+        self._logs = LogStore()
+        super().__init__(desk, self._logs)
         self._making: _Making | None = None  # what is being made in a thread
         self._source: RunSource | None = None
         self._reader: ViewReader | None = None
@@ -93,11 +82,10 @@ class MainWindow(QMainWindow):
         self._sparing = 1  # the time between redraws is so many times as long
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
         self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
-        self._logs = LogStore()
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
         self._stops = StopAnswers()
-        self._build()
+        self._connect()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
         self._timer.start(TICK_MS)
@@ -146,6 +134,8 @@ class MainWindow(QMainWindow):
         self._started, self._is_fresh = True, False
         self._stops.begin()
         self.notice.clear()
+        if self.experiment is not None and not self._is_replay():
+            self.docks.show(self.experiment.name)
         self._show_buttons()
         self._redraw_soon()
 
@@ -158,7 +148,9 @@ class MainWindow(QMainWindow):
 
     def stop_motion(self) -> None:
         """Stop the actuator now, and show what became of it."""
-        self._stops.press(self._source)
+        preview = self.bench.preview if self.bench is not None else None
+        is_preview = preview is not None and not self._is_running()
+        self._stops.press(preview if is_preview else self._source)
         if self._making is not None:
             self._making.is_stopped = True
         self._is_fresh = False  # a run that was stopped before it began does not begin
@@ -265,7 +257,7 @@ class MainWindow(QMainWindow):
         self._sparing = 2 if view.shed else 1
         change = 1.5 if view.behind > MOST_BEHIND else 0.97
         self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
-        self.top.show_state(view.state, view.tone, view.phase)
+        self.top.show_state(view.badge, view.tone, view.phase)
         self.top.sentence.setText(view.sentence)
         self._show_buttons()
         self.playback.refresh()
@@ -313,6 +305,7 @@ class MainWindow(QMainWindow):
             self._ring()
         if self.desk is not None:
             self.desk.ended.emit(self._source)
+            self.docks.show(self.result.name)
 
     def _show_buttons(self) -> None:
         is_running = self._is_running()
@@ -442,84 +435,20 @@ class MainWindow(QMainWindow):
         self._must_close = True
         self.close()
 
-    # ------------------------------------------------------------------ building
+    # ------------------------------------------------------------------ wires
 
-    def _build(self) -> None:
-        self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
-        self.interface, self.readouts, self.strip = InterfaceView(), CellRow(), HealthStrip()
-        self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
-        self.log = LogPanel(self._logs)
-        # those that show a run, the picture first
-        self._shows: tuple[Part, ...] = (
-            self.interface,
-            self.strip,
-            self.curves,
-            self.result,
-            self.health,
-        )
-        does = {act.name: getattr(self, act.name) for act in ACTS}
-        bar = QMenuBar()
-        self.actions_by_name, menus = make_actions(self, bar, ACTS, does)
-        head, body = QWidget(), QWidget()
-        for widget in (head, body):
-            widget.setObjectName("body")
-        head.setLayout(column(bar, self.top, self.notice, spacing=2, margins=(4, 0, 4, 4)))
-        self.setMenuWidget(head)  # above all docks, so that nothing covers STOP
-        rows = (self.readouts, (self.interface, 1), self.playback)
-        body.setLayout(column(*rows, spacing=4))
-        self.setCentralWidget(body)
-        self.statusBar().addPermanentWidget(self.strip, 1)
-        self.statusBar().setSizeGripEnabled(False)
-        self.docks = Docks(
-            self,
-            (
-                Place("curves", "Curves", self.curves, RIGHT),
-                Place("result", "Result", self.result, BOTTOM),
-                Place("health", "Health", self.health, BOTTOM),
-                Place("log", "Log", self.log, BOTTOM, scrolls=False),
-            ),
-        )
-        self.docks.add_to(menus["&View"])
-        self.docks.open(self.memory)
+    def _connect(self) -> None:
         for button, name in ((self.top.start, "begin"), (self.top.stop, "end_run")):
             button.setToolTip(self.actions_by_name[name].toolTip())
-            button.clicked.connect(does[name])
+            button.clicked.connect(self.actions_by_name[name].trigger)
         # a button acts on the way down: held, it has stopped the motion already
         self.top.stop_motion.setToolTip(self.actions_by_name["stop_motion"].toolTip())
         self.top.stop_motion.pressed.connect(self.stop_motion)
         self.playback.acted.connect(self._redraw_soon)
+        self.playback.said.connect(self._say)
         if self.desk is not None:
             self.desk.said.connect(self._say)
             self.desk.begin_asked.connect(self.begin)
             self.desk.answer_asked.connect(self.answer)
             self.desk.shown.connect(self._attach)
             self.desk.session_asked.connect(self.open_session)
-
-    # ------------------------------------------------------------------ the window itself
-
-    def toggle_theme(self) -> None:
-        """Change between the dark look and the light one."""
-        self.memory.theme = "light" if self.memory.theme == "dark" else "dark"
-        self._apply_theme()
-
-    def _apply_theme(self) -> None:
-        application = QApplication.instance()
-        assert isinstance(application, QApplication)
-        theme.apply(application, "light" if self.memory.theme == "light" else "dark")
-
-    def full_screen(self) -> None:
-        """Fill the screen, or give it back."""
-        if self.isFullScreen():
-            self.showNormal()
-        else:
-            self.showFullScreen()
-
-    def reset_layout(self) -> None:
-        """Put all parts where they were at first."""
-        self.memory.forget_layout()
-        self.docks.arrange()
-
-    def show_keys(self) -> None:
-        """List the keys, in a window of its own beside which this one stays in use."""
-        self._keys = KeyList(self)
-        self._keys.show()

@@ -10,6 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from workshops import Makes
 
 from app.gui import theme
 from app.gui.cells import Tone
@@ -199,8 +200,7 @@ def test_the_next_run_begins_without_the_answer_to_the_last(
         runs.append(Stopped(320, 240, frames=60))
         return runs[-1]
 
-    bench = SimpleNamespace(run=lambda config, session: make())
-    window = open_window(desk=Desk(bench, Config()))  # type: ignore[arg-type]
+    window = open_window(desk=Desk(Makes(make), Config()))
     qtbot.keyClick(window, Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
     runs[0].later = REST

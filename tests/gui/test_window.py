@@ -15,6 +15,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from workshops import Makes
 
 from app.gui import window as window_module
 from app.gui.charts import Line
@@ -51,21 +52,8 @@ def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated benc
     return run
 
 
-class Bench:
-    """A workshop on which everything is made by one function."""
-
-    def __init__(self, make: Callable[[], ScriptedRun]) -> None:
-        self._make = make
-
-    def run(self, config: Config, session: Path | None) -> ScriptedRun:
-        return self._make()
-
-    def replay(self, session: Path) -> ScriptedRun:
-        return self._make()
-
-
 def desk_of(make: Callable[[], ScriptedRun]) -> Desk:
-    return Desk(Bench(make), Config())
+    return Desk(Makes(make), Config())
 
 
 @pytest.fixture

@@ -1,0 +1,126 @@
+"""The window as furniture: its parts, their places, its menus and its look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
+
+from app.gui import theme
+from app.gui.bench_panel import BenchPanel
+from app.gui.campaign_panel import CampaignPanel
+from app.gui.desk import Desk, Part
+from app.gui.docks import BOTTOM, LEFT, RIGHT, Docks, Place
+from app.gui.experiment_panel import ExperimentPanel
+from app.gui.health_panel import HealthPanel, HealthStrip
+from app.gui.image_view import InterfaceView
+from app.gui.keys import ACTS, KeyList, make_actions
+from app.gui.log_panel import LogPanel, LogStore
+from app.gui.memory import Memory
+from app.gui.notice import Notice
+from app.gui.panels import CellRow, TopBar
+from app.gui.playback_bar import PlaybackBar
+from app.gui.plots import CurvesView
+from app.gui.region_overlay import picture_of
+from app.gui.region_panel import RegionPanel
+from app.gui.result_panel import ResultPanel
+from app.gui.sessions_panel import SessionsPanel
+from app.gui.setup_panel import SetupPanel
+from app.gui.widgets import column
+
+
+class Station(QMainWindow):
+    """All parts of the window in their places; what the actions of `app.gui.keys` do is up to the
+    class that makes use of it.
+
+    Parameters
+    ----------
+    desk : Desk or None
+        None: the parts that prepare a run, or open another, are left out.
+    logs : LogStore
+        What the log shows.
+    """
+
+    def __init__(self, desk: Desk | None, logs: LogStore) -> None:
+        super().__init__()
+        self.setWindowTitle("SlipScope")
+        self.desk, self.memory = desk, Memory()
+        self._apply_theme()
+        self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
+        self.interface, self.readouts, self.strip = InterfaceView(), CellRow(), HealthStrip()
+        self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
+        self.log = LogPanel(logs)
+        self.bench = self.setup = self.experiment = self.sessions = self.campaign = None
+        if desk is not None:
+            self.bench, self.setup = BenchPanel(desk), SetupPanel(desk)
+            self.experiment, self.sessions = ExperimentPanel(desk), SessionsPanel(desk)
+            self.campaign = CampaignPanel(desk)
+            self.region = RegionPanel(desk, picture_of(self.interface))
+        # those that show a run, the picture first
+        shows = (self.interface, self.strip, self.experiment, self.curves, self.result, self.health)
+        self._shows: tuple[Part, ...] = tuple(part for part in shows if part is not None)
+        self._put_in_place()
+        for part in (self.interface, self.curves):
+            self.playback.add_keys(part)
+
+    def _put_in_place(self) -> None:
+        does = {act.name: getattr(self, act.name) for act in ACTS}
+        bar = QMenuBar()
+        self.actions_by_name, menus = make_actions(self, bar, ACTS, does)
+        head, body = QWidget(), QWidget()
+        for widget in (head, body):
+            widget.setObjectName("body")
+        head.setLayout(column(bar, self.top, self.notice, spacing=2, margins=(4, 0, 4, 4)))
+        self.setMenuWidget(head)  # above all docks, so that nothing covers STOP
+        rows = (self.readouts, (self.interface, 1), self.playback)
+        body.setLayout(column(*rows, spacing=4))
+        self.setCentralWidget(body)
+        self.statusBar().addPermanentWidget(self.strip, 1)
+        self.statusBar().setSizeGripEnabled(False)
+        self.docks = Docks(self, tuple(self._places()))
+        self.docks.add_to(menus["&View"])
+        self.docks.open(self.memory)
+
+    def _places(self) -> Iterator[Place]:
+        for part in (self.bench, self.setup, self.experiment, self.sessions):
+            if part is not None:
+                yield Place(part.name, part.title, part, LEFT, scrolls=False)
+        yield Place("curves", "Curves", self.curves, RIGHT, scrolls=False)
+        if self.desk is not None:
+            yield Place(self.region.name, self.region.title, self.region, RIGHT)
+        yield Place(self.result.name, self.result.title, self.result, BOTTOM, scrolls=False)
+        yield Place(self.health.name, self.health.title, self.health, BOTTOM)
+        yield Place(self.log.name, self.log.title, self.log, BOTTOM, scrolls=False)
+        if self.campaign is not None:
+            last = self.campaign
+            yield Place(last.name, last.title, last, BOTTOM, scrolls=False)
+
+    # ------------------------------------------------------------------ the window itself
+
+    def toggle_theme(self) -> None:
+        """Change between the dark look and the light one."""
+        self.memory.theme = "light" if self.memory.theme == "dark" else "dark"
+        self._apply_theme()
+        self.top.show_again()
+
+    def _apply_theme(self) -> None:
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        theme.apply(application, "light" if self.memory.theme == "light" else "dark")
+
+    def full_screen(self) -> None:
+        """Fill the screen, or give it back."""
+        if self.isFullScreen():
+            self.showNormal()
+        else:
+            self.showFullScreen()
+
+    def reset_layout(self) -> None:
+        """Put all parts where they were at first."""
+        self.memory.forget_layout()
+        self.docks.arrange()
+
+    def show_keys(self) -> None:
+        """List the keys, in a window of its own beside which this one stays in use."""
+        self._keys = KeyList(self)
+        self._keys.show()

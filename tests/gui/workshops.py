@@ -1,0 +1,27 @@
+"""A workshop for windows whose runs are scripted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from app.settings import Config
+
+
+class Makes:
+    """Makes every run and replay by one function; all else that a workshop can is not asked."""
+
+    archive: Any = None
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._make = make
+
+    def run(self, config: Config, session: Path | None) -> Any:
+        return self._make()
+
+    def replay(self, session: Path) -> Any:
+        return self._make()
+
+    def preview(self, config: Config) -> Any:
+        raise OSError("scripted bench: it can not be connected without a run")
