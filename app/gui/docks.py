@@ -24,7 +24,7 @@ FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
 LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 RIGHT = Qt.DockWidgetArea.RightDockWidgetArea
 BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
-NARROW_PX, LOW_PX = 1150, 700  # a window of less has room for docks on one side only
+NARROW_PX, LOW_PX = 1150, 800  # a window of less has room for docks on one side only
 SHARES = {LEFT: 0.24, RIGHT: 0.36, BOTTOM: 0.2}  # of the window, at first
 
 
@@ -60,6 +60,8 @@ class Docks:
         """Put all parts where they are at first."""
         window = self._window
         first: dict[Qt.DockWidgetArea, QDockWidget] = {}
+        for dock in self.by_name.values():
+            window.removeDockWidget(dock)  # a dock that is a tab already would be one twice
         for place in self._places:
             dock, side = self.by_name[place.name], self._side(place)
             dock.setFloating(False)

@@ -84,16 +84,17 @@ class Station(QMainWindow):
     def _places(self) -> Iterator[Place]:
         for part in (self.bench, self.setup, self.experiment, self.sessions):
             if part is not None:
-                yield Place(part.name, part.title, part, LEFT, scrolls=False)
+                scrolls = part in (self.experiment, self.sessions)  # the others do it themselves
+                yield Place(part.name, part.title, part, LEFT, scrolls=scrolls)
         yield Place("curves", "Curves", self.curves, RIGHT, scrolls=False)
         if self.desk is not None:
             yield Place(self.region.name, self.region.title, self.region, RIGHT)
-        yield Place(self.result.name, self.result.title, self.result, BOTTOM, scrolls=False)
+        yield Place(self.result.name, self.result.title, self.result, BOTTOM)
         yield Place(self.health.name, self.health.title, self.health, BOTTOM)
         yield Place(self.log.name, self.log.title, self.log, BOTTOM, scrolls=False)
         if self.campaign is not None:
             last = self.campaign
-            yield Place(last.name, last.title, last, BOTTOM, scrolls=False)
+            yield Place(last.name, last.title, last, BOTTOM)
 
     # ------------------------------------------------------------------ the window itself
 

@@ -1,0 +1,75 @@
+"""Where the parts of the window are: on a screen of any size, again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from PySide6.QtCore import QByteArray
+from PySide6.QtWidgets import QTabBar
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+from workshops import Makes
+
+from app.gui.desk import Desk
+from app.gui.window import MainWindow
+from app.settings import Config
+
+SMALLEST = (960, 540)  # a screen of 1920 x 1080 at 200 %
+
+
+@pytest.fixture
+def window(qtbot: QtBot) -> Iterator[MainWindow]:
+    made = MainWindow(desk=Desk(Makes(lambda: ScriptedRun(320, 240, frames=60)), Config()))
+    made.showNormal()
+    yield made
+    made._must_close = True
+    made.close()
+    made.deleteLater()
+
+
+@pytest.mark.parametrize("size", [SMALLEST, (1180, 660), (1366, 768), (1920, 1080)])
+def test_stop_is_in_view_in_a_window_of_any_usual_size(
+    qtbot: QtBot, window: MainWindow, size: tuple[int, int]
+) -> None:
+    window.resize(*size)
+    window.reset_layout()
+    window.resize(*size)  # which the places of a large window may not have allowed
+    qtbot.wait(50)
+    assert (window.width(), window.height()) == size
+    button = window.top.stop_motion
+    corner = button.mapTo(window, button.rect().bottomRight())
+    assert window.rect().contains(corner)
+    assert window.rect().contains(button.mapTo(window, button.rect().topLeft()))
+
+
+def test_each_part_has_one_tab_however_often_the_layout_is_reset(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    for size in ((1920, 1080), (1366, 768), (1920, 1080)):
+        window.resize(*size)
+        window.reset_layout()
+        qtbot.wait(50)
+        titles = sorted(
+            bar.tabText(k)
+            for bar in window.findChildren(QTabBar)
+            if bar.isVisible()
+            for k in range(bar.count())
+        )
+        assert len(titles) == len(set(titles))
+        assert set(titles) <= {dock.windowTitle() for dock in window.docks.by_name.values()}
+
+
+def test_the_layout_is_remembered(qtbot: QtBot, window: MainWindow) -> None:
+    window.docks.by_name["log"].hide()
+    window.close()
+    again = MainWindow(desk=window.desk)
+    assert again.docks.by_name["log"].isHidden()
+    assert not again.docks.by_name["health"].isHidden()
+    again.memory.keep_layout(QByteArray(b"broken"), QByteArray(b"broken"))
+    again._timer.stop()
+    third = MainWindow(desk=window.desk)
+    assert not third.docks.by_name["log"].isHidden()
+    third._timer.stop()
+    for one in (again, third):
+        one.deleteLater()
