@@ -153,7 +153,7 @@ def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, desk, rep
     assert replay.frame == 37
     view = look(replay)
     assert view.cursor.frame == 37
-    assert "frame 37" in view.frame.displacement.caption
+    assert "frame 37" in view.frame.field("ux_um").caption
     assert field.text() == "frame 37 of 0 to 62"
     field.selectAll()
     qtbot.keyClicks(field, str(LOST))  # it has no image: the nearest one
@@ -187,7 +187,7 @@ def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, d
     qtbot.waitUntil(lambda: replay.has_results(SKIPPED))
     qtbot.waitUntil(lambda: not desk.bar.analyse.isVisible())
     view = look(replay)
-    assert f"frame {SKIPPED}" in view.frame.displacement.caption
+    assert f"frame {SKIPPED}" in view.frame.field("ux_um").caption
     assert "not analysed" not in view.sentence
 
 
