@@ -88,7 +88,8 @@ def _stick(Q: ArrayLike, limit: float) -> tuple[F64, F64]:
     """c/a and 1 - c/a, each to full precision; 0 and 1 beyond the limit."""
     check("Cattaneo-Mindlin", limit=limit)
     size = np.abs(np.asarray(Q, dtype=np.float64))
-    share = np.cbrt(np.maximum((limit - size) / limit, 0.0))
+    # some libraries' cube root of the largest number below 1 is above 1
+    share = np.minimum(np.cbrt(np.maximum((limit - size) / limit, 0.0)), 1.0)
     small = -np.expm1(np.log1p(-np.minimum(size / limit, 0.5)) / 3)
     return share, np.where(2 * size < limit, small, 1 - share)
 

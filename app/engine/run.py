@@ -13,7 +13,6 @@ named state with a reason (`ending`).
 
 from __future__ import annotations
 
-import gc
 import logging
 import math
 import shutil
@@ -232,10 +231,6 @@ class Run(Watched):
         LOG.info("run on the %s, session %s", self.title, self.output.name)
         try:
             self._prepare(self._say_preparing)
-            gc.collect()
-            # a look at all that was loaded takes 0.1 s with every thread at a stand, also the one
-            # that stops the motion
-            gc.freeze()
             self._ask("bench", self._bench.open, math.inf)
             self._stops.is_connected = True
             self._check_camera()
@@ -245,7 +240,6 @@ class Run(Watched):
         except Exception as error:
             LOG.debug("the run can not begin", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
-        gc.unfreeze()
         self._stops.confirm()
         self._stops.is_connected = False
         self._ending.attempt("bench", lambda: self._ask("bench", self._bench.close))

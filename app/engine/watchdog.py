@@ -107,7 +107,8 @@ class Watchdog:
                 self._ending.spawn("watchdog", self._bark)
                 self._ending.is_called.wait(PATIENCE_S)
             if now > give_up:
-                self._calls = None  # that thread is lost
+                self._calls.put(_Call(_end))  # should it ever return
+                self._calls = None
                 self.given_up.add(self.asked)
                 raise self._is_given_up(self.asked)
         if call.error is not None:

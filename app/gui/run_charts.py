@@ -250,10 +250,9 @@ def _noise(curves: Curves) -> Chart:
     least = Line("floor of the images", time_s - begins, floor, "model", ("time_s", "noise_px"))
     caption = ""
     if len(measured):
-        caption = (
-            f"now {number(measured[-1], 4)} px, {number(measured[-1] / floor[-1], 2)} times the"
-            " floor"
-        )
+        caption = f"now {number(measured[-1], 4)} px"
+        if floor[-1] > 0:
+            caption += f", {number(measured[-1] / floor[-1], 2)} times the floor"
     label = "time t from the start of the drive (s)" if math.isfinite(start) else "time (s)"
     return Chart(
         TITLES["noise"], label, "s(uₓ) (px)", (mine, least), caption=caption, y_least=(0.0, 0.002)

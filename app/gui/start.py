@@ -10,6 +10,7 @@ from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
 from app.gui.desk import Desk, Workshop
+from app.gui.garbage import collected_here
 from app.gui.source import RunSource
 from app.gui.window import MainWindow
 from app.records import Outcome
@@ -55,25 +56,26 @@ def run_window(
     assert isinstance(application, QApplication)
     application.setStyle("Fusion")
     sys.setswitchinterval(0.001)  # a key waits for no more than that for the interpreter
-    desk = None if workshop is None else Desk(workshop, config or Config(), session)
-    window = MainWindow(source, desk)
-    window.show()
-    if autostart:
-        QTimer.singleShot(0, window, window.begin)
-    if on_ready is not None:
-        QTimer.singleShot(0, window, lambda: on_ready(window))
-    if screenshot is not None:
-        _picture_at_end(window, screenshot)
-    loop = QEventLoop()
-    window.closed.connect(loop.quit)
-    _close_when(window, close_when)
-    loop.exec()
-    outcome = window.outcome() or (window.source.outcome() if window.source else None)
-    # nothing of the window outlives the interpreter
-    window.deleteLater()
-    application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-    application.processEvents()
-    return outcome
+    with collected_here():
+        desk = None if workshop is None else Desk(workshop, config or Config(), session)
+        window = MainWindow(source, desk)
+        window.show()
+        if autostart:
+            QTimer.singleShot(0, window, window.begin)
+        if on_ready is not None:
+            QTimer.singleShot(0, window, lambda: on_ready(window))
+        if screenshot is not None:
+            _picture_at_end(window, screenshot)
+        loop = QEventLoop()
+        window.closed.connect(loop.quit)
+        _close_when(window, close_when)
+        loop.exec()
+        outcome = window.outcome() or (window.source.outcome() if window.source else None)
+        # nothing of the window outlives the interpreter
+        window.deleteLater()
+        application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        application.processEvents()
+        return outcome
 
 
 def _picture_at_end(window: MainWindow, path: Path) -> None:

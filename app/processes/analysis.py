@@ -13,7 +13,7 @@ import numpy as np
 from app.effort import Effort
 from app.processes.calls import Methods, serve
 from app.processes.folder import shared_image
-from app.processes.starting import payload, say_hello
+from app.processes.starting import end_with_parent, payload, say_hello
 from app.records import Conditions, ContactResult, Phase, Snapshot
 from app.settings import Config
 
@@ -58,6 +58,7 @@ def methods_of(config: Config, image_path: Path) -> Methods:
 def main() -> None:
     """Compile, then serve the bench until it lets go."""
     config, image_path = payload()
+    end_with_parent()
     from analysis.kernels import told
     from app.engine.compiling import compile_analysis
     from app.priority import give_way

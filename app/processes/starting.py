@@ -6,6 +6,7 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -71,6 +72,17 @@ def hello_of(process: subprocess.Popen[bytes], log: Path | None = None) -> Any:
     if isinstance(hello, UserError | DeviceError):
         raise hello
     return hello
+
+
+def end_with_parent() -> None:
+    """End this process as soon as the one that started it is gone, or lets go of its pipe."""
+
+    def listen() -> None:
+        while os.read(sys.stdin.fileno(), 4096):
+            pass
+        os._exit(1)
+
+    threading.Thread(target=listen, name="slipscope-parent", daemon=True).start()
 
 
 def payload() -> Any:

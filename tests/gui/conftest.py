@@ -1,4 +1,6 @@
+import gc
 import os
+from collections.abc import Iterator
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
 
@@ -14,6 +16,15 @@ def forgetful(tmp_path_factory: pytest.TempPathFactory) -> None:
     """A window that remembers nothing of earlier evenings, nor of the one who runs the tests."""
     folder = str(tmp_path_factory.mktemp("memory"))
     QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, folder)
+
+
+@pytest.fixture(autouse=True)
+def swept() -> Iterator[None]:
+    """As in the program, no thread but that of the window deletes what nothing refers to."""
+    gc.disable()
+    yield
+    gc.collect()
+    gc.enable()
 
 
 @pytest.fixture

@@ -104,11 +104,11 @@ class ScriptedRun:
             ) / self.pixel_m
             ux = (ux + np.random.default_rng(n).normal(0, 0.033, r.shape)).astype(np.float32)
             ux[::17, ::13] = np.nan
-            nothing, rings = np.empty_like(ux), np.linspace(0, 3e-3, 30)
+            same, rings = np.full_like(ux, 0.03), np.linspace(0, 3e-3, 30)
             snapshot = replace(
                 snapshot,
                 motion=Motion(0.68e-6 * shear, 0.0),
-                field=DisplacementField(ux, *[nothing] * 4, np.zeros(ux.shape, np.uint8)),
+                field=DisplacementField(ux, *[same] * 4, np.zeros(ux.shape, np.uint8)),
                 rings=RingProfile(rings, rings * 0, rings * 0),
             )
         if n > REFERENCE + 8 and c > 0.05 * self.radius_m:

@@ -222,6 +222,14 @@ def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
     process.stdout.close()
 
 
+def test_an_analysis_whose_bench_is_killed_before_it_calls_ends(tmp_path):
+    process = started("app.processes.analysis", (config.load(None, SMALL), tmp_path / "image"))
+    hello_of(process)
+    process.stdin.close()  # as the system does it
+    process.wait(30)
+    process.stdout.close()
+
+
 def test_a_bench_that_nobody_starts_ends(tmp_path):
     with launched(tmp_path / "a.h5") as run:
         for caller in (run._ask, run._order):
