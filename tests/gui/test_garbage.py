@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import threading
+from typing import ClassVar
 
 from pytestqt.qtbot import QtBot
 
@@ -13,7 +14,7 @@ from app.gui.garbage import collected_here
 class Loop:
     """Refers to itself, and notes the thread in which it is found."""
 
-    found_in: list[int] = []
+    found_in: ClassVar[list[int]] = []
 
     def __init__(self) -> None:
         self.me = self
