@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui.memory import LAYOUT, Memory
+from app.gui.widgets import Settled
 
 LEAST_PX = 240  # width of a dock
 FIRST_PX = (1720, 1000)  # that of the first evening, if the screen has room
@@ -128,12 +129,14 @@ class Docks:
 def _dock(window: QMainWindow, place: Place) -> QDockWidget:
     dock = QDockWidget(place.title, window)
     dock.setObjectName(place.name)
-    held = place.part
+    held: QWidget
     if place.scrolls:
         held = QScrollArea()
         held.setWidgetResizable(True)
         held.setFrameShape(QFrame.Shape.NoFrame)
         held.setWidget(place.part)
         held.setMinimumWidth(LEAST_PX)
+    else:
+        held = Settled(place.part)
     dock.setWidget(held)
     return dock

@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 from PySide6.QtWidgets import QGridLayout, QLabel, QProgressBar, QSizePolicy
 
-from app.gui import theme
 from app.gui.cells import Cell, Tone
 from app.gui.panels import CellView
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, Panel, column, label, row, tint
 
 COLUMNS = 3
 
@@ -44,7 +43,7 @@ class HealthStrip(Panel):
         """Show the verdict and the progress as of now."""
         if view.verdict != self._shown:
             self._shown = view.verdict
-            self.light.setStyleSheet(f"color: {theme.TONES[view.verdict.tone]};")
+            tint(self.light, view.verdict.tone)
             self.light.setToolTip(view.verdict.tone.name.lower())
             self.sentence.setText(view.verdict.value)
             self.sentence.setToolTip(view.verdict.value)
@@ -90,12 +89,8 @@ class HealthPanel(Panel):
             shown.show_cell(cell)
         self.queue.setValue(round(1000 * view.queue_fill))
         self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
-        if self.queue.property("tone") != str(view.queue.tone):
-            self.queue.setProperty("tone", str(view.queue.tone))
-            self.queue.style().polish(self.queue)
-            is_calm = view.queue.tone is Tone.GOOD
-            alarm = f"color: {theme.TONES[view.queue.tone]}; font-weight: 700;"
-            self.queue_text.setStyleSheet("" if is_calm else alarm)
+        tint(self.queue, view.queue.tone)
+        tint(self.queue_text, None if view.queue.tone is Tone.GOOD else view.queue.tone)
 
 
 def _bar(style: str) -> QProgressBar:

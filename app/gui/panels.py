@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QLabel, QPushButton, QSizePolicy, QWidget
 from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, with_subscript
 from app.gui.result_panel import ResultPanel
-from app.gui.widgets import Panel, column, label, row
+from app.gui.widgets import Panel, column, label, row, tint
 from app.records import Phase
 
 __all__ = ["CellRow", "CellView", "ResultPanel", "TopBar"]
@@ -34,12 +34,13 @@ class CellView(QWidget):
         if cell == self._shown:
             return
         self._shown = cell
-        is_known, has_colour = cell.value != DASH, cell.tone is not Tone.NEUTRAL
         self.name.setText(with_subscript(cell.name))
         self.value.setText(cell.value)
-        self.setToolTip(cell.hint)
+        if cell.hint != self.toolTip():
+            self.setToolTip(cell.hint)
+        is_known = cell.value != DASH
         self.detail.setText(" ".join(filter(None, (cell.detail, cell.unit))) if is_known else "")
-        self.value.setStyleSheet(f"color: {theme.TONES[cell.tone]};" if has_colour else "")
+        tint(self.value, None if cell.tone is Tone.NEUTRAL else cell.tone)
 
 
 class CellRow(Panel):

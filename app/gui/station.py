@@ -26,7 +26,7 @@ from app.gui.region_panel import RegionPanel
 from app.gui.result_panel import ResultPanel
 from app.gui.sessions_panel import SessionsPanel
 from app.gui.setup_panel import SetupPanel
-from app.gui.widgets import column
+from app.gui.widgets import Settled, column
 
 
 class Station(QMainWindow):
@@ -44,6 +44,7 @@ class Station(QMainWindow):
     def __init__(self, desk: Desk | None, logs: LogStore) -> None:
         super().__init__()
         self.setWindowTitle("SlipScope")
+        self.setAnimated(False)  # else each change of the layout starts one for each dock
         self.desk, self.memory = desk, Memory()
         self._apply_theme()
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
@@ -70,12 +71,12 @@ class Station(QMainWindow):
         head, body = QWidget(), QWidget()
         for widget in (head, body):
             widget.setObjectName("body")
-        head.setLayout(column(bar, self.top, self.notice, spacing=2, margins=(4, 0, 4, 4)))
+        head.setLayout(column(bar, Settled(self.top), self.notice, spacing=2, margins=(4, 0, 4, 4)))
         self.setMenuWidget(head)  # above all docks, so that nothing covers STOP
-        rows = (self.readouts, (self.interface, 1), self.playback)
+        rows = (Settled(self.readouts), (Settled(self.interface), 1), self.playback)
         body.setLayout(column(*rows, spacing=4))
         self.setCentralWidget(body)
-        self.statusBar().addPermanentWidget(self.strip, 1)
+        self.statusBar().addPermanentWidget(Settled(self.strip), 1)
         self.statusBar().setSizeGripEnabled(False)
         self.docks = Docks(self, tuple(self._places()))
         self.docks.add_to(menus["&View"])

@@ -102,6 +102,12 @@ def now() -> Palette:
     return _used[0]
 
 
+def mixed(colour: str, ground: str, share: float) -> str:
+    """`colour` as it looks on `ground`, of which it lets all but a `share` through; ``#rrggbb``."""
+    pairs = zip(bytes.fromhex(colour[1:]), bytes.fromhex(ground[1:]), strict=True)
+    return "#" + bytes(round(share * a + (1 - share) * b) for a, b in pairs).hex()
+
+
 def apply(application: QApplication, name: Name) -> None:
     """Use a palette in all windows of the program, in sizes that follow the system's font."""
     _used[0] = PALETTES[name]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+from PySide6.QtCore import QEvent, QSize
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QHBoxLayout, QLabel, QLayout, QVBoxLayout, QWidget
 
 from app.gui.cells import Tone
 
 # in a layout: a widget or a layout, with its share of the free space; a number is a gap in pixels
 Part = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
+SLACK = 40  # px that a part may have more than it needs
 STRETCH = -1  # in place of a gap: all the free space
 Box = TypeVar("Box", bound=QBoxLayout)
 
@@ -20,6 +23,57 @@ class Panel(QFrame):
     def __init__(self) -> None:
         super().__init__()
         self.setObjectName("panel")
+
+
+class Settled(QWidget):
+    """Holds a part whose words change several times a second: the window about it is laid out
+    again only where the part needs more room, or clearly less.
+    """
+
+    def __init__(self, part: QWidget) -> None:
+        super().__init__()
+        self._part, self._room = part, QSize()
+        part.setParent(self)
+        self.setSizePolicy(part.sizePolicy())
+        self._measure()
+
+    def sizeHint(self) -> QSize:
+        """That of the part."""
+        return self._part.sizeHint()
+
+    def minimumSizeHint(self) -> QSize:
+        """That of the part."""
+        return self._part.minimumSizeHint().expandedTo(self._part.minimumSize())
+
+    def hasHeightForWidth(self) -> bool:
+        """Whether the part has words that go on in another line."""
+        return self._part.hasHeightForWidth()
+
+    def heightForWidth(self, width: int) -> int:
+        """That of the part."""
+        return self._part.heightForWidth(width)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give all the room to the part."""
+        super().resizeEvent(event)
+        self._part.setGeometry(self.rect())
+
+    def event(self, event: QEvent) -> bool:
+        """Hear that the part has changed."""
+        if event.type() == QEvent.Type.LayoutRequest and self._measure():
+            self.updateGeometry()
+        return super().event(event)
+
+    def _measure(self) -> bool:
+        """Whether the part needs other room than it had."""
+        needed = self.minimumSizeHint()
+        if self.hasHeightForWidth():
+            needed.setHeight(self.heightForWidth(self.width()))
+        more, less = needed - self._room, self._room - needed
+        is_other = max(more.width(), more.height()) > 0 or max(less.width(), less.height()) > SLACK
+        if is_other:
+            self._room = needed
+        return is_other
 
 
 def label(text: str, style: str) -> QLabel:

@@ -28,7 +28,8 @@ from app.records import Outcome
 from app.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
-TICK_MS = 15  # one part of the window is drawn per tick, so that a key waits for one part at most
+TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while parts are to be drawn and while none is
+SLICE_S = 0.008  # the parts of a tick are drawn for so long, so that a key need not wait for all
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
 # after a redraw the window rests this many times as long as it took, the longer the more often
 # frames wait for the analysis: it needs the core
@@ -184,7 +185,7 @@ class MainWindow(Station):
     # ------------------------------------------------------------------ drawing
 
     def _tick(self) -> None:
-        """Draw the next part, or begin a redraw if the last one has been rested from.
+        """Draw the next parts; look at the run if the last redraw has been rested from.
 
         What a redraw has used of this thread's time includes the painting by Qt.
         """
@@ -192,12 +193,19 @@ class MainWindow(Station):
         if popup is not None and popup.windowHandle() is not None:
             for surface in (popup.windowHandle(), self.windowHandle()):
                 surface.installEventFilter(self)  # a second time is none
-        used, since = time.thread_time() - self._drawn[1], time.monotonic() - self._drawn[0]
-        if self._parts:
-            self._draw(self._parts.popleft())
-        elif since >= max(REFRESH_S * self._sparing, (1 + self._rests) * used):
-            self._drawn = (time.monotonic(), time.thread_time())
+        now = time.monotonic()
+        used, since = time.thread_time() - self._drawn[1], now - self._drawn[0]
+        if not self._parts and since >= max(REFRESH_S * self._sparing, (1 + self._rests) * used):
+            self._drawn = (now, time.thread_time())
             self._draw(self._look)
+        if not self._parts:
+            self._draw(self._take)
+        while self._parts and time.monotonic() - now < SLICE_S:
+            self._draw(self._parts.popleft())
+        is_busy = self._parts or (self._reader is not None and self._reader.silent_s())
+        wait_ms = TICK_MS if is_busy else IDLE_MS
+        if wait_ms != self._timer.interval():
+            self._timer.setInterval(wait_ms)
         if self._close_by is not None and (
             not self._is_running() or time.monotonic() > self._close_by
         ):
@@ -215,7 +223,7 @@ class MainWindow(Station):
             self._report(f"The window could not draw the run ({what}); the run itself goes on.")
 
     def _look(self) -> None:
-        """Take the newest answer of the source, and request the next."""
+        """See to all that is not the run's, and ask the source for what is to be drawn."""
         while self._failures:
             sentence, is_alarm = self._failures.popleft()
             self._say(sentence, is_alarm)
@@ -227,14 +235,17 @@ class MainWindow(Station):
         self._show_stop()
         if self._reader is None:
             return
-        answer, silent_s = self._reader.take(), self._reader.silent_s()
-        if answer is not None:
-            self._show(answer)
-        elif silent_s > SILENT_S:
+        silent_s = self._reader.silent_s()
+        if silent_s > SILENT_S:
             self._report(f"The run has not answered for {silent_s:.0f} s; STOP MOTION still works.")
         if self.outcome() is None:  # nothing changes any more after the end
             self._reader.is_shown = self.isVisible() and not self.isMinimized()
             self._reader.request()
+
+    def _take(self) -> None:
+        """Show what the source has answered."""
+        if self._reader is not None and (answer := self._reader.take()) is not None:
+            self._show(answer)
 
     def _show(self, answer: Answer) -> None:
         """Show what is small at once, and put the plots in line to be drawn."""
