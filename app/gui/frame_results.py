@@ -55,8 +55,9 @@ def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
     low, high = np.percentile(pixels[::4, ::4], (0.5, 99.8))
     caption = "display 1:1" if every == 1 else f"display 1:{every}, data full"
     if full.max() >= full_scale:
-        found = np.argwhere(full >= full_scale)
-        pixels[tuple((found // every).T)] = 255
+        found = np.flatnonzero(full >= full_scale)
+        row, column = np.divmod(found, full.shape[1])
+        pixels[row // every, column // every] = 255
         caption += f", {100 * len(found) / full.size:.2g} % of the pixels saturated"
     return ShownImage(pixels, rect, (int(low), int(max(high, low + 1))), caption, full)
 

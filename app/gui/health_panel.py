@@ -13,6 +13,7 @@ from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
 
 COLUMNS = 3
+BAR = 1000  # steps of a bar
 
 
 class HealthStrip(Panel):
@@ -47,7 +48,7 @@ class HealthStrip(Panel):
             self.light.setToolTip(view.verdict.tone.name.lower())
             self.sentence.setText(view.verdict.value)
             self.sentence.setToolTip(view.verdict.value)
-        self.progress.setValue(round(1000 * view.progress))
+        _fill(self.progress, view.progress)
         self.progress_text.setText(f"{100 * view.progress:.0f} %")
 
     @property
@@ -87,7 +88,7 @@ class HealthPanel(Panel):
             self._grid.addWidget(self.views[-1], place // COLUMNS, place % COLUMNS)
         for shown, cell in zip(self.views, cells, strict=True):
             shown.show_cell(cell)
-        self.queue.setValue(round(1000 * view.queue_fill))
+        _fill(self.queue, view.queue_fill)
         self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
         tint(self.queue, view.queue.tone)
         tint(self.queue_text, None if view.queue.tone is Tone.GOOD else view.queue.tone)
@@ -97,6 +98,14 @@ def _bar(style: str) -> QProgressBar:
     bar = QProgressBar()
     bar.setObjectName(style)
     bar.setTextVisible(False)
-    bar.setRange(0, 1000)
+    bar.setRange(0, BAR)
     bar.setFixedHeight(10)
     return bar
+
+
+def _fill(bar: QProgressBar, share: float) -> None:
+    """Fill a bar, to be painted with all the rest: by itself it paints the window at once."""
+    if (value := round(BAR * share)) != bar.value():
+        bar.setUpdatesEnabled(False)
+        bar.setValue(value)
+        bar.setUpdatesEnabled(True)

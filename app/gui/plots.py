@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -18,7 +17,6 @@ from app.gui.run_charts import TITLES
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 
-FRESH_S = 0.45  # charts are drawn anew after so long, the picture at every redraw
 LEAST_CELL = (300, 190)  # width and height of a chart that can be read
 GAP = 8
 MOST_EARLIER, EARLIER_POINTS = 5, 300  # of earlier runs, and of each of their curves
@@ -81,7 +79,7 @@ class ChartCell(PlotPanel):
         self.mark.setToolTip("Number the frame that the picture shows, on the curve")
         self.mark.clicked.connect(mark)
         super().__init__(Canvas(), self.mark, heading=self.choice)
-        self._shown, self._drawn_at = shown, 0.0
+        self._shown = shown
         self.choice.setCurrentIndex(list(TITLES).index(key))
         self.choice.currentIndexChanged.connect(self._choose)
         self._choose()
@@ -91,23 +89,19 @@ class ChartCell(PlotPanel):
         """Of the chart that is shown."""
         return str(self.choice.currentData())
 
-    def show_run(self, *, at_once: bool) -> None:
-        """Draw the chart, unless it was drawn a moment ago."""
-        now = time.monotonic()
-        if at_once or now - self._drawn_at >= FRESH_S:
-            self._drawn_at = now
-            if (chart := self._shown.chart(self.key)) is not None:
-                self.show_chart(chart)
+    def show_run(self) -> None:
+        """Draw the chart, if it has changed."""
+        if (chart := self._shown.chart(self.key)) is not None:
+            self.show_chart(chart)
 
     def begin_run(self) -> None:
         """Show all of the next run."""
         self.canvas.clear()
-        self._drawn_at = 0.0
 
     def _choose(self) -> None:
         self.mark.setVisible(self.key == "loading")
         self.canvas.clear()
-        self.show_run(at_once=True)
+        self.show_run()
 
 
 class CurvesView(QWidget):
@@ -142,7 +136,7 @@ class CurvesView(QWidget):
     def _draw(self, cell: ChartCell, view: ViewState) -> None:
         self._view = view
         self.shown.charts = view.charts
-        cell.show_run(at_once=view.ended)
+        cell.show_run()
 
     def mark_frame(self) -> None:
         """Number the frame that the picture shows."""
@@ -153,7 +147,7 @@ class CurvesView(QWidget):
         place = one.conditions.travel_m * 1e6, one.conditions.shear_force_n
         self.shown.marks.append(Mark(*place, text))
         for cell in self.cells:
-            cell.show_run(at_once=True)
+            cell.show_run()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Show as many charts as there is room for."""

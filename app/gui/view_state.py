@@ -82,6 +82,8 @@ class ViewState:
         What the badge says, in the colour `tone`: the state of a run, REPLAY or ANALYSIS.
     cursor : Cursor or None
         None for a live run, whose newest frame is shown.
+    goes_on : bool
+        Whether it changes by itself.
     """
 
     state: str
@@ -116,6 +118,7 @@ class ViewState:
     agreement: Verdict | None = None
     card: Card | None = None
     stop: StopAnswer | None = None
+    goes_on: bool = False
 
     @property
     def ended(self) -> bool:
@@ -250,6 +253,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         cursor=cursor,
         agreement=reading.agreement,
         card=_card(setup, reading, previous),
+        goes_on=reading.is_playing and outcome is None,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -29,8 +30,9 @@ from app.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
 TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while parts are to be drawn and while none is
-SLICE_S = 0.008  # the parts of a tick are drawn for so long, so that a key need not wait for all
+SLICE_S = 0.02  # the parts of a tick are drawn for so long, so that a key need not wait for all
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
+FRESH_S = 0.45  # numbers and curves are drawn anew after so long, the picture at every redraw
 # after a redraw the window rests this many times as long as it took, the longer the more often
 # frames wait for the analysis: it needs the core
 RESTS, MOST_RESTS, MOST_BEHIND = 3.0, 10.0, 2
@@ -82,6 +84,7 @@ class MainWindow(Station):
         self._rests = RESTS
         self._sparing = 1  # the time between redraws is so many times as long
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
+        self._turn, self._turned = 0, 0.0  # the next of the other parts, and when they had theirs
         self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
@@ -272,12 +275,26 @@ class MainWindow(Station):
         self.top.sentence.setText(view.sentence)
         self._show_buttons()
         self.playback.refresh()
-        self._parts = deque(partial(show, view) for part in self._shows for show in part.parts)
-        self._parts.append(partial(self.readouts.show_cells, view.readouts))
+        self._parts = deque(partial(show, view) for show in self._in_turn(goes_on=view.goes_on))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
             if not self.notice.stays:
                 self.notice.clear()  # how the run ended stands beside the badge
+
+    def _in_turn(self, *, goes_on: bool) -> list[Callable[[ViewState], None]]:
+        """What a redraw draws: the picture and, while the run goes on, those of the other parts
+        whose turn it is, for numbers and curves are read twice a second.
+        """
+        others = [show for part in self._shows[1:] for show in part.parts]
+        others.append(lambda view: self.readouts.show_cells(view.readouts))
+        now, before = time.monotonic(), self._turned
+        self._turned = now
+        count = math.ceil(len(others) * (now - before) / FRESH_S)
+        if goes_on and count < len(others):
+            start = self._turn % len(others)
+            self._turn = start + count
+            others = (2 * others)[start : start + count]
+        return [*self.interface.parts, *others]
 
     def _show_stop(self, read: StopAnswer | None = None) -> None:
         """Show the next answer to a stop; that one has failed can not be missed."""

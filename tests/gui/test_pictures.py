@@ -302,22 +302,6 @@ def test_frames_are_numbered_on_the_loading_curve(
     assert marks[0].y == pytest.approx(snapshot.conditions.shear_force_n)
 
 
-def test_charts_are_drawn_twice_a_second_and_at_the_end(
-    curves: CurvesView, run: ScriptedRun
-) -> None:
-    def points() -> int:
-        return len(curves.cells[0].canvas.chart.lines[0].x)
-
-    view = look(run.at(100))
-    draw(curves, view)
-    before = points()
-    view = look(run.at(110), view)
-    draw(curves, view)
-    assert points() == before
-    draw(curves, look(run.at(330), view))
-    assert points() == 330 - (REFERENCE - 4)
-
-
 def test_earlier_runs_are_seen_faintly_behind(curves: CurvesView, run: ScriptedRun) -> None:
     for _ in range(7):
         draw(curves, look(run.at(330)))

@@ -3,6 +3,7 @@
 import gc
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -90,6 +91,8 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
     qtbot.waitUntil(
         lambda: window._view is not None and window._view.curves.seen == frame and not window._parts
     )
+    window._turned = 0.0  # all parts have their turn now
+    qtbot.waitUntil(lambda: window._turned > 0 and not window._parts)
 
 
 def drawn(window: MainWindow, key: str) -> Line:
@@ -402,3 +405,36 @@ def test_sixteen_bit_images_end_at_the_cameras_full_scale() -> None:
     low, high = shown.stretched
     assert 1000 <= low * 4095 / 255 + 16 < 1100
     assert 2900 < (high + 1) * 4095 / 255 <= 3016
+
+
+def test_each_redraw_draws_the_picture_and_in_turn_all_the_rest(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: Counter[str] = Counter()
+
+    def count(part: object, name: str, key: str) -> None:
+        was = getattr(part, name)
+
+        def counted(*args: object) -> None:
+            drawn[key] += 1
+            was(*args)
+
+        monkeypatch.setattr(part, name, counted)
+
+    count(window.interface, "show_view", "picture")
+    count(window.readouts, "show_cells", "readouts")
+    cells = [cell for cell in window.curves.cells if cell.isVisible()]
+    for cell in cells:
+        count(cell, "show_run", cell.key)
+    begin(qtbot, window, run, 20)
+    for frame in range(21, 35):
+        pictures = drawn["picture"]
+        run.at(frame)
+        qtbot.waitUntil(lambda n=pictures: drawn["picture"] > n)  # type: ignore[misc]
+    others = [drawn["readouts"], *(drawn[cell.key] for cell in cells)]
+    assert 2 <= min(others) <= max(others) < drawn["picture"]
+    run.at(run.frames)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.ended and not window._parts)
+    assert len(cells[0].canvas.chart.lines[0].x) == len(
+        window._view.charts[cells[0].key].lines[0].x
+    )
