@@ -1,0 +1,49 @@
+"""A test that ends its process, or never comes back, fails by its name, and the others go on."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+# the last test of its file, so that nothing is left to do but what another process has begun; an
+# endless loop that no signal interrupts; a thread that the interpreter would wait for
+HOSTILE = """
+import ctypes, itertools, threading, time
+
+def test_before(): time.sleep(0.2)
+def test_of_no_return(): sum(itertools.repeat(0))
+def test_between(): pass
+def test_that_leaves_a_thread(): threading.Thread(target=time.sleep, args=(300,)).start()
+def test_that_crashes(): ctypes.string_at(0)
+"""
+QUIET = "import time\ndef test_a(): time.sleep(0.5)\ndef test_b(): time.sleep(0.5)\n"
+
+
+def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
+    words = options["addopts"].replace("-n logical", "-n 2").split()
+    kept = {name: options[name] for name in ("faulthandler_exit_on_timeout", "filterwarnings")}
+    times = {"timeout": 3, "faulthandler_timeout": 4}
+    given = [f"{name} = {str(value).lower()}" for name, value in (kept | times).items()]
+    assert 0 < options["timeout"] < options["faulthandler_timeout"]
+    (tmp_path / "pytest.ini").write_text(
+        "[pytest]\n" + "\n".join(given).replace("['error']", "error")
+    )
+    (tmp_path / "test_a_hostile.py").write_text(HOSTILE)
+    (tmp_path / "test_b_quiet.py").write_text(QUIET)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *words, "-p", "no:cacheprovider", "--color=no"],
+        cwd=tmp_path,
+        env={k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    failed = re.findall(r"^FAILED \S+::(\w+) - worker 'gw\d' crashed", done.stdout, re.MULTILINE)
+    assert sorted(failed) == ["test_of_no_return", "test_that_crashes"]
+    assert re.fullmatch(r"2 failed, 5 passed in .*s.*", done.stdout.splitlines()[-1].strip("= "))
