@@ -54,9 +54,9 @@ def apparent_radius(a: float, R: float, h: float) -> float:
     return a + math.sqrt(R * h)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RoughContact:
-    """Pressure between a sphere and a rough plane.
+    """Pressure between a sphere and a rough plane; equal to itself alone.
 
     Attributes
     ----------

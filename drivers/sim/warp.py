@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ from analysis.kernels import compiled
 from drivers.sim.optics import IDEAL, Lens
 
 if TYPE_CHECKING:
+    from analysis.mechanics.greenwood_tripp import RoughContact
     from drivers.sim.truth import State
 
 Array = NDArray[np.float64]
@@ -90,8 +92,9 @@ def motion(
     far_y = max(abs(centre[1]), abs(shape[0] - centre[1])) + margin_px
     distance = np.arange(math.ceil(math.hypot(far_x, far_y) * per_px) + 2) / per_px
     g0, g2 = state.radial(distance * pixel_m)
-    rough = state.rough
-    seen = state.apparent_radius_m if rough is None else rough.radius_at(UNSEEN)
+    seen, lit = state.apparent_radius_m, None
+    if state.rough is not None:
+        seen, lit = _touching(state.rough, distance.size, per_px, pixel_m)
     return Motion(
         rigid=(state.rigid_m[0] / pixel_m, state.rigid_m[1] / pixel_m),
         centre=centre,
@@ -100,9 +103,20 @@ def motion(
         g2=np.asarray(g2, float) / pixel_m,
         per_px=float(per_px),
         drive=state.drive,
-        lit=None if rough is None else state.lit_share(distance * pixel_m),
+        lit=lit,
         lens=Lens.of(distortion, shape),
     )
+
+
+@lru_cache(maxsize=2)  # the load is the same in all pictures of a drive
+def _touching(
+    rough: RoughContact, entries: int, per_px: int, pixel_m: float
+) -> tuple[float, Array]:
+    """The radius in metres beyond which no micro-contact touches, and the share that does, as
+    tabulated by `motion`; not to be written to.
+    """
+    lit = rough.pressure(np.arange(entries) / per_px * pixel_m) / rough.peak_pressure
+    return rough.radius_at(UNSEEN), lit
 
 
 @compiled
