@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 from loads import small_sessions
+from study_plans import asked
 
 from app.results import Joint, Results
+from app.study.analyzing import analyze
 from app.study.one import run_result
 
 
@@ -15,6 +17,14 @@ from app.study.one import run_result
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two sessions, to be read only."""
     return small_sessions(tmp_path_factory.mktemp("loads"))
+
+
+@pytest.fixture(scope="session")
+def once(sessions: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of one after the other, in this process."""
+    output = tmp_path_factory.mktemp("once") / "results.h5"
+    analyze(asked(sessions, output), jobs=1)
+    return output
 
 
 @pytest.fixture(scope="session")

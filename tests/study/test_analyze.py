@@ -13,6 +13,7 @@ import time
 import h5py
 import psutil
 import pytest
+from study_plans import TWO_THREADS, asked
 
 from app.errors import UserError
 from app.records import Outcome
@@ -20,16 +21,9 @@ from app.session.results import read_results
 from app.study import worker
 from app.study.analyzing import AnalysisFailed, analyze
 from app.study.parts import Parts
-from app.study.plan import RECORDED, planned
+from app.study.plan import RECORDED
 
 PATIENCE_S = 240.0
-
-
-TWO_THREADS = "dic.threads=2"  # which processes beside one another do not use
-
-
-def asked(sessions, output, *changes):
-    return planned(sessions, output, preset=RECORDED, overrides=(TWO_THREADS, *changes))
 
 
 def command(*arguments):
@@ -40,14 +34,6 @@ def command(*arguments):
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-@pytest.fixture(scope="module")
-def once(sessions, tmp_path_factory):
-    """The results of one after the other, in this process."""
-    output = tmp_path_factory.mktemp("once") / "results.h5"
-    analyze(asked(sessions, output), jobs=1)
-    return output
 
 
 def test_the_runs_come_by_load_with_what_they_have_in_common(once, sessions):

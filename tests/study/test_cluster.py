@@ -9,6 +9,7 @@ import time
 
 import pytest
 from distributed import LocalCluster
+from study_plans import asked
 
 from app.errors import UserError
 from app.study import cluster
@@ -33,9 +34,8 @@ def workers():
         yield held
 
 
-def test_a_lost_worker_costs_its_own_part_only(workers, sessions, tmp_path):
-    here = planned(sessions, tmp_path / "here.h5", preset=RECORDED)
-    there = planned(sessions, tmp_path / "there.h5", preset=RECORDED)
+def test_a_lost_worker_costs_its_own_part_only(workers, once, sessions, tmp_path):
+    there = asked(sessions, tmp_path / "there.h5")
     killed = []
 
     def kill_who_works():
@@ -60,8 +60,7 @@ def test_a_lost_worker_costs_its_own_part_only(workers, sessions, tmp_path):
     thread.join()
     assert killed
     assert told[-1] == "2 of 2 sessions"
-    analyze(here, jobs=1)
-    assert there.output.read_bytes() == here.output.read_bytes()
+    assert there.output.read_bytes() == once.read_bytes()
 
 
 def test_a_session_that_no_worker_sees_is_a_sentence(workers, sessions, tmp_path, monkeypatch):
