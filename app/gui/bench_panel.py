@@ -10,7 +10,6 @@ from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
     QDoubleSpinBox,
-    QFileDialog,
     QFrame,
     QLabel,
     QPushButton,
@@ -37,6 +36,7 @@ from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, wo
 from app.gui.bench_link import BenchLink, Link, News, Said, Zeroed
 from app.gui.cells import Tone
 from app.gui.desk import Desk
+from app.gui.file_question import ask_file
 from app.gui.form import proper
 from app.gui.memory import Memory
 from app.gui.panels import CellRow
@@ -118,8 +118,7 @@ class BenchPanel(QScrollArea):
         """Take the settings of a bench for those of the next run."""
         path = self.bench.itemData(index)
         if self.bench.itemText(index) == FILE:
-            chosen, _ = QFileDialog.getOpenFileName(self, "Bench", "", "Settings (*.toml)")
-            path = Path(chosen) if chosen else None
+            ask_file(self, "Bench", self.pick, kinds="Settings (*.toml)")
         if path is None:
             self.bench.setCurrentIndex(0)
             return

@@ -8,7 +8,6 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QBrush, QColor
 from PySide6.QtWidgets import (
-    QFileDialog,
     QHeaderView,
     QMenu,
     QPushButton,
@@ -20,6 +19,7 @@ from PySide6.QtWidgets import (
 from app.gui import theme
 from app.gui.campaign_lines import CampaignLines, CampaignRun, duration
 from app.gui.desk import Desk
+from app.gui.file_question import ask_file
 from app.gui.form import proper
 from app.gui.later import Later
 from app.gui.widgets import STRETCH, Panel, column, label, row
@@ -160,9 +160,7 @@ class CampaignPanel(Panel):
             self.take(self.lines.runs[self.list.indexOfTopLevelItem(item)])
 
     def _browse(self) -> None:
-        name, _ = QFileDialog.getOpenFileName(self, "Open a campaign", "", CAMPAIGN_FILES)
-        if name:
-            self.open(Path(name))
+        ask_file(self, "Open a campaign", self.open, kinds=CAMPAIGN_FILES)
 
     def _fill_menu(self) -> None:
         self.menu.clear()

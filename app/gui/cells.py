@@ -111,7 +111,7 @@ def operator_sentence(
     if is_running and health.question:
         return f"{health.question} (F8 answers yes; the step is {health.step[:24]})"
     if reason := (outcome or health).reason:
-        return reason[0].upper() + reason[1:]
+        return prose(reason[0].upper() + reason[1:])
     if is_running and run.steps and health.step:
         return f"Step {health.doing}."
     match health.phase if is_running else health.state:

@@ -127,6 +127,9 @@ class Desk(QObject):
         The file that it will record; None: named by date and time.
     is_busy : bool
         Whether a run is going on or being made: settings that are changed now are for the next.
+        A replay counts as one.
+    is_live : bool
+        Whether it is a run on a bench, no replay.
     """
 
     settings_changed = Signal()  # config or session is another
@@ -141,7 +144,7 @@ class Desk(QObject):
     def __init__(self, workshop: Workshop, config: Config, session: Path | None = None) -> None:
         super().__init__()
         self.workshop, self.config, self.session = workshop, config, session
-        self.is_busy = False
+        self.is_busy = self.is_live = False
 
     def set_config(self, config: Config) -> None:
         """Let the next run have these settings."""
@@ -155,8 +158,9 @@ class Desk(QObject):
             self.session = session
             self.settings_changed.emit()
 
-    def set_busy(self, is_busy: bool) -> None:
-        """Say whether a run is going on."""
+    def set_busy(self, is_busy: bool, *, is_live: bool = False) -> None:
+        """Say whether a run is going on, and whether on a bench."""
+        self.is_live = is_live
         if is_busy != self.is_busy:
             self.is_busy = is_busy
             self.busy_changed.emit(is_busy)

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog, QMenu, QSizePolicy, QToolButton, QWid
 
 from app.gui.canvas import Canvas
 from app.gui.charts import Chart
+from app.gui.file_question import ask_file
 from app.gui.widgets import STRETCH, Panel, column, label, row
 
 KINDS = {"png": "picture (*.png)", "svg": "drawing (*.svg)", "csv": "numbers (*.csv)"}
@@ -86,13 +87,15 @@ class PlotPanel(Panel):
     def ask_where(self, kind: str) -> None:
         """Ask for a file of a kind; the window, and STOP MOTION in it, stay within reach."""
         name = re.sub(r"\W+", "-", self.canvas.chart.title).strip("-") or "plot"
-        dialog = QFileDialog(self, f"Save as {kind.upper()}", f"{name}.{kind}", KINDS[kind])
-        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
-        dialog.setDefaultSuffix(kind)
-        dialog.fileSelected.connect(lambda chosen: self._save_or_say(Path(chosen)))
-        dialog.setModal(False)
-        dialog.show()
+        ask_file(
+            self,
+            f"Save as {kind.upper()}",
+            self._save_or_say,
+            start=Path(f"{name}.{kind}"),
+            kinds=KINDS[kind],
+            mode=QFileDialog.FileMode.AnyFile,
+            ending=kind,
+        )
 
     def _save_or_say(self, path: Path) -> None:
         try:

@@ -8,7 +8,7 @@ from enum import StrEnum
 from functools import lru_cache
 
 from app.engine.experiment import TOUCH_FRACTION, phase_of
-from app.gui.cells import Tone
+from app.gui.cells import Tone, prose
 from app.gui.form import proper
 from app.records import Conditions, Health, Outcome
 from app.settings import Config
@@ -123,13 +123,13 @@ def run_steps(
         is_whole = outcome.is_complete
         at = len(steps) if is_whole else before.number if before else 0
         how = Standing.FAILED if outcome.state == "failed" else Standing.STOPPED
-        lines = _lines(config, at, Standing.DONE if is_whole else how, outcome.reason)
+        lines = _lines(config, at, Standing.DONE if is_whole else how, prose(outcome.reason))
         return RunSteps(at, lines, (), Act.BEGIN, "Start the next run")
     if health.state in STARTING:
         return planned(config)
     number = _number(steps, health, newest) or (before.number if before else 0)
     step = steps[number - 1] if number else None
-    advice = "" if health.question or health.state != "running" else health.reason
+    advice = "" if health.question or health.state != "running" else prose(health.reason)
     note = "; ".join(filter(None, (proper(advice), _left(health.left_s))))
     act, acts = _acts(health, step)
     return RunSteps(

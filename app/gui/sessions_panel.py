@@ -24,6 +24,7 @@ from app.gui.background import Background
 from app.gui.cells import DASH, Tone, prose, typeset
 from app.gui.comparison_view import ComparisonView
 from app.gui.desk import Archive, Desk
+from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import Memory
 from app.gui.session_forms import AnalysisForm, ExportForm
 from app.gui.widgets import STRETCH, Panel, column, label, row
@@ -32,7 +33,6 @@ from app.report.side_by_side import Entry, Recorded
 
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
 STATE_TONES = {COMPLETE: Tone.GOOD, STOPPED: Tone.WARN, FAILED: Tone.BAD}
-SESSION_FILES = "Sessions (*.h5 *.hdf5 *.nxs);;All files (*)"
 PATH = Qt.ItemDataRole.UserRole
 
 
@@ -244,16 +244,9 @@ class SessionsPanel(Panel):
         self._ask("Sessions of a folder", QFileDialog.FileMode.Directory, self.list_folder)
 
     def _ask(self, title: str, mode: QFileDialog.FileMode, act: Callable[[Path], None]) -> None:
-        """Ask for a file beside the window, which stays in use with all its keys."""
-        self._dialog = dialog = QFileDialog(self, title, str(self._folder or Path.cwd()))
-        dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
-        dialog.setFileMode(mode)
-        if mode is not QFileDialog.FileMode.Directory:
-            dialog.setNameFilter(SESSION_FILES)
-        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        dialog.fileSelected.connect(lambda name: act(Path(name)))
-        dialog.setModal(False)
-        dialog.show()
+        kinds = "" if mode is QFileDialog.FileMode.Directory else SESSION_FILES
+        start = self._folder or Path.cwd()
+        self._dialog = ask_file(self, title, act, start=start, kinds=kinds, mode=mode)
 
     def _fill_recent(self) -> None:
         menu = self.recent.menu()
@@ -296,7 +289,16 @@ class SessionsPanel(Panel):
         self._show_buttons()
 
     def _analyse(self, session: Path, overrides: list[str], output: Path) -> None:
-        """Analyse a session again in threads of its own, then show both side by side."""
+        """Analyse a session again in threads of its own, then show both side by side.
+
+        Not during a run, whose analysis needs the cores.
+        """
+        if self._desk.is_live:
+            self._say(
+                f"{session.name} was not analysed again: a run is going on, and its own analysis"
+                " needs the processor; begin once the run has ended."
+            )
+            return
         archive, form = self.archive, self.analysis_form
         form.begin(f"{session.name} is being analysed again …")
         self.bar.setRange(0, 1000)

@@ -25,6 +25,7 @@ from app.errors import UserError
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.editors import NAME_WIDTH, FieldRow, Line
+from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import DEFAULTS, Base, Field, Form, Group
 from app.gui.later import Later
 from app.gui.protocol_editor import ProtocolEditor
@@ -42,7 +43,6 @@ EVENING = {  # key -> its name, of what is another every evening
 ABOUT = {"about.sample": "Sample", "about.operator": "Operator", "about.note": "Note"}
 NOTE_LINES = 3
 TOML_FILES = "Settings files (*.toml);;All files (*)"
-SESSION_FILES = "Sessions (*.h5 *.hdf5 *.nxs);;All files (*)"
 HELP_LINES = 4
 
 
@@ -434,27 +434,28 @@ class SetupPanel(Panel):
         self._use()
 
     def _browse(self) -> None:
-        name, _ = QFileDialog.getSaveFileName(
+        ask_file(
             self,
             "Session that the next run records",
-            str(self.desk.session or Path.cwd()),
-            SESSION_FILES,
-            options=QFileDialog.Option.DontConfirmOverwrite,
+            lambda path: self._name(str(path)),
+            start=self.desk.session or Path.cwd(),
+            kinds=SESSION_FILES,
+            mode=QFileDialog.FileMode.AnyFile,
+            may_exist=True,
         )
-        if name:
-            self._name(name)
 
     def _browse_load(self) -> None:
-        name, _ = QFileDialog.getOpenFileName(self, "Load settings", "", TOML_FILES)
-        if name:
-            self.load(Path(name))
+        ask_file(self, "Load settings", self.load, kinds=TOML_FILES)
 
     def _browse_save(self) -> None:
-        name, _ = QFileDialog.getSaveFileName(self, "Save settings", "slipscope.toml", TOML_FILES)
-        if name:
-            self.save(Path(name))
+        ask_file(
+            self,
+            "Save settings",
+            self.save,
+            start=Path("slipscope.toml"),
+            kinds=TOML_FILES,
+            mode=QFileDialog.FileMode.AnyFile,
+        )
 
     def _browse_session(self) -> None:
-        name, _ = QFileDialog.getOpenFileName(self, "Compare with a session", "", SESSION_FILES)
-        if name:
-            self.compare(Path(name))
+        ask_file(self, "Compare with a session", self.compare, kinds=SESSION_FILES)

@@ -14,10 +14,11 @@ from pathlib import Path
 
 from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QApplication, QFileDialog
+from PySide6.QtWidgets import QApplication
 
 from app.gui.cells import Tone
 from app.gui.desk import Desk
+from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
 from app.gui.reader import Answer, ViewReader
@@ -46,6 +47,7 @@ class _Making:
     """A source that a thread makes, and what became of it."""
 
     what: str
+    is_live: bool  # it is a run, no replay
     source: RunSource | None = None
     problem: str = ""
     is_over: bool = False
@@ -107,7 +109,7 @@ class MainWindow(Station):
             self._start()
         elif self.desk is not None:
             config, session, workshop = self.desk.config, self.desk.session, self.desk.workshop
-            self._make("The run", lambda: workshop.run(config, session))
+            self._make("The run", lambda: workshop.run(config, session), is_live=True)
 
     def open_session(self, session: Path | None = None) -> None:
         """Play a recorded run in place of what is shown; without a path the operator is asked."""
@@ -117,15 +119,11 @@ class MainWindow(Station):
             self.notice.say("A run is going on; end it before a session is opened.")
             return
         if session is None:
-            name, _ = QFileDialog.getOpenFileName(
-                self, "Open a session", "", "Sessions (*.h5);;All files (*)"
-            )
-            if not name:
-                return
-            session = Path(name)
+            ask_file(self, "Open a session", self.open_session, kinds=SESSION_FILES)
+            return
         path, workshop = session, self.desk.workshop
         self.memory.remember("session", path)
-        self._make(f"The replay of {path.name}", lambda: workshop.replay(path))
+        self._make(f"The replay of {path.name}", lambda: workshop.replay(path), is_live=False)
 
     def _start(self) -> None:
         assert self._source is not None
@@ -347,7 +345,10 @@ class MainWindow(Station):
         self.top.start.setEnabled(can_begin and not is_running)
         self.top.stop.setEnabled(is_running)
         if self.desk is not None:
-            self.desk.set_busy(is_running or self._making is not None)
+            is_live = is_running and not self._is_replay()
+            if self._making is not None:
+                is_live = is_live or self._making.is_live
+            self.desk.set_busy(is_running or self._making is not None, is_live=is_live)
 
     def _redraw_soon(self) -> None:
         """Look again at the next tick, because the operator chose another frame."""
@@ -366,11 +367,11 @@ class MainWindow(Station):
     def _is_replay(self) -> bool:
         return hasattr(self._source, "playback")
 
-    def _make(self, what: str, make: Callable[[], RunSource]) -> None:
+    def _make(self, what: str, make: Callable[[], RunSource], *, is_live: bool) -> None:
         """Make a source in a thread, to be shown and begun when it is there; say why where it can
         not be made.
         """
-        self._making = making = _Making(what)
+        self._making = making = _Making(what, is_live)
         if not self.notice.is_alarm:
             self.notice.clear()
         self.top.show_state("making ready", Tone.BUSY, "")

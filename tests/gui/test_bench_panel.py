@@ -328,8 +328,10 @@ def test_benches_are_picked_by_name_or_file_and_remembered(
 
     choose("cyclic-shear")
     assert desk_of(panel).config == load(Path("cyclic-shear"))
-    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(own), ""))
     panel._pick(panel.bench.count() - 1)
+    (dialog,) = panel.findChildren(QFileDialog)
+    dialog.fileSelected.emit(str(own))
+    dialog.close()
     assert desk_of(panel).config.camera.width == 320
     assert panel.bench.currentText() == "lab.toml"
     assert Memory().recent("bench") == [own]

@@ -1,13 +1,12 @@
 """The settings of an evening, as an operator types them: by keyboard and mouse."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QMainWindow
+from PySide6.QtWidgets import QFileDialog, QMainWindow
 from pytestqt.qtbot import QtBot
 
 from app.config import load
@@ -232,19 +231,26 @@ def test_save_and_load_by_the_dialogs(
 ) -> None:
     said: list[str] = []
     desk.said.connect(lambda text, _: said.append(text))
-    answers: Callable[..., tuple[str, str]] = lambda *a, **k: (str(tmp_path / "mine.toml"), "")  # noqa: E731
-    for name in ("getSaveFileName", "getOpenFileName"):
-        monkeypatch.setattr(f"app.gui.setup_panel.QFileDialog.{name}", answers)
+
+    def choose() -> None:
+        dialog = panel.findChildren(QFileDialog)[-1]
+        assert not dialog.isModal()  # STOP MOTION stays within reach
+        dialog.fileSelected.emit(str(tmp_path / "mine.toml"))
+        dialog.close()
+
     write(qtbot, panel.row("run.normal_force").editor, "0.3")
     click(qtbot, panel.save_button)
+    choose()
     assert load(tmp_path / "mine.toml") == desk.config
     assert "all as in mine.toml" in panel.compared.text()
     write(qtbot, panel.row("run.normal_force").editor, "0.7")
     assert "1 not as in mine.toml" in panel.compared.text()
     panel.load_menu.menu().actions()[0].trigger()
+    choose()
     assert desk.config.run.normal_force == 0.3
     (tmp_path / "mine.toml").write_text("[run]\nvelocity = 'fast'")
     panel.load_menu.menu().actions()[0].trigger()
+    choose()
     assert desk.config.run.normal_force == 0.3
     assert "The settings stay as they are" in said[-1]
     assert "run.velocity must be a number" in said[-1]

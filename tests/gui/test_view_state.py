@@ -231,7 +231,7 @@ def test_the_sentence_says_what_to_do(run: ScriptedRun) -> None:
 def test_the_end_shows_the_result_and_why(run: ScriptedRun) -> None:
     view = look(run.at(330))
     assert (view.state, view.tone, view.phase, view.ended) == ("done", Tone.GOOD, "end", True)
-    assert view.sentence == "The drive of 190 um is complete"
+    assert view.sentence == "The drive of 190 µm is complete"
     shown = {row.symbol: (row.value, row.noise) for row in view.card.rows}
     assert [shown[symbol] for symbol in ("a", "Q_s", "mu_s", "mu_d", "t_s")] == [
         ("0.450", "0.030"),
@@ -330,3 +330,10 @@ def test_a_disk_with_room_for_few_images_changes_colour(
 ) -> None:
     cell = disk_cell(replace(run.health(), disk_free_bytes=free_bytes), run.config)
     assert (cell.value, cell.tone) == (text, tone)
+
+
+def test_how_a_run_ended_is_told_with_proper_symbols(run: ScriptedRun) -> None:
+    run.request_stop("the drive of 190 um is complete at mu_s = -0.5")
+    view = look(run.at(60))
+    assert view.sentence == "The drive of 190 µm is complete at μₛ = −0.5"
+    assert "190 um" not in "".join(line.note for line in view.steps.lines)

@@ -1,0 +1,60 @@
+"""Asking for a file, beside the window: its keys, and STOP MOTION in it, stay within reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QWidget
+
+SESSION_FILES = "Sessions (*.h5 *.hdf5 *.nxs);;All files (*)"
+
+
+def ask_file(
+    parent: QWidget,
+    title: str,
+    act: Callable[[Path], None],
+    *,
+    start: Path | None = None,
+    kinds: str = "",
+    mode: QFileDialog.FileMode = QFileDialog.FileMode.ExistingFile,
+    ending: str = "",
+    may_exist: bool = False,
+) -> QFileDialog:
+    """Ask for a file and go on at once; no dialog of the system, for it would take all keys.
+
+    Parameters
+    ----------
+    act : callable
+        What is done with the file, once one was chosen.
+    start : Path, optional
+        The folder that is shown at first, or the file that is proposed.
+    kinds : str
+        Kinds of files to choose from, as in ``Sessions (*.h5);;All files (*)``.
+    mode : QFileDialog.FileMode
+        ``AnyFile`` asks where something is to be saved.
+    ending : str
+        Of a file that is named without one.
+    may_exist : bool
+        Whether a file to be saved that exists is taken without a question.
+    """
+    dialog = QFileDialog(parent, title)
+    dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
+    dialog.setOption(QFileDialog.Option.DontConfirmOverwrite, may_exist)
+    dialog.setFileMode(mode)
+    if mode is QFileDialog.FileMode.AnyFile:
+        dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
+    dialog.setDefaultSuffix(ending)
+    if kinds:
+        dialog.setNameFilter(kinds)
+    if start is not None and start.is_dir():
+        dialog.setDirectory(str(start))
+    elif start is not None:
+        dialog.setDirectory(str(start.parent))
+        dialog.selectFile(start.name)
+    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.fileSelected.connect(lambda name: act(Path(name)))
+    dialog.setModal(False)
+    dialog.show()
+    return dialog

@@ -1,0 +1,139 @@
+"""A file is asked for beside the window: STOP MOTION still acts by key and by mouse, and no further
+analysis takes the processor from a run.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QLineEdit
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+from workshops import Makes
+
+from app.gui.desk import Desk
+from app.gui.window import MainWindow
+from app.settings import Config
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+class Records:
+    """An archive that notes which further analyses it is asked for."""
+
+    exports = ()
+
+    def __init__(self) -> None:
+        self.analyses: list[Path] = []
+
+    def reanalysis(self, session: Path, overrides: Any, output: Path) -> Any:
+        self.analyses.append(session)
+        raise OSError("records: there is nothing to analyse")
+
+
+@pytest.fixture
+def run() -> ScriptedRun:
+    return ScriptedRun(320, 240, frames=60)
+
+
+@pytest.fixture
+def records(monkeypatch: pytest.MonkeyPatch) -> Records:
+    made = Records()
+    monkeypatch.setattr(Makes, "archive", made)
+    return made
+
+
+@pytest.fixture
+def window(qtbot: QtBot, run: ScriptedRun) -> Iterator[MainWindow]:
+    made = MainWindow(desk=Desk(Makes(lambda: run), Config()))
+    with qtbot.waitActive(made):
+        made.show()
+    yield made
+    made._must_close = True
+    made.close()
+    made.deleteLater()
+
+
+def asked(qtbot: QtBot, window: MainWindow) -> QFileDialog:
+    """The dialog that is in front, which the operator types in."""
+    qtbot.waitUntil(lambda: any(d.isVisible() for d in window.findChildren(QFileDialog)))
+    (dialog,) = (d for d in window.findChildren(QFileDialog) if d.isVisible())
+    dialog.activateWindow()
+    field = dialog.findChild(QLineEdit)
+    assert field is not None
+    field.setFocus()
+    qtbot.keyClicks(field, "sess")
+    assert "sess" in field.text()
+    return dialog
+
+
+def by_menu(qtbot: QtBot, window: MainWindow) -> None:
+    qtbot.keyClick(window, Qt.Key.Key_O, Qt.KeyboardModifier.ControlModifier)
+
+
+def by_set_up(qtbot: QtBot, window: MainWindow) -> None:
+    assert window.setup is not None
+    qtbot.mouseClick(window.setup.save_button, LEFT)
+
+
+def by_sessions(qtbot: QtBot, window: MainWindow) -> None:
+    assert window.sessions is not None
+    qtbot.mouseClick(window.sessions.open, LEFT)
+
+
+WAYS = {"menu": by_menu, "set-up": by_set_up, "sessions": by_sessions}
+
+
+@pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12, None])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_moving_stage_is_stopped_while_a_file_is_asked_for(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun, way: str, key: Qt.Key | None
+) -> None:
+    WAYS[way](qtbot, window)
+    dialog = asked(qtbot, window)
+    qtbot.keyClick(dialog, Qt.Key.Key_F5)  # the run begins beside the question
+    qtbot.waitUntil(lambda: run.started and window._view is not None)
+    assert not run.called.is_set()
+    if key is None:
+        assert not dialog.isModal()
+        qtbot.mousePress(window.top.stop_motion, LEFT)
+    else:
+        qtbot.keyClick(dialog.findChild(QLineEdit), key)
+    qtbot.waitUntil(run.called.is_set)
+    dialog.close()
+
+
+def test_a_session_that_is_chosen_during_a_run_does_not_take_its_place(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
+    by_menu(qtbot, window)
+    dialog = asked(qtbot, window)
+    qtbot.keyClick(dialog, Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: run.started and window._view is not None)
+    dialog.fileSelected.emit("old.h5")
+    assert "A run is going on" in window.notice.text.text()
+    assert window.source is run
+    dialog.close()
+
+
+def ask_analysis(window: MainWindow) -> Callable[[], str]:
+    assert window.sessions is not None
+    panel = window.sessions
+    panel.analysis_form.asked.emit(Path("old.h5"), [], Path("old-a.h5"))
+    return panel.said.text
+
+
+def test_a_session_is_not_analysed_again_during_a_run(
+    qtbot: QtBot, records: Records, window: MainWindow, run: ScriptedRun
+) -> None:
+    qtbot.keyClick(window, Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: run.started and window._view is not None)
+    said = ask_analysis(window)
+    assert "old.h5 was not analysed again: a run is going on" in said()
+    assert not records.analyses
+    run.at(60)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    ask_analysis(window)
+    qtbot.waitUntil(lambda: records.analyses == [Path("old.h5")])
