@@ -232,8 +232,8 @@ class Canvas(QWidget):
 
     def _draw_ticks(self, painter: QPainter, frame: Frame, text: QFontMetricsF) -> None:
         colours = theme.now()
-        # neither see-through nor drawn as lines: for those Qt wakes its threads, which take ten
-        # times as long where other work has the processor
+        # neither see-through nor drawn as lines: for those Qt wakes its threads, which take far
+        # longer where other work has the processor
         grid = QColor(theme.mixed(colours.grid, colours.panel, 60 / 255))
         most_x = max(2, int(frame.width / (TICK_ROOM[0] * text.averageCharWidth() * 1.5)))
         most_y = max(2, int(frame.height / (TICK_ROOM[1] * text.height())))
