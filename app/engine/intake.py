@@ -5,6 +5,7 @@ the decisions of the run.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from app.engine.course import Measured
 from app.engine.history import History
+from app.engine.losses import Losses
 from app.engine.setup import sensor_chain
 from app.engine.stage import Stage
 from app.engine.watchdog import Watchdog
@@ -67,6 +69,10 @@ class Intake:
     Attributes
     ----------
     samples_lost : int
+    losses : Losses
+        Why they are lost.
+    exposures : int
+        Of the camera, as the board has counted them; negative where it counts none.
     """
 
     def __init__(
@@ -79,7 +85,9 @@ class Intake:
         *,
         pace: float | None,
     ) -> None:
-        self.samples_lost = 0
+        self.samples_lost, self.losses = 0, Losses()
+        self.exposures = -1
+        self._seen: tuple[float, int] | None = None  # a moment, and the newest sample then
         self._config = config
         self._bench = bench
         self._stage = stage
@@ -92,6 +100,13 @@ class Intake:
     def now(self) -> int:
         """The board's newest sample, read or not."""
         return self._history.end + self._bench.forces.backlog()
+
+    def age_s(self, sample: int) -> float:
+        """How long ago a sample was taken; from any thread. NaN before the first block."""
+        if self._seen is None:
+            return math.nan
+        at, newest = self._seen
+        return time.monotonic() - at + (newest - sample) / self._samples_per_s
 
     def zero(self, volts: tuple[float, float]) -> None:
         """From the next block on, these readings are those without a force."""
@@ -121,8 +136,11 @@ class Intake:
         forces = self._chain.forces(volts)
         if isinstance(block, SampleBlock):
             recorder.append(Samples(block.first, volts, forces, self._further(block)))
+            if block.exposures is not None:
+                self.exposures = int(block.exposures[-1])
         else:
             self.samples_lost += block.count
+            self.losses.add(block.reason, block.count)
             recorder.append(Gap(block.first, block.count, block.reason))
         recorder.append(Position(look.now, look.position_m))
         self._history.append(block.first, forces, look.position_m, look.now)
@@ -156,6 +174,7 @@ class Intake:
         watchdog.asked = forces
         # the stage was read now, which is later than the block where more of them wait
         look.now = max(block.end, self.now())
+        self._seen = time.monotonic(), look.now
         look.position_m, look.moves = position, moves
 
     def _further(self, block: SampleBlock) -> NDArray[np.float64] | None:

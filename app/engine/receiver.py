@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from app.engine.channels import LatestChannel
 from app.engine.ending import Ending, sentence
 from app.engine.history import History
+from app.engine.losses import Losses
 from app.engine.recorder import Recorder
 from app.priority import give_way
 from app.records import Event, LostTrigger, ReceivedFrame
@@ -34,8 +35,12 @@ class Receiver:
     ----------
     received, lost : int
         Triggers answered so far, by a frame and by a named loss.
+    losses : Losses
+        Their names.
     latest_image : ndarray or None
         The newest frame's image, not to be written to.
+    latest_sample : int
+        The sample of its trigger.
     """
 
     def __init__(
@@ -49,8 +54,9 @@ class Receiver:
         limits: Limits,
     ) -> None:
         self.received = 0
-        self.lost = 0
+        self.lost, self.losses = 0, Losses()
         self.latest_image: NDArray[Any] | None = None
+        self.latest_sample = 0
         self._camera = camera
         self._train = train
         self._history = history
@@ -178,12 +184,13 @@ class Receiver:
     def _deliver(self, answer: Frame | LostFrame) -> None:
         if isinstance(answer, LostFrame):
             self.lost += 1
+            self.losses.add(answer.reason)
             self._recorder.append(
                 LostTrigger(answer.index, answer.sample, answer.reason, _span(answer))
             )
             return
         self.received += 1
-        self.latest_image = answer.image
+        self.latest_image, self.latest_sample = answer.image, answer.sample
         self._hands_over = True
         if answer.doubt != self._doubt:
             self._doubt = answer.doubt

@@ -198,6 +198,12 @@ class Run(Watched):
         except OSError:
             disk_free = 0
         under_way = self._state in ("running", "stopping")
+        receiver = self._workers.receiver if self._workers else None
+        age_s, losses = math.nan, [self._intake.losses]
+        if receiver is not None:
+            losses.append(receiver.losses)
+            if receiver.latest_image is not None:
+                age_s = self._intake.age_s(receiver.latest_sample)
         return Health(
             state=self._state,
             reason=self._ending.reason
@@ -210,6 +216,9 @@ class Run(Watched):
             sample=self._history.end,
             progress=self._progress,
             uncertain=len(self._analysis.uncertain),
+            exposures=self._intake.exposures,
+            losses="; ".join(filter(None, map(str, losses))),
+            image_age_s=age_s,
             shed=self._quality.shed,
             shed_why=self._quality.why,
             step=self._experiment.text if under_way else "",

@@ -22,7 +22,7 @@ from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.form import proper
 from app.gui.later import Later
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 
 CAMPAIGN_FILES = "Campaigns (*.toml);;All files (*)"
 NUMBER, RUN, STATE, TIME = range(4)
@@ -193,6 +193,11 @@ class CampaignPanel(Panel):
         self.list.setMinimumHeight(120)
         self.list.setToolTip("Enter or a double click puts a run on the desk, also one that failed")
         self.list.setAccessibleName("Runs of the campaign")
+        EmptyNote(
+            self.list,
+            "The runs of a campaign, over loads, velocities, samples and repeats, with what has"
+            " become of each. Open takes a campaign file, or one that comes with the program.",
+        )
         head = self.list.header()
         head.setStretchLastSection(False)
         head.setSectionResizeMode(RUN, QHeaderView.ResizeMode.Stretch)

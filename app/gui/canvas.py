@@ -7,7 +7,7 @@ click or R shows all.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from shiboken6 import VoidPtr
 
 from app.gui import theme
 from app.gui.charts import Chart, Frame, Guide, Line, paths, spots
+from app.gui.lettering import advance, write
 from app.gui.scales import Range, ticks
 from app.records import F64
 
@@ -192,6 +193,8 @@ class Canvas(QWidget):
         """Draw the axes, the legend, and what is behind the curves."""
         colours, text = theme.now(), QFontMetricsF(self.font())
         painter.fillRect(room, QColor(colours.panel))
+        if not self.chart.x_label:  # nothing that axes would belong to
+            return
         inside = QRectF(frame.left, frame.top, frame.width, frame.height)
         self._draw_ticks(painter, frame, text)
         painter.setPen(QPen(QColor(colours.grid), 1))
@@ -199,19 +202,12 @@ class Canvas(QWidget):
         painter.setPen(QColor(colours.text))
         head = room.top() + GAP
         start = max(room.left() + GAP, frame.left - 10 * GAP)
-        painter.drawText(QPointF(start, head + text.ascent()), self.chart.y_label)
-        if self.chart.x_label:
-            middle = QRectF(
-                room.left(),
-                inside.bottom() + text.height() + GAP,
-                room.width(),
-                text.height() + GAP,
-            )
-            middle.setLeft(
-                min(frame.left, room.right() - text.horizontalAdvance(self.chart.x_label))
-            )
-            middle.setRight(max(inside.right(), middle.left()))
-            painter.drawText(middle, Qt.AlignmentFlag.AlignCenter, self.chart.x_label)
+        write(painter, QPointF(start, head + text.ascent()), self.chart.y_label)
+        high = text.height() + GAP
+        middle = QRectF(room.left(), inside.bottom() + text.height() + GAP, room.width(), high)
+        middle.setLeft(min(frame.left, room.right() - text.horizontalAdvance(self.chart.x_label)))
+        middle.setRight(max(inside.right(), middle.left()))
+        painter.drawText(middle, Qt.AlignmentFlag.AlignCenter, self.chart.x_label)
         for line, (row, left) in zip(
             self._legend(), self._legend_rows(text, room.width()), strict=False
         ):
@@ -279,8 +275,14 @@ class Canvas(QWidget):
             curves = self._drawn[1]
         else:
             curves = self._prepare(frame)[1]
+        axes = QRectF(frame.left, frame.top, frame.width, frame.height)
+        if self.chart.hint and self.chart.is_empty:
+            room = axes if self.chart.x_label else QRectF(self.rect())
+            painter.setPen(QColor(theme.now().muted))
+            wrapped = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+            painter.drawText(room.adjusted(2 * GAP, 0, -2 * GAP, 0), wrapped, self.chart.hint)
         painter.save()
-        painter.setClipRect(QRectF(frame.left, frame.top, frame.width, frame.height))
+        painter.setClipRect(axes)
         for span in self.chart.spans:
             self._tint(painter, span.role, _band(frame, span.low, span.high))
         for _, role, _, band, _ in curves:
@@ -288,8 +290,10 @@ class Canvas(QWidget):
                 self._tint(painter, role, piece)
         for _, _, pieces, _, line in curves:
             self._stroke(painter, line, pieces)
-        self._draw_guides(painter, frame)
-        self._draw_marks(painter, frame)
+        drawn = [piece for _, _, pieces, _, _ in curves for piece in pieces]
+        used: list[QRectF] = []
+        self._draw_guides(painter, frame, drawn, used)
+        self._draw_marks(painter, frame, drawn, used)
         painter.restore()
 
     def _tint(self, painter: QPainter, role: str, outline: F64) -> None:
@@ -326,9 +330,10 @@ class Canvas(QWidget):
                     painter.drawPolyline(polygon(piece + shift))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
 
-    def _draw_guides(self, painter: QPainter, frame: Frame) -> None:
-        text = QFontMetricsF(self.font())
-        used: list[QRectF] = []
+    def _draw_guides(
+        self, painter: QPainter, frame: Frame, drawn: list[F64], used: list[QRectF]
+    ) -> None:
+        right, bottom = frame.left + frame.width, frame.top + frame.height
         for guide in self.chart.guides:
             left, top = frame.place(guide.value, guide.value)
             at = left if guide.is_upright else top
@@ -339,51 +344,47 @@ class Canvas(QWidget):
                 continue
             colour = QColor(theme.now().role(guide.role))
             painter.setPen(QPen(colour, 1, Qt.PenStyle.DashLine))
-            right, bottom = frame.left + frame.width, frame.top + frame.height
             if guide.is_upright:
                 painter.drawLine(QPointF(at, frame.top), QPointF(at, bottom))
             else:
                 painter.drawLine(QPointF(frame.left, at), QPointF(right, at))
-            room = self._free_room(guide, at, frame, text, used)
-            painter.setPen(colour)
-            painter.drawText(room, Qt.AlignmentFlag.AlignCenter, guide.text)
+            rooms = self._rooms_beside(guide, at, frame)
+            self._name(painter, guide.text, colour, _free(rooms, frame, drawn, used))
 
-    def _free_room(
-        self, guide: Guide, at: float, frame: Frame, text: QFontMetricsF, used: list[QRectF]
-    ) -> QRectF:
-        """A place beside a guide where no other text is."""
-        width, height = text.horizontalAdvance(guide.text) + 2, text.height()
-        right = frame.left + frame.width
-        for step in range(8):
-            if guide.is_upright:
-                left = at + 3 if at + 3 + width < right else at - 3 - width
-                room = QRectF(left, frame.top + 2 + step * height, width, height)
-            else:
-                top = at - height if at - height > frame.top else at + 1
-                room = QRectF(right - (step + 1) * (width + GAP), top, width, height)
-            if not any(room.intersects(other) for other in used):
-                break
-        used.append(room)
-        return room
+    def _rooms_beside(self, guide: Guide, at: float, frame: Frame) -> list[QRectF]:
+        """Places for the name of a guide, the best first."""
+        width, height = advance(self.font(), guide.text) + 2, QFontMetricsF(self.font()).height()
+        if guide.is_upright:
+            downwards = range(max(1, int((frame.height - 2) / height)))
+            sides = (at + 3, at - 3 - width)
+            places = [(x, frame.top + 2 + n * height) for n in downwards for x in sides]
+        else:
+            right = frame.left + frame.width
+            leftwards = range(1, 1 + max(1, int(frame.width / (width + GAP))))
+            sides = (at - height, at + 1)
+            places = [(right - n * (width + GAP), y) for n in leftwards for y in sides]
+        return [QRectF(*place, width, height) for place in places]
 
-    def _draw_marks(self, painter: QPainter, frame: Frame) -> None:
-        text, colours = QFontMetricsF(self.font()), theme.now()
-        used: list[QRectF] = []
+    def _draw_marks(
+        self, painter: QPainter, frame: Frame, drawn: list[F64], used: list[QRectF]
+    ) -> None:
+        colour, height = QColor(theme.now().text), QFontMetricsF(self.font()).height()
         for mark in self.chart.marks:
             left, top = frame.place(mark.x, mark.y)
             if not frame.holds(left, top):
                 continue
-            painter.setPen(QPen(QColor(colours.text), 1.5))
+            painter.setPen(QPen(colour, 1.5))
             painter.drawEllipse(QPointF(left, top), 4, 4)
-            width, height = text.horizontalAdvance(mark.text), text.height()
+            width = advance(self.font(), mark.text)
             corners = ((6, 2), (-6 - width, -2 - height), (6, -2 - height), (-6 - width, 2))
             rooms = [QRectF(left + x, top + y, width, height) for x, y in corners]
-            axes = QRectF(frame.left, frame.top, frame.width, frame.height)
-            inside = [room for room in rooms if axes.contains(room)] or rooms
-            free = [r for r in inside if not any(r.intersects(other) for other in used)]
-            room = (free or inside)[0]
-            used.append(room)
-            painter.drawText(room, Qt.AlignmentFlag.AlignCenter, mark.text)
+            self._name(painter, mark.text, colour, _free(rooms, frame, drawn, used))
+
+    def _name(self, painter: QPainter, text: str, colour: QColor, room: QRectF) -> None:
+        """Write a name where it covers what is behind it."""
+        painter.fillRect(room, QColor(theme.now().panel))
+        painter.setPen(colour)
+        write(painter, room.topLeft() + QPointF(1, QFontMetricsF(self.font()).ascent()), text)
 
     # ------------------------------------------------------------------ mouse and keyboard
 
@@ -469,6 +470,27 @@ def polygon(points: F64) -> QPolygonF:
         memory: Any = VoidPtr(made.data(), 16 * len(points), True)  # type: ignore[call-arg, arg-type]
         np.frombuffer(memory, np.float64).reshape(-1, 2)[:] = points
     return made
+
+
+def _free(rooms: Iterable[QRectF], frame: Frame, drawn: list[F64], used: list[QRectF]) -> QRectF:
+    """The first of `rooms` in the axes that is on no other text and on no curve, if there is one;
+    it joins those in use.
+    """
+    axes = QRectF(frame.left, frame.top, frame.width, frame.height)
+    all_rooms = list(rooms)
+    inside = [room for room in all_rooms if axes.contains(room)] or all_rooms
+    apart = [r for r in inside if not any(r.intersects(other) for other in used)] or inside
+    room = next((r for r in apart if not any(_crosses(p, r) for p in drawn)), apart[0])
+    used.append(room)
+    return room
+
+
+def _crosses(piece: F64, room: QRectF) -> bool:
+    """Whether a curve, whose points go to the right, runs through a room."""
+    x = np.linspace(room.left(), room.right(), 9)
+    y = np.interp(x, piece[:, 0], piece[:, 1], left=np.nan, right=np.nan)
+    y = y[np.isfinite(y)]
+    return bool(y.size and y.max() > room.top() and y.min() < room.bottom())
 
 
 def _band(frame: Frame, low: float, high: float) -> F64:

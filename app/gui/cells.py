@@ -77,8 +77,10 @@ def with_subscript(symbol: str) -> str:
 
 
 def number(value: float, decimals: int) -> str:
-    """`value` with a true minus sign, or a dash for NaN."""
-    return typeset(f"{value:.{decimals}f}") if math.isfinite(value) else DASH
+    """`value` with a true minus sign, which zero has not, or a dash for NaN."""
+    if not math.isfinite(value):
+        return DASH
+    return typeset(f"{round(value, decimals) + 0.0:.{decimals}f}")
 
 
 def grouped(count: int) -> str:
@@ -152,9 +154,16 @@ def past_sentence(now: Conditions, config: Config, step: str = "") -> str:
 
 
 def count_cells(
-    counts: Counts, uncertain: int = 0, shed: int = 0, shed_why: str = ""
+    counts: Counts,
+    uncertain: int = 0,
+    shed: int = 0,
+    shed_why: str = "",
+    *,
+    exposures: int = -1,
+    losses: str = "",
+    shown: int = 0,
 ) -> tuple[Cell, ...]:
-    """The account of triggers, frames and samples.
+    """The account of triggers, frames and samples, and of images that were `shown`.
 
     Losses are red; an analysis that skips more than half of the frames, or leaves something out of
     each, is amber, and so are frames whose trigger is uncertain.
@@ -163,7 +172,12 @@ def count_cells(
     samples_lost = Tone.BAD if counts.samples_lost else Tone.NEUTRAL
     skipped = counts.frames_skipped / max(1, counts.frames_received)
     return (
-        Cell("triggers", grouped(counts.triggers)),
+        Cell(
+            "triggers",
+            grouped(counts.triggers),
+            detail=f"{grouped(exposures)} exposed" if exposures >= 0 else "",
+            hint="Exposures that the board has counted stand beside, where a counter is wired.",
+        ),
         Cell(
             "frames received",
             grouped(counts.frames_received),
@@ -184,9 +198,10 @@ def count_cells(
             detail=f"{skipped:.0%}" if counts.frames_skipped else "",
             tone=Tone.WARN if skipped > 0.5 else Tone.NEUTRAL,
         ),
-        Cell("frames lost", grouped(counts.frames_lost), tone=lost),
+        Cell("frames lost", grouped(counts.frames_lost), tone=lost, hint=losses),
+        Cell("shown", grouped(shown), hint="Images that were painted in this window."),
         Cell("samples", grouped(counts.samples)),
-        Cell("samples lost", grouped(counts.samples_lost), tone=samples_lost),
+        Cell("samples lost", grouped(counts.samples_lost), tone=samples_lost, hint=losses),
     )
 
 
@@ -248,6 +263,12 @@ def latency_cell(behind_s: float) -> Cell:
     return Cell("analysis behind", number(behind_s, 2), "s", tone=tone)
 
 
+def screen_cell(age_s: float) -> Cell:
+    """How old an image is when it is seen; a dash where none is shown."""
+    hint = "From the trigger of an image until it is painted."
+    return Cell("trigger to screen", number(1e3 * age_s, 0), "ms", hint=hint)
+
+
 def processor_cell(cores: float) -> Cell:
     """How many processor cores the program uses."""
     return Cell("processor", number(cores, 2), "cores", hint="This window and what it started.")
@@ -261,13 +282,15 @@ def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cel
     counts, queue, disk = health.counts, queue_cell(health), disk_cell(health, config)
     is_under_way = outcome is None and health.state in ("running", "stopping")
     skipped = counts.frames_skipped / max(1, counts.frames_received)
+    why = f": {prose(health.losses)}" * bool(health.losses)
     for is_so, tone, sentence in (
         (
             counts.frames_lost,
             Tone.BAD,
-            f"{grouped(counts.frames_lost)} of {grouped(counts.triggers)} triggers have no image.",
+            f"{grouped(counts.frames_lost)} of {grouped(counts.triggers)} triggers have no"
+            f" image{why}.",
         ),
-        (counts.samples_lost, Tone.BAD, f"{grouped(counts.samples_lost)} samples are lost."),
+        (counts.samples_lost, Tone.BAD, f"{grouped(counts.samples_lost)} samples are lost{why}."),
         (
             is_under_way and queue.tone is not Tone.GOOD,
             queue.tone,

@@ -84,7 +84,7 @@ class Mark:
 @dataclass(frozen=True, eq=False)
 class Chart:
     """A plot. Its axes follow the lines, but for `x_range`, which holds where it is given;
-    `y_least` is a range that the axis always shows.
+    `y_least` is a range that the axis always shows, and `hint` is said where there is no point.
     """
 
     title: str
@@ -98,6 +98,12 @@ class Chart:
     x_range: Range | None = None
     y_least: Range = UNKNOWN
     is_downward: bool = False
+    hint: str = ""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no line has a point."""
+        return not any(len(line.x) for line in self.lines)
 
     def ranges(self, held: tuple[Range | None, Range | None] = (None, None)) -> tuple[Range, Range]:
         """Ranges of x and y that hold all lines; `held` are those shown so far."""

@@ -26,7 +26,7 @@ LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 RIGHT = Qt.DockWidgetArea.RightDockWidgetArea
 BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 NARROW_PX, LOW_PX = 1150, 800  # a window of less has room for docks on one side only
-SHARES = {LEFT: 0.24, RIGHT: 0.36, BOTTOM: 0.2}  # of the window, at first
+SHARES = {LEFT: 0.24, RIGHT: 0.32, BOTTOM: 0.2}  # of the window, at first
 
 
 @dataclass(frozen=True, slots=True)

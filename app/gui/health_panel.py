@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from PySide6.QtWidgets import QGridLayout, QLabel, QProgressBar, QSizePolicy
 
-from app.gui.cells import Cell, Tone
+from app.gui.cells import DASH, Cell, Tone, count_cells
 from app.gui.panels import CellView
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
+from app.records import Counts
 
 COLUMNS = 3
 BAR = 1000  # steps of a bar
+IDLE = Cell("verdict", "No run yet. Start (F5) begins one with the settings of the set-up.")
 
 
 class HealthStrip(Panel):
@@ -33,6 +36,7 @@ class HealthStrip(Panel):
             )
         )
         self._shown: Cell | None = None
+        self._say(IDLE)
 
     def show_setup(self, setup: Setup) -> None:
         """Empty the strip."""
@@ -42,14 +46,18 @@ class HealthStrip(Panel):
 
     def show_view(self, view: ViewState) -> None:
         """Show the verdict and the progress as of now."""
-        if view.verdict != self._shown:
-            self._shown = view.verdict
-            tint(self.light, view.verdict.tone)
-            self.light.setToolTip(view.verdict.tone.name.lower())
-            self.sentence.setText(view.verdict.value)
-            self.sentence.setToolTip(view.verdict.value)
+        self._say(view.verdict)
         _fill(self.progress, view.progress)
         self.progress_text.setText(f"{100 * view.progress:.0f} %")
+
+    def _say(self, verdict: Cell) -> None:
+        if verdict == self._shown:
+            return
+        self._shown = verdict
+        tint(self.light, verdict.tone)
+        self.light.setToolTip(verdict.tone.name.lower())
+        self.sentence.setText(verdict.value)
+        self.sentence.setToolTip(verdict.value)
 
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
@@ -70,6 +78,7 @@ class HealthPanel(Panel):
         self._grid.setHorizontalSpacing(16)
         queue = row(label("recorder queue", "name"), (self.queue, 1), self.queue_text, spacing=8)
         self.setLayout(column(self._grid, queue, STRETCH, spacing=8, margins=(10, 8, 10, 8)))
+        self._show_cells(tuple(replace(cell, value=DASH) for cell in count_cells(Counts())))
 
     def show_setup(self, setup: Setup) -> None:
         """There is nothing to empty: every number is drawn again."""
@@ -81,17 +90,18 @@ class HealthPanel(Panel):
 
     def show_view(self, view: ViewState) -> None:
         """Show the account as of now."""
-        cells = (*view.counts, view.latency, view.processor, view.disk)
-        for cell in cells[len(self.views) :]:
-            place = len(self.views)
-            self.views.append(CellView(cell, "count"))
-            self._grid.addWidget(self.views[-1], place // COLUMNS, place % COLUMNS)
-        for shown, cell in zip(self.views, cells, strict=True):
-            shown.show_cell(cell)
+        self._show_cells((*view.counts, view.latency, view.screen, view.processor, view.disk))
         _fill(self.queue, view.queue_fill)
         self.queue_text.setText(f"{view.queue.value} {view.queue.unit}")
         tint(self.queue, view.queue.tone)
         tint(self.queue_text, None if view.queue.tone is Tone.GOOD else view.queue.tone)
+
+    def _show_cells(self, cells: tuple[Cell, ...]) -> None:
+        for place, cell in enumerate(cells):
+            if place == len(self.views):
+                self.views.append(CellView(cell, "count"))
+                self._grid.addWidget(self.views[-1], place // COLUMNS, place % COLUMNS)
+            self.views[place].show_cell(cell)
 
 
 def _bar(style: str) -> QProgressBar:

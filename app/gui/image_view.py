@@ -74,6 +74,8 @@ class InterfaceView(Panel):
     def show_view(self, view: ViewState) -> None:
         """Draw what has changed since the last call."""
         if view.image is not self._image or view.reference is not self._reference:
+            if view.image is not self._image:
+                self.canvas.note_image(view.at_s)
             self._image, self._reference = view.image, view.reference
             self._show_image()
         if view.frame is not self._frame:
@@ -223,8 +225,8 @@ class InterfaceView(Panel):
         )
         self.show_circles = _check(
             "circles",
-            "Dashed: apparent radius a; dotted: aₕ after Hertz; solid: stick radius c; cross:"
-            " centre of the contact",
+            "Dashed: apparent radius a; dotted: a<sub>H</sub> after Hertz; solid: stick radius c;"
+            " cross: centre of the contact",
         )
         self.show_cut = _check("cut", "The field along the line through the contact's centre")
         self.show_circles.setChecked(True)

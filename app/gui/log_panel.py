@@ -62,6 +62,9 @@ class LogPanel(Panel):
         self.text.setMaximumBlockCount(MOST_LINES)
         self.text.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.text.setAccessibleName("Log")
+        self.text.setPlaceholderText(
+            "What the window and the run have said, with the details of each error"
+        )
         self.troubles, self.copy = QCheckBox("Only warnings and errors"), QPushButton("Copy all")
         self.copy.setToolTip("Copies the log with all its details.")
         self.troubles.toggled.connect(self._show_all)

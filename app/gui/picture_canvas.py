@@ -3,22 +3,38 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetricsF, QImage, QPainter, QPen, QRegion, qRgb
+from PySide6.QtGui import (
+    QColor,
+    QFontMetricsF,
+    QImage,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QRegion,
+    qRgb,
+)
 
 from app.gui import theme
 from app.gui.canvas import GAP, TICK_ROOM, Canvas, polygon
 from app.gui.cells import number
 from app.gui.charts import Chart, Frame
 from app.gui.frame_results import Circles, Field, ShownImage
+from app.gui.lettering import advance, write
 from app.gui.scales import Range, diverging, round_step, sequential, ticks
 from app.gui.source import Rect
+from app.gui.view_state import NOTHING_SEEN, Eyes
 
 BAR, BAR_TEXT = 14.0, 7  # width of the colour bar in px, and of its numbers in characters
+NO_PICTURE = (
+    "The camera's image, and the displacements in it, appear here when a run begins (F5) or a"
+    " recorded session is opened (Ctrl+O)."
+)
 SCALE_BAR = 0.2  # of the width of the picture, at least
 MARGIN = 0.01  # about the image, of its width
 _OPAQUE = QImage.Format.Format_RGB32
@@ -42,6 +58,9 @@ class PictureCanvas(Canvas):
         self.circles: Circles | None = None
         self._shows_circles = True
         self._place = math.nan
+        self.eyes = NOTHING_SEEN
+        self._read_at_s: float | None = None  # of an image that is not painted yet
+        self.chart = Chart("Interface", "", "", hint=NO_PICTURE)
 
     def sizeHint(self) -> QSize:
         """A size at which a picture is seen well."""
@@ -51,6 +70,7 @@ class PictureCanvas(Canvas):
         """Empty the picture; `size` is that of images in pixels of `mm`, `grid` that of a field."""
         self._mm, self._size, self._grid = mm, size, grid
         self._image = self.field = self._colours = self.circles = None
+        self.eyes, self._read_at_s = NOTHING_SEEN, None
         self.clear()
         width, height = size[0] * mm, size[1] * mm
         pad = MARGIN * width
@@ -97,6 +117,17 @@ class PictureCanvas(Canvas):
         elif self._colours is not None and self._colours[2][:4] != "diff":
             self._colours = None
         self.update()
+
+    def note_image(self, read_at_s: float) -> None:
+        """What will be painted next is an image that was read at that moment."""
+        self._read_at_s = read_at_s
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw all, and note that an image was seen."""
+        super().paintEvent(event)
+        if self._read_at_s is not None:
+            delay_s, self._read_at_s = time.monotonic() - self._read_at_s, None
+            self.eyes = Eyes(self.eyes.shown + 1, delay_s)
 
     def show_circles(self, circles: Circles) -> None:
         """Draw the circles and the centre."""
@@ -237,7 +268,7 @@ class PictureCanvas(Canvas):
         used: list[QRectF] = []
         for radius, name in (
             (circles.stick_px, "c"),
-            (circles.hertz_px, "aₕ"),
+            (circles.hertz_px, "a_H"),
             (circles.apparent_px, "a"),
         ):
             if math.isfinite(radius) and radius * scale > 8:
@@ -254,7 +285,7 @@ class PictureCanvas(Canvas):
     ) -> None:
         """Write a radius beside its circle, where no other name is."""
         text = QFontMetricsF(self.font())
-        width, height = text.horizontalAdvance(name) + 6, text.height()
+        width, height = advance(self.font(), name) + 6, text.height()
         for degrees in (45, 20, 70, 135, 160, 110, -45, -135):
             way = math.radians(degrees)
             at = centre + QPointF(radius * math.cos(way), -radius * math.sin(way))
@@ -266,7 +297,7 @@ class PictureCanvas(Canvas):
                 used.append(room)
                 painter.fillRect(room, _HALO)
                 painter.setPen(_WHITE)
-                painter.drawText(room, Qt.AlignmentFlag.AlignCenter, name)
+                write(painter, room.topLeft() + QPointF(3, text.ascent()), name)
                 return
 
     def _draw_cut(self, painter: QPainter, frame: Frame) -> None:

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QToolButton, QWidget
 from app.gui.canvas import Canvas
 from app.gui.charts import Chart, Line, Mark
 from app.gui.plot_panel import PlotPanel
-from app.gui.run_charts import TITLES
+from app.gui.run_charts import TITLES, no_chart
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 
@@ -33,10 +33,9 @@ class Shown:
         default_factory=lambda: deque(maxlen=MOST_EARLIER)
     )
 
-    def chart(self, key: str) -> Chart | None:
-        """A chart with what is behind it; None before the first."""
-        if (chart := self.charts.get(key)) is None:
-            return None
+    def chart(self, key: str) -> Chart:
+        """A chart with what is behind it."""
+        chart = self.charts.get(key) or no_chart(key)
         if behind := tuple(line for run in self.earlier for line in run.get(key, ())):
             caption = " · ".join(filter(None, (chart.caption, "faint: earlier runs")))
             chart = replace(chart, lines=(*behind, *chart.lines), caption=caption)
@@ -91,8 +90,7 @@ class ChartCell(PlotPanel):
 
     def show_run(self) -> None:
         """Draw the chart, if it has changed."""
-        if (chart := self._shown.chart(self.key)) is not None:
-            self.show_chart(chart)
+        self.show_chart(self._shown.chart(self.key))
 
     def begin_run(self) -> None:
         """Show all of the next run."""

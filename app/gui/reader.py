@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from app.gui.load import ProcessorLoad
 from app.gui.source import RunSource, Setup, setup_of
-from app.gui.view_state import ViewState, read, resolve
+from app.gui.view_state import NOTHING_SEEN, ViewState, read, resolve
 from app.priority import give_way
 
 LOG = logging.getLogger(__name__)
@@ -35,6 +35,7 @@ class ViewReader:
         self._requested = threading.Event()
         self._closed = False
         self.is_shown = True  # whether the window can be seen
+        self.eyes = NOTHING_SEEN  # what was seen in it
         self._requested_at: float | None = None
         self._answer: Answer | None = None
         self._lock = threading.Lock()
@@ -81,7 +82,13 @@ class ViewReader:
             try:
                 setup = setup or setup_of(self.source)
                 seen = view.curves.seen if view else 0
-                newest = read(self.source, seen, is_shown=self.is_shown, cores=load.cores())
+                newest = read(
+                    self.source,
+                    seen,
+                    is_shown=self.is_shown,
+                    eyes=self.eyes,
+                    cores=load.cores(),
+                )
                 view = resolve(setup, newest, view)
             except Exception as error:  # it is shown, and the next look may succeed
                 problem = (

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QListWidget, QPushButton, QToolButton
 from analysis.settings import Polygon
 from app.gui.desk import Desk
 from app.gui.region_overlay import Picture, RegionOverlay
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 
 SHARES = {True: 0.3, False: 0.1}  # half the side of a new polygon, of the picture
 NAMES = {True: "measure", False: "leave out"}
@@ -151,6 +151,7 @@ class RegionPanel(Panel):
         self.sentence, self.list = label("", "muted"), QListWidget()
         self.sentence.setWordWrap(True)
         self.list.setAccessibleName("Polygons of the region")
+        EmptyNote(self.list, "No polygon: all of the picture is measured")
         self.list.setFixedHeight(92)
         self.measure_button, self.leave_button = QPushButton("Measure in"), QPushButton("Leave out")
         self.measure_button.setToolTip("A polygon in which displacements are measured")

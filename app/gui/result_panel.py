@@ -21,7 +21,7 @@ from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, prose, typeset, with_subscript
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 from app.report.card import COLUMNS, COMPLETE, FAILED, PLAYED, STOPPED, Card
 from app.report.summary import Row
 
@@ -41,6 +41,11 @@ class ResultPanel(Panel):
         self._card: Card | None = None
         self.heading, self.verdict = label("Settings of the run", "heading"), QLabel("")
         self.table = read_only_table(COLUMNS)
+        EmptyNote(
+            self.table,
+            "The settings of a run and, once it has ended, every number that came of it with both"
+            " parts of its uncertainty: by noise and by the inputs.",
+        )
         self.notes = label("", "muted")
         self.notes.setWordWrap(True)
         self.notes.setTextInteractionFlags(
@@ -75,6 +80,7 @@ class ResultPanel(Panel):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Put the notes below the table, or beside it where there is more width than height."""
         super().resizeEvent(event)
+        self.table.resizeRowsToContents()
         is_flat = self.width() > max(FLAT_PX, 2 * self.height())
         way = QBoxLayout.Direction
         self._body.setDirection(way.LeftToRight if is_flat else way.TopToBottom)
@@ -139,7 +145,6 @@ def read_only_table(columns: tuple[str, ...]) -> QTableWidget:
     table.setHorizontalHeaderLabels(list(columns))
     table.verticalHeader().hide()
     table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
-    table.setWordWrap(False)
     table.setTabKeyNavigation(False)
     table.verticalHeader().setDefaultSectionSize(table.fontMetrics().height() + 8)
     header = table.horizontalHeader()
@@ -170,6 +175,7 @@ def fill(table: QTableWidget, columns: tuple[str, ...], rows: list[tuple[str, ..
             if 2 <= j < len(texts) - 1:
                 item.setTextAlignment(right)
             table.setItem(k, j, item)
+    table.resizeRowsToContents()
 
 
 def _told(one: Row) -> str:

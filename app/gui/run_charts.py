@@ -27,10 +27,24 @@ TITLES = {
     "sliding": "Slip in time",
     "noise": "Noise of uₓ",
 }
+HINTS = {
+    "loading": "Q against the travel δ, from the start of the drive",
+    "sticking": "The stick radius c of each frame, from the start of the drive",
+    "traction": "Mean traction at each radius, of the frame that is shown",
+    "forces": "P and Q in time, from the start of the run",
+    "displacement": "Mean displacement at each radius, of the frame that is shown",
+    "sliding": "uₓ at four radii in time, from the start of the drive",
+    "noise": "Noise of uₓ beside the least that the images allow, from the reference on",
+}
 NAMES_OF_SHARES = ("r = 0", "a/2", "3a/4", "a")
 ROLES_OF_SHARES = ("shear", "stick", "normal", "model")
 TRAVEL_Q = ("travel_um", "Q_N")
 MODEL_POINTS = 200
+
+
+def no_chart(key: str) -> Chart:
+    """A chart before the first run."""
+    return Chart(TITLES[key], "", "", hint=HINTS[key])
 
 
 def charts_of(
@@ -50,6 +64,7 @@ def charts_of(
         "sliding": _sliding(curves, summary),
         "noise": _noise(curves),
     }
+    charts = {key: replace(chart, hint=HINTS[key]) for key, chart in charts.items()}
     for chart in charts.values():
         _ = chart.extents
     return charts
@@ -128,7 +143,7 @@ def _sticking(setup: Setup, curves: Curves, summary: Summary | None) -> Chart:
     return Chart(
         TITLES["sticking"],
         "Q/(μP)" if said else "Q/P",
-        "c/aₕ",
+        "c/a_H",
         (peaks, fit, model),
         caption=said,
         x_range=(0.0, 1.1) if said else None,
@@ -147,7 +162,7 @@ def _radii(frame: FrameResults) -> tuple[Guide, ...]:
     around, profiles = frame.circles, frame.profiles
     return (
         Guide(around.apparent_px * mm, "a", is_upright=True),
-        Guide(around.hertz_px * mm, "aₕ", is_upright=True, role="muted"),
+        Guide(around.hertz_px * mm, "a_H", is_upright=True, role="muted"),
         Guide(profiles.stick_mm, "c fitted", is_upright=True, role="stick"),
         Guide(profiles.peak_mm, "c", is_upright=True, role="shear"),
     )

@@ -27,7 +27,7 @@ from app.gui.desk import Archive, Desk
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import Memory
 from app.gui.session_forms import AnalysisForm, ExportForm
-from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 from app.report.card import COMPLETE, FAILED, STOPPED
 from app.report.side_by_side import Entry, Recorded
 
@@ -117,6 +117,10 @@ class SessionsPanel(Panel):
         self.open, self.folder = QPushButton("Open …"), QPushButton("Folder …")
         self.recent = QPushButton("Recent")
         self.list = SessionList(self.play)
+        EmptyNote(
+            self.list,
+            "Recorded sessions of a folder, to be played, compared, analysed again and exported",
+        )
         self.play_button, self.compare_button = QPushButton("Play"), QPushButton("Compare")
         self.analyse, self.export = QPushButton("Analyse again …"), QPushButton("Export …")
         self.where = label("Drop a session or a folder here.", "muted")
@@ -147,7 +151,8 @@ class SessionsPanel(Panel):
                 row(self.open, self.folder, self.recent, STRETCH, spacing=4),
                 self.where,
                 (self.list, 1),
-                row(self.play_button, self.compare_button, self.analyse, self.export, spacing=4),
+                row((self.play_button, 1), (self.compare_button, 1), spacing=4),
+                row((self.analyse, 1), (self.export, 1), spacing=4),
                 self.analysis_form,
                 self.export_form,
                 self.bar,

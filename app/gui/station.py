@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
@@ -9,6 +10,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 from app.gui import theme
 from app.gui.bench_panel import BenchPanel
 from app.gui.campaign_panel import CampaignPanel
+from app.gui.cells import readouts
 from app.gui.desk import Desk, Part
 from app.gui.docks import BOTTOM, LEFT, RIGHT, Docks, Place
 from app.gui.experiment_panel import ExperimentPanel
@@ -49,6 +51,7 @@ class Station(QMainWindow):
         self._apply_theme()
         self.top, self.notice, self.playback = TopBar(), Notice(), PlaybackBar()
         self.interface, self.readouts, self.strip = InterfaceView(), CellRow(), HealthStrip()
+        self.readouts.show_cells(readouts(*4 * (math.nan,)))
         self.curves, self.result, self.health = CurvesView(), ResultPanel(), HealthPanel()
         self.log = LogPanel(logs)
         self.bench = self.setup = self.experiment = self.sessions = self.campaign = None

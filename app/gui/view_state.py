@@ -7,6 +7,7 @@ source, and `resolve` turns them into a frozen `ViewState`.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,11 +37,24 @@ from app.summary import Summary
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
 
 
+@dataclass(frozen=True, slots=True)
+class Eyes:
+    """What was seen of a run: how many of its images were painted, and how long after it was read
+    the newest one was.
+    """
+
+    shown: int = 0
+    delay_s: float = math.nan
+
+
+NOTHING_SEEN = Eyes()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """The newest data of a source; `browsed` is the recorded frame that is shown in their place,
-    `is_analysed` whether it has results, `is_playing` whether it changes by itself, and `agreement`
-    what a replay comes to.
+    """The newest data of a source, read at a moment `at_s` of the computer's clock; `browsed` is
+    the recorded frame that is shown in their place, `is_analysed` whether it has results,
+    `is_playing` whether it changes by itself, and `agreement` what a replay comes to.
     """
 
     health: Health
@@ -49,6 +63,8 @@ class Reading:
     contact: ContactResult | None
     forces: tuple[NDArray[Any], F64, F64]
     outcome: Outcome | None
+    at_s: float = math.nan
+    eyes: Eyes = NOTHING_SEEN
     browsed: Snapshot | None = None
     cores: float = math.nan
     stop: StopAnswer | None = None
@@ -84,6 +100,8 @@ class ViewState:
         None for a live run, whose newest frame is shown.
     goes_on : bool
         Whether it changes by itself.
+    at_s : float
+        When it was read, by the computer's clock.
     """
 
     state: str
@@ -96,6 +114,7 @@ class ViewState:
     queue: Cell
     disk: Cell
     latency: Cell
+    screen: Cell
     processor: Cell
     verdict: Cell
     image: ShownImage | None
@@ -119,6 +138,7 @@ class ViewState:
     card: Card | None = None
     stop: StopAnswer | None = None
     goes_on: bool = False
+    at_s: float = math.nan
 
     @property
     def ended(self) -> bool:
@@ -132,12 +152,18 @@ class ViewState:
 
 
 def read(
-    source: RunSource, seen: int, *, is_shown: bool = True, cores: float = math.nan
+    source: RunSource,
+    seen: int,
+    *,
+    is_shown: bool = True,
+    eyes: Eyes = NOTHING_SEEN,
+    cores: float = math.nan,
 ) -> Reading:
     """The newest data of `source`; of the snapshots, those after the first `seen`. `is_shown` says
     whether the window can be seen, and `cores` how many the program uses.
     """
     outcome = source.outcome()  # first, so that all that is read after an outcome is complete
+    at_s = time.monotonic()
     reading = Reading(
         source.health(),
         source.latest_image(),
@@ -145,6 +171,8 @@ def read(
         source.contact(),
         source.force_history(FORCE_POINTS),
         outcome,
+        at_s,
+        eyes,
         cores=cores,
         stop=source.stop_answer(),
     )
@@ -219,11 +247,22 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         phase=str(Phase.END) if outcome else health.phase,
         sentence=sentence,
         progress=min(1.0, max(0.0, health.progress)),
-        counts=cells.count_cells(health.counts, health.uncertain, health.shed, health.shed_why),
+        counts=cells.count_cells(
+            health.counts,
+            health.uncertain,
+            health.shed,
+            health.shed_why,
+            exposures=health.exposures,
+            losses=health.losses,
+            shown=reading.eyes.shown,
+        ),
         queue_fill=min(1.0, max(0.0, health.queue_fill)),
         queue=cells.queue_cell(health),
         disk=cells.disk_cell(health, config),
         latency=latency,
+        screen=cells.screen_cell(
+            math.nan if outcome else health.image_age_s + reading.eyes.delay_s
+        ),
         processor=cells.processor_cell(reading.cores),
         verdict=cells.verdict_cell(health, outcome, config),
         image=image,
@@ -254,6 +293,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         agreement=reading.agreement,
         card=_card(setup, reading, previous),
         goes_on=reading.is_playing and outcome is None,
+        at_s=reading.at_s,
     )
 
 

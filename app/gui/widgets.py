@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from PySide6.QtCore import QEvent, QSize
+from PySide6.QtCore import QEvent, QSize, Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QFrame, QHBoxLayout, QLabel, QLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QBoxLayout,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QLayout,
+    QVBoxLayout,
+    QWidget,
+)
 
 from app.gui.cells import Tone
 
@@ -74,6 +83,24 @@ class Settled(QWidget):
         if is_other:
             self._room = needed
         return is_other
+
+
+class EmptyNote(QLabel):
+    """Says in a list or a table, as long as it has no row, what it is for."""
+
+    def __init__(self, view: QAbstractItemView, text: str) -> None:
+        super().__init__(text)
+        self.setObjectName("muted")
+        self.setWordWrap(True)
+        self.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        view.viewport().setLayout(column(self, margins=(12, 12, 12, 12)))
+        self._model = view.model()
+        for changed in (self._model.rowsInserted, self._model.rowsRemoved, self._model.modelReset):
+            changed.connect(self._look)
+
+    def _look(self) -> None:
+        self.setVisible(not self._model.rowCount())
 
 
 def label(text: str, style: str) -> QLabel:

@@ -37,6 +37,7 @@ FRESH_S = 0.45  # numbers and curves are drawn anew after so long, the picture a
 # after a redraw the window rests this many times as long as it took, the longer the more often
 # frames wait for the analysis: it needs the core
 RESTS, MOST_RESTS, MOST_BEHIND = 3.0, 10.0, 2
+MOST_REST_S = 1.0
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
@@ -82,7 +83,7 @@ class MainWindow(Station):
         self._reported = False  # the notice shows a trouble with reading or drawing
         self._logged = ""  # the last trouble with drawing that was logged
         # when the last redraw began, by the clock and in processor time of this thread
-        self._drawn = (0.0, 0.0)
+        self._drawn = (-math.inf, time.thread_time())
         self._rests = RESTS
         self._sparing = 1  # the time between redraws is so many times as long
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
@@ -196,7 +197,8 @@ class MainWindow(Station):
                 surface.installEventFilter(self)  # a second time is none
         now = time.monotonic()
         used, since = time.thread_time() - self._drawn[1], now - self._drawn[0]
-        if not self._parts and since >= max(REFRESH_S * self._sparing, (1 + self._rests) * used):
+        rest_s = min(MOST_REST_S, (1 + self._rests) * used)
+        if not self._parts and since >= max(REFRESH_S * self._sparing, rest_s):
             self._drawn = (now, time.thread_time())
             self._draw(self._look)
         if not self._parts:
@@ -241,6 +243,7 @@ class MainWindow(Station):
             self._report(f"The run has not answered for {silent_s:.0f} s; STOP MOTION still works.")
         if self.outcome() is None:  # nothing changes any more after the end
             self._reader.is_shown = self.isVisible() and not self.isMinimized()
+            self._reader.eyes = self.interface.canvas.eyes
             self._reader.request()
 
     def _take(self) -> None:
@@ -352,7 +355,7 @@ class MainWindow(Station):
 
     def _redraw_soon(self) -> None:
         """Look again at the next tick, because the operator chose another frame."""
-        self._drawn = (0.0, time.thread_time())
+        self._drawn = (-math.inf, time.thread_time())
         if self._reader is not None:
             self._reader.request()
 

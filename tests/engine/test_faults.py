@@ -89,6 +89,8 @@ def test_a_lost_image_is_a_named_loss_at_its_index_and_the_run_goes_on(ended, fa
     assert (e.outcome.state, e.outcome.reason) == ("done", "the drive of 30 um is complete")
     assert tuple(e.lost) == where
     assert all(words in reason for reason in e.lost.values())
+    assert f"{len(where)} ×" in (told := e.run.health().losses)
+    assert words in told
     assert all(sample == 125 * index for index, (sample, _) in e.triggers.items())
     assert e.stands()
 
@@ -101,6 +103,7 @@ def test_a_late_trigger_is_seen_where_the_board_counts_the_exposures(ended, coun
     assert e.counts.frames_lost == 0
     assert e.triggers[30][0] == 125 * 30 + (7 if counted else 0)
     assert e.triggers[31][0] == 125 * 31
+    assert e.run.health().exposures == (e.counts.triggers if counted else -1)
 
 
 def test_a_corrupt_picture_is_kept_and_only_its_own_points_are_lost(ended, tmp_path):

@@ -1,19 +1,21 @@
 """Every plot is zoomed, reset, copied and saved the same way, by mouse and by keyboard."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QColor, QGuiApplication, QImage, QWheelEvent
+from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QGuiApplication, QImage, QPainter, QWheelEvent
 from PySide6.QtWidgets import QApplication, QFileDialog
 from pytestqt.qtbot import QtBot
 
 from app.gui import theme
 from app.gui.canvas import Canvas
 from app.gui.charts import Chart, Guide, Line, Mark
+from app.gui.lettering import advance
 from app.gui.plot_panel import PlotPanel
 
 
@@ -133,16 +135,45 @@ def test_the_curve_is_drawn_where_its_values_are(panel: PlotPanel) -> None:
     assert min(map(distance, near)) < 60 < min(map(distance, far))
 
 
-def test_texts_do_not_overprint(panel: PlotPanel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_texts_overprint_neither_each_other_nor_the_curve(
+    panel: PlotPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     guides = tuple(Guide(0.5 + 0.001 * n, f"line {n}", is_upright=True) for n in range(5))
+    guides += (Guide(0.97, "level"),)  # its usual place is on the curve's end
     panel.show_chart(chart(guides=guides, marks=(Mark(0.5, 0.5, "1"), Mark(0.51, 0.5, "2"))))
-    rooms = []
-    free = panel.canvas._free_room
-    monkeypatch.setattr(panel.canvas, "_free_room", lambda *a: rooms.append(free(*a)) or rooms[-1])
+    rooms = {}
+    write = panel.canvas._name
+
+    def noted(painter: QPainter, text: str, colour: QColor, room: QRectF) -> None:
+        rooms[text] = room
+        write(painter, text, colour, room)
+
+    monkeypatch.setattr(panel.canvas, "_name", noted)
     panel.canvas.grab()
-    assert len(rooms) == 5
-    for n, room in enumerate(rooms):
-        assert not any(room.intersects(other) for other in rooms[:n])
+    assert len(rooms) == 8
+    placed = list(rooms.values())
+    for n, room in enumerate(placed):
+        assert not any(room.intersects(other) for other in placed[:n])
+    frame = panel.canvas.frame()
+    for text, room in rooms.items():
+        on_curve = [frame.place(x, x) for x in np.linspace(0, 1, 500)]
+        assert not any(room.contains(*at) for at in on_curve), text
+
+
+def test_a_plot_without_a_point_says_what_it_will_show(panel: PlotPanel) -> None:
+    panel.show_chart(Chart("Loading curve", "", "", hint="Q against the travel"))
+    hinted = panel.canvas.grab().toImage()
+    panel.show_chart(Chart("Loading curve", "", ""))
+    assert hinted != panel.canvas.grab().toImage()
+    panel.show_chart(replace(chart(), hint="Q against the travel"))
+    drawn = panel.canvas.grab().toImage()
+    panel.show_chart(chart())
+    assert drawn == panel.canvas.grab().toImage()
+
+
+def test_a_subscript_is_small_and_below_the_line(qtbot: QtBot) -> None:
+    font = QApplication.font()
+    assert advance(font, "a") < advance(font, "a_H") < advance(font, "aH") < advance(font, "a_HH")
 
 
 def test_the_name_of_a_mark_stays_inside_the_axes(

@@ -13,7 +13,7 @@ from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_c
 from app.gui.frame_results import shown_image
 from app.gui.run_curves import SHARES_OF_A
 from app.gui.source import setup_of
-from app.gui.view_state import ViewState, read, resolve
+from app.gui.view_state import Eyes, ViewState, read, resolve
 from app.records import Counts, Outcome, Phase
 
 
@@ -278,6 +278,20 @@ def test_losses_are_red() -> None:
     assert cells["frames lost"].tone is Tone.BAD
     assert cells["samples lost"].tone is Tone.NEUTRAL
     assert cells["samples"].value == "41\u202f250"
+
+
+def test_health_names_losses_exposures_and_the_age_of_what_is_seen(run: ScriptedRun) -> None:
+    reading = read(run.at(50), 0, eyes=Eyes(shown=12, delay_s=0.030))
+    told = {"exposures": 49, "losses": "2 × no image came in 40 ms", "image_age_s": 0.052}
+    counts = replace(reading.health.counts, frames_lost=2)
+    reading = replace(reading, health=replace(reading.health, counts=counts, **told))
+    view = resolve(setup_of(run), reading, None)
+    cells = {cell.name: cell for cell in view.counts}
+    assert cells["triggers"].detail == "49 exposed"
+    assert cells["shown"].value == "12"
+    assert (view.screen.value, view.screen.unit) == ("82", "ms")
+    assert told["losses"] in cells["frames lost"].hint
+    assert told["losses"] in view.verdict.value
 
 
 @pytest.mark.parametrize(("fill", "tone"), [(0.1, Tone.GOOD), (0.6, Tone.WARN), (0.9, Tone.BAD)])

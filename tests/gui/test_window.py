@@ -3,6 +3,7 @@
 import gc
 import sys
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -270,6 +271,18 @@ def test_a_run_stopped_before_it_began_is_replaced(qtbot: QtBot, open_window: Op
     window.begin()
     qtbot.waitUntil(lambda: runs[1].started)
     assert not runs[0].started
+
+
+def test_a_window_of_a_busy_program_on_a_computer_just_started_draws(
+    qtbot: QtBot, open_window: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started, worked = time.monotonic(), time.thread_time
+    monkeypatch.setattr(time, "monotonic", lambda: time.perf_counter() - started)
+    monkeypatch.setattr(time, "thread_time", lambda: 1e6 + worked())
+    run = make_run()
+    window = open_window(desk=desk_of(lambda: run))
+    window.begin()
+    qtbot.waitUntil(lambda: window._view is not None)
 
 
 def test_a_run_stopped_while_it_is_made_does_not_begin(qtbot: QtBot, open_window: Open) -> None:
