@@ -25,7 +25,7 @@ LARGEST_DISPLAY_PX = 1000  # of wider images every second, third ... pixel is sh
 COARSE = ", fine detail not converged"  # of the live field: a few iterations for each frame
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ShownImage:
     """An image as displayed: its pixels and its place.
 
@@ -33,15 +33,18 @@ class ShownImage:
     ----------
     pixels : ndarray
         Grey levels, of which 255 says that one of the pixels in its place is saturated.
-    stretched : (int, int)
-        Grey levels that are black and white where the image is stretched: 0.5 and 99.8 % of it.
     """
 
     pixels: NDArray[np.uint8]
     rect_px: Rect
-    stretched: tuple[int, int]
     caption: str
     full: Image
+
+    @cached_property
+    def stretched(self) -> tuple[int, int]:
+        """Grey levels that are black and white where the image is stretched: 0.5 and 99.8 %."""
+        low, high = np.percentile(self.pixels[::4, ::4], (0.5, 99.8))
+        return int(low), int(max(high, low + 1))
 
 
 def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
@@ -52,14 +55,13 @@ def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
     pixels = np.array(thin if full_scale == 255 else thin * (255.0 / full_scale), np.uint8)
     rows, cols = pixels.shape
     rect = (-every / 2, -every / 2, float(every * cols), float(every * rows))
-    low, high = np.percentile(pixels[::4, ::4], (0.5, 99.8))
     caption = "display 1:1" if every == 1 else f"display 1:{every}, data full"
     if full.max() >= full_scale:
         found = np.flatnonzero(full >= full_scale)
         row, column = np.divmod(found, full.shape[1])
         pixels[row // every, column // every] = 255
         caption += f", {100 * len(found) / full.size:.2g} % of the pixels saturated"
-    return ShownImage(pixels, rect, (int(low), int(max(high, low + 1))), caption, full)
+    return ShownImage(pixels, rect, caption, full)
 
 
 # ------------------------------------------------------------------ fields

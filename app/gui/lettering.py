@@ -13,15 +13,18 @@ SIZE, DEPTH = 0.75, 0.2  # of a subscript, in sizes and heights of the text
 
 def advance(font: QFont, text: str) -> float:
     """The width of a text."""
-    whole, small = QFontMetricsF(font), QFontMetricsF(_small(font))
-    return sum(
-        (small if n % 2 else whole).horizontalAdvance(piece)
-        for n, piece in enumerate(SUBSCRIPT.split(text))
-    )
+    whole, *others = SUBSCRIPT.split(text)
+    width = QFontMetricsF(font).horizontalAdvance(whole + "".join(others[1::2]))
+    if others:
+        width += QFontMetricsF(_small(font)).horizontalAdvance("".join(others[::2]))
+    return width
 
 
 def write(painter: QPainter, at: QPointF, text: str) -> None:
     """Write a text whose base line begins at a place."""
+    if "_" not in text:
+        painter.drawText(at, text)
+        return
     font = painter.font()
     for n, piece in enumerate(SUBSCRIPT.split(text)):
         painter.setFont(_small(font) if n % 2 else font)

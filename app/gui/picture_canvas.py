@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,12 +13,13 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import (
     QColor,
+    QFont,
     QFontMetricsF,
     QImage,
     QPainter,
     QPaintEvent,
     QPen,
-    QRegion,
+    QPolygonF,
     qRgb,
 )
 
@@ -36,7 +39,11 @@ NO_PICTURE = (
     " recorded session is opened (Ctrl+O)."
 )
 SCALE_BAR = 0.2  # of the width of the picture, at least
+DIFFERENCE = "difference (grey levels)"
 MARGIN = 0.01  # about the image, of its width
+STYLES = (Qt.PenStyle.DashLine, Qt.PenStyle.DotLine, Qt.PenStyle.SolidLine)
+NAMES = ("a", "a_H", "c")  # of the circles
+LEAST_NAMED = 8.0  # radius on the screen
 _OPAQUE = QImage.Format.Format_RGB32
 _HALO, _WHITE = QColor(0, 0, 0, 150), QColor("#ffffff")
 _ANGLES = np.linspace(0.0, 2 * np.pi, 121)
@@ -52,10 +59,12 @@ class PictureCanvas(Canvas):
         self._mm = 1.0  # of a pixel
         self._size = (1, 1)
         self._grid: Rect = (0.0, 0.0, 1.0, 1.0)
-        self._image: tuple[QImage, Rect] | None = None
+        self._image: _Picture | None = None
         self.field: tuple[Field, QImage] | None = None
-        self._colours: tuple[NDArray[np.uint8], Range, str] | None = None  # of the colour bar
+        # of the colour bar: whether the colours go both ways, its ends, and its name
+        self._colours: tuple[bool, Range, str] | None = None
         self.circles: Circles | None = None
+        self._rings: tuple[Any, _Rings] | None = None  # what they were made of, and what is drawn
         self._shows_circles = True
         self._place = math.nan
         self.eyes = NOTHING_SEEN
@@ -91,30 +100,28 @@ class PictureCanvas(Canvas):
 
     def show_image(self, image: ShownImage, levels: tuple[int, int]) -> None:
         """Show an image, black and white at these grey levels, saturated pixels in red."""
-        low, high = levels
-        grey = np.clip((np.arange(255) - low) * 255.0 / (high - low), 0, 255).astype(int)
-        table = [*(qRgb(n, n, n) for n in grey.tolist()), QColor(theme.now().saturated).rgb()]
-        self._image = (_coloured(image.pixels, table), image.rect_px)
+        table = _greys(*levels, theme.now().saturated)
+        self._image = _Picture(image.pixels, table, image.rect_px)
         if self.field is None:
             self._colours = None
         self.update()
 
     def show_difference(self, pixels: NDArray[np.int16], rect: Rect, ends: Range) -> None:
         """Show the difference of two images, in grey levels."""
-        self._image = (_coloured(_indices(pixels, ends), _table(diverging())), rect)
-        self._colours = (diverging(), ends, "difference (grey levels)")
+        self._image = _Picture(_indices(pixels, ends), _table(is_diverging=True), rect)
+        self._colours = (True, ends, DIFFERENCE)
         self.update()
 
     def show_field(self, field: Field | None, ends: Range) -> None:
         """Show a field in the colours of a range; None: no field."""
         self.field = None
         if field is not None:
-            colours = diverging() if field.is_diverging else sequential()
+            table = _table(is_diverging=field.is_diverging)
             indices = _indices(field.values, ends)
             holes = ~np.isfinite(field.values)
-            self.field = (field, _coloured(indices, _table(colours), holes))
-            self._colours = (colours, ends, field.label)
-        elif self._colours is not None and self._colours[2][:4] != "diff":
+            self.field = (field, _coloured(indices, table, holes))
+            self._colours = (field.is_diverging, ends, field.label)
+        elif self._colours is not None and self._colours[2] != DIFFERENCE:
             self._colours = None
         self.update()
 
@@ -191,18 +198,18 @@ class PictureCanvas(Canvas):
         return Frame(left, frame.top, width, height, frame.x, frame.y, True)
 
     def _ground_key(self) -> tuple[Any, ...]:
-        bar = self._colours and (self._colours[0][0].tobytes(), *self._colours[1:])
-        return (*super()._ground_key(), bar)
+        return (*super()._ground_key(), self._colours)
 
     def _draw_ground(self, painter: QPainter, frame: Frame, room: QRectF) -> None:
         super()._draw_ground(painter, frame, room)
         if self._colours is None:
             return
-        colours, (low, high), name = self._colours
+        is_diverging, (low, high), name = self._colours
         text = QFontMetricsF(self.font())
         left, top = frame.left + frame.width + 3 * GAP, frame.top + 1
         bar = QRectF(left, top, BAR, frame.height - 2)
-        strip = _coloured(np.arange(255, -1, -1, dtype=np.uint8)[:, None], _table(colours))
+        table = _table(is_diverging=is_diverging)
+        strip = _coloured(np.arange(255, -1, -1, dtype=np.uint8)[:, None], table)
         painter.drawImage(bar, strip)
         painter.setPen(QColor(theme.now().muted))
         most = max(2, min(8, int(frame.height / (TICK_ROOM[1] * text.height()))))
@@ -221,17 +228,14 @@ class PictureCanvas(Canvas):
         inside = QRectF(frame.left, frame.top, frame.width, frame.height)
         painter.save()
         painter.setClipRect(inside)
-        covered = self._placed(frame, self._grid)
         if self._image is not None:
-            image, rect = self._image
-            if self.field is not None and self.opacity == 1 and self.field[1].format() == _OPAQUE:
-                beside = QRegion(inside.toAlignedRect()) - QRegion(covered.toRect())
-                painter.setClipRegion(beside)
-            painter.drawImage(self._placed(frame, rect), image)
-            painter.setClipRect(inside)
+            field = self.field and self.field[1]
+            is_covered = field and self.opacity == 1 and field.format() == _OPAQUE
+            for image, rect in self._image.pieces(self._grid if is_covered else None):
+                painter.drawImage(self._placed(frame, rect), image)
         if self.field is not None and self.opacity > 0:
             painter.setOpacity(self.opacity)
-            painter.drawImage(covered, self.field[1])
+            painter.drawImage(self._placed(frame, self._grid), self.field[1])
             painter.setOpacity(1.0)
         if self.circles is not None and self._shows_circles:
             self._draw_circles(painter, frame, self.circles)
@@ -250,55 +254,16 @@ class PictureCanvas(Canvas):
     def _draw_circles(self, painter: QPainter, frame: Frame, circles: Circles) -> None:
         if circles.centre_px is None:
             return
-        centre = QPointF(*frame.place(*(self._mm * at for at in circles.centre_px)))
         scale = frame.scale[0] * self._mm
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for radius, style in (
-            (circles.apparent_px, Qt.PenStyle.DashLine),
-            (circles.hertz_px, Qt.PenStyle.DotLine),
-            (circles.stick_px, Qt.PenStyle.SolidLine),
-        ):
-            if math.isfinite(radius):
-                _draw_ring(painter, centre, radius * scale, style)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
-        for pen in (QPen(_HALO, 3), QPen(_WHITE, 1)):
-            painter.setPen(pen)
-            painter.drawLine(centre - QPointF(7, 0), centre + QPointF(7, 0))
-            painter.drawLine(centre - QPointF(0, 7), centre + QPointF(0, 7))
-        used: list[QRectF] = []
-        for radius, name in (
-            (circles.stick_px, "c"),
-            (circles.hertz_px, "a_H"),
-            (circles.apparent_px, "a"),
-        ):
-            if math.isfinite(radius) and radius * scale > 8:
-                self._name_circle(painter, frame, centre, radius * scale, name, used)
-
-    def _name_circle(
-        self,
-        painter: QPainter,
-        frame: Frame,
-        centre: QPointF,
-        radius: float,
-        name: str,
-        used: list[QRectF],
-    ) -> None:
-        """Write a radius beside its circle, where no other name is."""
-        text = QFontMetricsF(self.font())
-        width, height = advance(self.font(), name) + 6, text.height()
-        for degrees in (45, 20, 70, 135, 160, 110, -45, -135):
-            way = math.radians(degrees)
-            at = centre + QPointF(radius * math.cos(way), -radius * math.sin(way))
-            room = QRectF(at.x() - width / 2, at.y() - height / 2, width, height)
-            is_inside = frame.holds(room.left(), room.top()) and frame.holds(
-                room.right(), room.bottom()
-            )
-            if is_inside and not any(room.intersects(other) for other in used):
-                used.append(room)
-                painter.fillRect(room, _HALO)
-                painter.setPen(_WHITE)
-                write(painter, room.topLeft() + QPointF(3, text.ascent()), name)
-                return
+        radii = tuple(
+            round(4 * px * scale) / 4 if math.isfinite(px) else 0.0
+            for px in (circles.apparent_px, circles.hertz_px, circles.stick_px)
+        )
+        key = (frame, self.font().key(), circles.centre_px, radii)
+        if self._rings is None or self._rings[0] != key:
+            centre = QPointF(*frame.place(*(self._mm * at for at in circles.centre_px)))
+            self._rings = (key, _Rings(centre, radii, frame, self.font()))
+        self._rings[1].draw(painter)
 
     def _draw_cut(self, painter: QPainter, frame: Frame) -> None:
         centre = self.circles.centre_px if self.circles else None
@@ -330,18 +295,94 @@ class PictureCanvas(Canvas):
         )
 
 
-def _draw_ring(painter: QPainter, centre: QPointF, radius: float, style: Qt.PenStyle) -> None:
-    """A white circle between two dark ones: lines of one pixel, for thicker ones take Qt twenty
-    times as long.
+class _Rings:
+    """The circles a, a_H and c about the centre, with their names, ready to be drawn; a radius of 0
+    is not known.
     """
-    for inwards, colour, kind in (
-        (1.0, _HALO, Qt.PenStyle.SolidLine),
-        (-1.0, _HALO, Qt.PenStyle.SolidLine),
-        (0.0, _WHITE, style),
-    ):
-        painter.setPen(QPen(colour, 1.0, kind))
-        ring = (radius - inwards) * _CIRCLE + (centre.x(), centre.y())
-        painter.drawPolyline(polygon(ring))
+
+    def __init__(
+        self, centre: QPointF, radii: tuple[float, ...], frame: Frame, font: QFont
+    ) -> None:
+        self._centre, self._ascent = centre, QFontMetricsF(font).ascent()
+        self._lines: list[tuple[QPen, QPolygonF]] = []
+        self._names: list[tuple[QRectF, str]] = []
+        for radius, style in zip(radii, STYLES, strict=True):
+            # a white circle between two dark ones: lines of one pixel, for thicker ones take Qt
+            # twenty times as long
+            for inwards, colour, kind in (
+                (1.0, _HALO, Qt.PenStyle.SolidLine),
+                (-1.0, _HALO, Qt.PenStyle.SolidLine),
+                (0.0, _WHITE, style),
+            ):
+                ring = (radius - inwards) * _CIRCLE + (centre.x(), centre.y())
+                if radius:
+                    self._lines.append((QPen(colour, 1.0, kind), polygon(ring)))
+        for radius, name in zip(radii[::-1], NAMES[::-1], strict=True):
+            if radius > LEAST_NAMED:
+                self._place(name, radius, frame, font)
+
+    def _place(self, name: str, radius: float, frame: Frame, font: QFont) -> None:
+        """Place a name on its circle, where no other name is."""
+        width, height = advance(font, name) + 6, QFontMetricsF(font).height()
+        for degrees in (45, 20, 70, 135, 160, 110, -45, -135):
+            way = math.radians(degrees)
+            at = self._centre + QPointF(radius * math.cos(way), -radius * math.sin(way))
+            room = QRectF(at.x() - width / 2, at.y() - height / 2, width, height)
+            is_inside = frame.holds(room.left(), room.top()) and frame.holds(
+                room.right(), room.bottom()
+            )
+            if is_inside and not any(room.intersects(other) for other, _ in self._names):
+                self._names.append((room, name))
+                return
+
+    def draw(self, painter: QPainter) -> None:
+        """Draw circles, centre and names."""
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for pen, line in self._lines:
+            painter.setPen(pen)
+            painter.drawPolyline(line)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
+        for pen in (QPen(_HALO, 3), QPen(_WHITE, 1)):
+            painter.setPen(pen)
+            for arm in (QPointF(7, 0), QPointF(0, 7)):
+                painter.drawLine(self._centre - arm, self._centre + arm)
+        for room, name in self._names:
+            painter.fillRect(room, _HALO)
+            painter.setPen(_WHITE)
+            write(painter, room.topLeft() + QPointF(3, self._ascent), name)
+
+
+class _Picture:
+    """An image in the colours of a table; `rect` is its place in pixels of the camera."""
+
+    def __init__(self, indices: NDArray[np.uint8], table: list[int], rect: Rect) -> None:
+        self._indices, self._table, self._rect = indices, table, rect
+        self._whole: QImage | None = None
+
+    def pieces(self, covered: Rect | None) -> Iterator[tuple[QImage, Rect]]:
+        """What is seen beside a covered part, with its places; all of it where none is."""
+        if covered is None:
+            if self._whole is None:
+                self._whole = _coloured(self._indices, self._table)
+            yield self._whole, self._rect
+            return
+        rows, cols = self._indices.shape
+        left, top, width, height = self._rect
+        dx, dy = width / cols, height / rows
+        x_first, y_first = covered[0] - left, covered[1] - top
+        x_last, y_last = x_first + covered[2], y_first + covered[3]
+        above, below = max(0, math.ceil(y_first / dy)), max(0, math.floor(y_last / dy))
+        before, after = max(0, math.ceil(x_first / dx)), max(0, math.floor(x_last / dx))
+        for y0, y1, x0, x1 in (
+            (0, above, 0, cols),
+            (below, rows, 0, cols),
+            (above, below, 0, before),
+            (above, below, after, cols),
+        ):
+            piece = self._indices[y0:y1, x0:x1]
+            if piece.size:
+                place = (left + x0 * dx, top + y0 * dy, piece.shape[1] * dx, piece.shape[0] * dy)
+                yield _coloured(piece, self._table), place
 
 
 def _span(ends: Range) -> float:
@@ -360,8 +401,15 @@ def _indices(values: NDArray[Any], ends: Range) -> NDArray[np.uint8]:
     return np.asarray(np.nan_to_num(np.clip(share, 0, 255)), np.uint8)
 
 
-def _table(colours: NDArray[np.uint8]) -> list[int]:
-    return [qRgb(*colour) for colour in colours.tolist()]
+@cache
+def _table(*, is_diverging: bool) -> list[int]:
+    return [qRgb(*colour) for colour in (diverging() if is_diverging else sequential()).tolist()]
+
+
+@lru_cache(maxsize=8)
+def _greys(black: int, white: int, saturated: str) -> list[int]:
+    grey = np.clip((np.arange(255) - black) * 255.0 / (white - black), 0, 255).astype(int)
+    return [*(qRgb(n, n, n) for n in grey.tolist()), QColor(saturated).rgb()]
 
 
 def _coloured(

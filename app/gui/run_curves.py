@@ -151,12 +151,13 @@ def _noise(snapshot: Snapshot, setup: Setup) -> list[float]:
     field, dic = snapshot.field, setup.config.dic
     assert field is not None
     apart = math.ceil(dic.box / dic.step)
-    ux = field.ux_px
+    ux = field.ux_px[::apart]  # the boxes of rows between share their pixels
     if ux.shape[1] <= 2 * apart:
         return [math.nan] * 3
     second = ux[:, 2 * apart :] - 2 * ux[:, apart:-apart] + ux[:, : -2 * apart]
     second = second[np.isfinite(second)]
-    floor = field.ux_std_px[np.isfinite(field.ux_std_px)]
+    floor = field.ux_std_px[::apart]
+    floor = floor[np.isfinite(floor)]
     if not second.size:
         return [math.nan] * 3
     spread = NORMAL_MEDIAN * float(np.median(np.abs(second))) / math.sqrt(6.0)

@@ -33,7 +33,7 @@ LOG = logging.getLogger(__name__)
 TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while parts are to be drawn and while none is
 SLICE_S = 0.02  # the parts of a tick are drawn for so long, so that a key need not wait for all
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
-FRESH_S = 0.45  # numbers and curves are drawn anew after so long, the picture at every redraw
+FRESH_S = 0.5  # numbers and curves are drawn anew after so long, the picture at every redraw
 # after a redraw the window rests this many times as long as it took, the longer the more often
 # frames wait for the analysis: it needs the core
 RESTS, MOST_RESTS, MOST_BEHIND = 3.0, 10.0, 2
