@@ -1,14 +1,17 @@
-"""A window in long and rough use, on the simulated bench: it is closed at random instants of a run,
-and it runs one experiment after the other.
+"""A window in long and rough use, on the simulated bench: it opens, it is closed at random instants
+of a run, it runs one experiment after the other, and one that lasts for hours.
 
-    python -m benchmarks evening [--closes 50] [--runs 20] [--json FILE]
+    python -m benchmarks evening [--closes 50] [--runs 20] [--hours 8] [--json FILE]
+
+It is in view when `slipscope run` has put it on the display, from the start of that program on.
 
 Each close is a program of its own, whose window is closed between its opening and the end of its
 run, as its frame's button does, twice: the run is stopped and saved first. It must end by itself,
 with exit code 0, and leave a session that opens, or none if the run had not begun. The runs in a
 row are of small pictures, as fast as the machine, in one window; memory is compared with that after
-the third, by when everything that is made once has been made. Without a display Qt draws off the
-screen.
+the fifth, by when everything that is made once has been made. The long run has small pictures, one
+in four seconds, as fast as the machine; the window, the bench and the analysis are in one process,
+whose memory is compared with that after the first hour. Without a display Qt draws off the screen.
 """
 
 from __future__ import annotations
@@ -38,6 +41,13 @@ SETTINGS = (
 LATEST_S = 9.0  # a run at four times the pace is over by then
 PATIENCE_S = 60.0
 FIRST_RUNS = 5
+OPENINGS = 5
+TRAVEL_UM = 20.0  # of the long run
+LONG = (
+    *("camera.width=320", "camera.height=240", "camera.pixel=24", "camera.divisor=4000"),
+    *("run.normal_force=0.1", "run.background_time=8", "run.settle_time=4"),
+    *("run.reference_time=12", "limits.age=100"),
+)
 MIB = 2**20
 
 
@@ -66,6 +76,49 @@ def one_close(seconds: float, session: Path) -> None:
     for one in made:
         if one.source.health().state != "idle":
             one.source.wait(PATIENCE_S)
+
+
+def one_opening() -> None:
+    """In a program of its own: say when the window of `slipscope run` is on the display."""
+    from PySide6.QtCore import QTimer
+
+    from app.cli import main
+    from app.gui import start
+
+    opened = start.run_window
+
+    def opens(*args: Any, **kwargs: Any) -> Any:
+        def ready(window: Any) -> None:
+            timer = QTimer(window)
+
+            def look() -> None:
+                if window.windowHandle().isExposed():
+                    print(time.time(), flush=True)
+                    timer.stop()
+                    window.close_after_run()
+                    window.close_after_run()
+
+            timer.timeout.connect(look)
+            timer.start(1)
+
+        return opened(*args, **kwargs | {"on_ready": ready, "autostart": False})
+
+    start.run_window = opens
+    sys.argv[1:] = ["run"]
+    main()
+
+
+def in_view(report: Report) -> None:
+    """Open the window some times."""
+    seconds = []
+    for _ in range(OPENINGS):
+        began = time.time()
+        done = subprocess.run(
+            [sys.executable, "-m", __name__, "open"], capture_output=True, text=True, check=True
+        )
+        seconds.append(float(done.stdout.split()[0]) - began)
+    report.add("from the start of the program to the window", np.median(seconds), "s", 1.5)
+    report.add("the longest of five", max(seconds), "s")
 
 
 def many_closes(report: Report, number: int) -> bool:
@@ -146,20 +199,76 @@ def runs_in_a_row(report: Report, number: int) -> None:
     report.add("its growth until the last", 100 * (late[-1] / late[0] - 1), "%", 3.0, digits=2)
 
 
+def long_run(report: Report, hours: float) -> None:
+    """Drive for so many hours of the bench's clock, in one window."""
+    from PySide6.QtCore import QTimer
+
+    from app.commands.workshop import Workshop
+    from app.config import load
+    from app.gui.start import run_window
+
+    velocity = TRAVEL_UM / (3600 * hours)
+    memory: list[tuple[float, float]] = []  # hours and MiB
+    made: list[Any] = []
+    config = load(None, [*LONG, f"run.travel={TRAVEL_UM:g}", f"run.velocity={velocity:g}"])
+    with tempfile.TemporaryDirectory() as folder:
+
+        def ready(window: Any) -> None:
+            timer = QTimer(window)
+
+            def look() -> None:
+                if window.source is None:
+                    return
+                health = window.source.health()
+                hour = health.sample / config.forces.sample_rate / 3600
+                memory.append((hour, psutil.Process().memory_info().rss / MIB))
+                print(f"{hour:.2f} h: {memory[-1][1]:.1f} MiB", file=sys.stderr, flush=True)
+                if window.outcome() is not None:
+                    timer.stop()
+                    window.close()
+
+            timer.timeout.connect(look)
+            timer.start(2000)
+
+        run_window(
+            None,
+            Workshop(made.append, pace=None),
+            config,
+            session=Path(folder) / "long.h5",
+            autostart=True,
+            on_ready=ready,
+        )
+    hour, mib = np.array(memory).T
+    late = hour > min(1.0, hours / 8)
+    counts = made[0].source.outcome().counts
+    report.add("hours in one run", hour[-1], "h", digits=3)
+    report.add("images of it", counts.frames_recorded)
+    report.add("memory after the first hour", mib[late][0], "MiB", digits=4)
+    report.add("its growth until the end", 100 * (mib[late][-1] / mib[late][0] - 1), "%", 3.0)
+    report.add("its largest growth", 100 * (mib[late].max() / mib[late][0] - 1), "%")
+
+
 def measure(
     report: Report,
     *,
     closes: int = 50,
     runs: int = 20,
+    hours: float = 8.0,
 ) -> int:
-    """Close windows, then run one experiment after the other."""
+    """Open and close windows, then run one experiment after the other, then a long one."""
     if "DISPLAY" not in os.environ:
         os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    in_view(report)
     are_well = many_closes(report, closes)
     if runs > FIRST_RUNS:
         runs_in_a_row(report, runs)
+    if hours:
+        long_run(report, hours)
     return 0 if are_well else 1
 
 
 if __name__ == "__main__":
-    one_close(float(sys.argv[1]), Path(sys.argv[2]))
+    if sys.argv[1] == "open":
+        one_opening()
+    else:
+        one_close(float(sys.argv[1]), Path(sys.argv[2]))

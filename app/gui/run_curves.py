@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ DRAWN = (
 )
 MOST_UNCERTAIN = 0.2  # radii of the largest traction are left out beyond this share of uncertainty
 NORMAL_MEDIAN = 1.4826  # standard deviation of normal noise over its median magnitude
+MOST_POINTS = 16384  # of a curve: then every second one is kept
 SHARES_OF_A = (0.0, 0.5, 0.75, 1.0)  # of a: where u_x is followed in time
 
 
@@ -39,6 +40,8 @@ class Curves:
     ----------
     seen : int
         Snapshots up to now.
+    every : int
+        One frame of so many has a point: more of them in a long run.
     loading : ndarray, shape (n, 2)
         Travel (um) and Q (N).
     sticking : ndarray, shape (n, 4)
@@ -58,6 +61,7 @@ class Curves:
     """
 
     seen: int
+    every: int
     loading: F64
     sticking: F64
     peaks: F64
@@ -69,8 +73,10 @@ class Curves:
     newest_field: Snapshot | None
 
 
+POINTS = ("loading", "sticking", "peaks", "sliding", "noise")
 NO_CURVES = Curves(
     seen=0,
+    every=1,
     loading=np.empty((0, 2)),
     sticking=np.empty((0, 4)),
     peaks=np.empty((0, 3)),
@@ -101,7 +107,11 @@ def extended(
     """
     if not snapshots:
         return curves
-    loaded = [s for s in snapshots if s.conditions.phase not in (Phase.BACKGROUND, Phase.CONTACT)]
+    loaded = [
+        s
+        for n, s in enumerate(snapshots, curves.seen)
+        if n % curves.every == 0 and s.conditions.phase not in (Phase.BACKGROUND, Phase.CONTACT)
+    ]
     travel, shear, normal, stick, stick_sd, peak, peak_sd = (series_of(loaded, n) for n in DRAWN)
     # c belongs to the first loading: not to what comes after the stage has turned back
     before = curves.loading[:, 0].max(initial=0.0) * 1e-6
@@ -112,8 +122,9 @@ def extended(
     newest, start_s = snapshots[-1], curves.drive_start_s
     if math.isfinite(newest.conditions.time_s):
         start_s = _middle_s(newest, setup) - newest.conditions.time_s
-    return Curves(
+    longer = Curves(
         curves.seen + len(snapshots),
+        curves.every,
         _with_points(curves.loading, travel * 1e6, shear),
         _with_points(curves.sticking, shear, stick * 1e3, np.nan_to_num(stick_sd * 1e3), normal),
         _with_points(curves.peaks, *(values[is_certain] for values in (shear, peak * 1e3, normal))),
@@ -124,6 +135,11 @@ def extended(
         newest,
         next((s for s in reversed(snapshots) if s.field), curves.newest_field),
     )
+    kept = {name: getattr(longer, name) for name in POINTS}
+    if max(map(len, kept.values())) <= MOST_POINTS:
+        return longer
+    halves = {name: points[::2].copy() for name, points in kept.items()}
+    return replace(longer, every=2 * longer.every, **halves)
 
 
 def _middle_s(snapshot: Snapshot, setup: Setup) -> float:

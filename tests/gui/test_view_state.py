@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scripted_run import MU, PERIOD, REFERENCE, P, ScriptedRun
 
+from app.gui import run_curves
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
 from app.gui.frame_results import shown_image
-from app.gui.run_curves import SHARES_OF_A
+from app.gui.run_curves import NO_CURVES, SHARES_OF_A, extended
 from app.gui.source import setup_of
 from app.gui.view_state import Eyes, ViewState, read, resolve
 from app.records import Counts, Outcome, Phase
@@ -351,3 +352,23 @@ def test_how_a_run_ended_is_told_with_proper_symbols(run: ScriptedRun) -> None:
     view = look(run.at(60))
     assert view.sentence == "The drive of 190 µm is complete at μₛ = −0.5"
     assert "190 um" not in "".join(line.note for line in view.steps.lines)
+
+
+def test_curves_of_a_long_run_stay_short_and_show_all_of_it(
+    run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = NO_CURVES
+    setup, frames = setup_of(run), run.frames
+    for at in range(1, frames + 1):
+        whole = extended(whole, tuple(run.at(at).snapshots_since(whole.seen)), setup)
+    monkeypatch.setattr(run_curves, "MOST_POINTS", 40)
+    short = NO_CURVES
+    for at in range(1, frames + 1):
+        short = extended(short, tuple(run.at(at).snapshots_since(short.seen)), setup)
+    assert (short.seen, whole.every) == (whole.seen, 1)
+    assert short.every >= 4
+    assert len(whole.loading) > 40 >= len(short.loading) > 15
+    assert all(point in whole.loading.tolist() for point in short.loading.tolist())
+    step_um = 1.5 * short.every * np.diff(whole.loading[:, 0]).max()
+    travel_um = np.append(short.loading[:, 0], whole.loading[-1, 0])
+    assert np.diff(travel_um).max() <= step_um  # no part of the run is thinner than the others
