@@ -2,22 +2,29 @@
 
     python docs/screenshots.py -o pictures [--size 1366x768 1920x1080 1920x1080@2]
 
-The window is used as an operator would, on the simulated bench; its session and the pictures go to
+The window is used as an operator would, on the simulated bench; its sessions and the pictures go to
 the folder. ``@2`` is a screen with doubled pixels. It needs no display: without one Qt draws off
-the screen.
+the screen. It takes three minutes for each size; the pictures of docs/window.md are among them.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from app.stopping import CUT_POWER
+
+if TYPE_CHECKING:
+    from PySide6.QtWidgets import QWidget
+
+SETTINGS = ("about.sample=PDMS 7, rough", "about.operator=A. Nobody")
 SIZES = ("1366x768", "1920x1080", "1920x1080@2")
 PATIENCE_S = 300.0
 
@@ -59,15 +66,18 @@ def take(folder: Path, size: str) -> None:
     application.setStyle("Fusion")
     pixels, _, scale = size.partition("@")
     width, height = (round(int(n) / float(scale or 1)) for n in pixels.split("x"))
-    session = folder / f"evening-{size}.h5"
-    session.unlink(missing_ok=True)
+    evening = folder / f"evening-{size}"
+    shutil.rmtree(evening, ignore_errors=True)
+    evening.mkdir()
     made: list[Any] = []
-    desk = Desk(Workshop(made.append, pace=2.0), load(None), session)
+    desk = Desk(Workshop(made.append), load(None, SETTINGS), evening / "sample7-0.5N.h5")
     window = MainWindow(desk=desk)
     window.showNormal()
     window.resize(width, height)
+    window.docks.arrange()
+    taken = 0
 
-    def until(is_so: Callable[[], bool], least_s: float = 0.5) -> None:
+    def until(is_so: Callable[[], bool], least_s: float = 0.6) -> None:
         begun = time.monotonic()
         while time.monotonic() - begun < least_s or not is_so():
             application.processEvents()
@@ -75,45 +85,86 @@ def take(folder: Path, size: str) -> None:
             if time.monotonic() - begun > PATIENCE_S:
                 raise TimeoutError(f"screenshots: nothing came of it in {PATIENCE_S:.0f} s")
 
-    def picture(name: str) -> None:
-        until(lambda: True)
-        path = folder / f"{size}-{name}.png"
-        window.grab().save(str(path))
-        print(path, f"{window.width()} x {window.height()}", flush=True)
+    def picture(name: str, of: QWidget = window, least_s: float = 0.6) -> None:
+        nonlocal taken
+        until(lambda: True, least_s)
+        taken += 1
+        path = folder / f"{size}-{taken:02}-{name}.png"
+        of.grab().save(str(path))
+        print(path, f"{of.width()} x {of.height()}", flush=True)
 
     def shear_n() -> float:
         view = window._view
-        if view is None or view.curves.newest is None:
+        if view is None or view.ended or view.curves.newest is None:
             return 0.0
         return float(view.curves.newest.conditions.shear_force_n)
 
+    def phase() -> str:
+        return window._view.phase if window._view is not None else ""
+
+    def ended() -> bool:
+        return window._making is None and window.outcome() is not None
+
+    def begin() -> None:
+        window.begin()
+        until(lambda: window._making is None and window._started and not ended())
+
     for name in window.docks.by_name:
         window.docks.show(name)
-        picture(f"0-{name}")
+        picture(f"idle-{name}")
     window.docks.arrange()
-    window.begin()
-    until(lambda: window._view is not None and window._view.phase == "contact")
-    picture("1-contact")
+    window.docks.show("bench")
+    window.bench.connect_bench()
+    until(lambda: window.bench.preview is not None, 6.0)
+    picture("connected")
+    window.bench.disconnect_bench()
+    begin()
+    until(lambda: phase() == "contact", 2.0)
+    picture("load")
     until(lambda: shear_n() > 0.3)
-    picture("2-partial-slip")
-    for name in ("result", "health", "log"):
-        window.docks.show(name)
-    until(lambda: window.outcome() is not None, 1.0)
+    picture("partial-slip")
+    window.interface.show_cut.setChecked(True)
+    window.interface.which.setCurrentIndex(window.interface.which.findData("sigma_kPa"))
+    picture("traction-and-cut", least_s=1.5)
+    window.interface.show_cut.setChecked(False)
+    window.interface.which.setCurrentIndex(window.interface.which.findData("ux_um"))
+    window.docks.show("health")
+    picture("health", least_s=1.5)
+    window.docks.show("curves")
+    until(lambda: phase() == "drive" and shear_n() > 0.46, 3.0)
+    picture("sliding")
+    until(ended, 1.0)
     window.docks.show("result")
-    picture("3-done")
-    window.begin()
+    picture("done")
+    window.docks.show("curves")
+    window.toggle_theme()
+    picture("done-light")
+    window.docks.show("setup")
+    picture("set-up-light")
+    window.toggle_theme()
+    desk.set_session(evening / "sample7-stopped.h5")
+    begin()
     until(lambda: shear_n() > 0.1)
     window.stop_motion()
-    until(lambda: window.outcome() is not None, 3.0)
-    picture("4-stopped")
-    window.open_session(session)
-    until(lambda: window._view is not None and shear_n() > 0.2)
+    until(ended, 3.0)
+    picture("stopped")
+    window._say(f"{CUT_POWER}: the serial line of the stage does not answer.", True)
+    picture("stop-failed")
+    window.notice.clear()
+    window.open_session(evening / "sample7-0.5N.h5")
+    until(lambda: window._view is not None and shear_n() > 0.25)
     window.playback.toggle()
-    picture("5-replay")
+    picture("replay", least_s=1.5)
+    window.sessions.list_folder(evening)
+    window.docks.show("sessions")
+    picture("sessions", least_s=2.0)
+    window.sessions._compare(sorted(evening.glob("*.h5")))
+    until(lambda: bool(window.sessions.comparisons))
+    picture("compare", window.sessions.comparisons[0])
     window.show_keys()
-    until(lambda: True)
-    window._keys.grab().save(str(folder / f"{size}-6-keys.png"))
-    window.close()
+    picture("keys", window._keys)
+    window.close_after_run()
+    window.close_after_run()
 
 
 if __name__ == "__main__":

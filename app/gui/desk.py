@@ -108,6 +108,9 @@ class Part(Protocol):
     def show_setup(self, setup: Setup) -> None:
         """Empty the part for a run that begins, or a replay."""
 
+    def isVisible(self) -> bool:
+        """Whether it can be seen; else it need not be drawn."""
+
     @property
     def parts(self) -> tuple[Callable[[ViewState], None], ...]:
         """Functions that each draw one thing of a view if it has changed; they are called one by

@@ -164,6 +164,8 @@ class CurvesView(QWidget):
             if n < rows * columns:
                 self._grid.addWidget(cell, n // columns, n % columns)
             cell.setVisible(n < rows * columns)
+            if n < rows * columns:
+                cell.show_run()  # it was not drawn while it could not be seen
         for n in range(len(self.cells)):
             self._grid.setRowStretch(n, int(n < rows))
             self._grid.setColumnStretch(n, int(n < columns))

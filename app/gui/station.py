@@ -60,9 +60,11 @@ class Station(QMainWindow):
             self.experiment, self.sessions = ExperimentPanel(desk), SessionsPanel(desk)
             self.campaign = CampaignPanel(desk)
             self.region = RegionPanel(desk, picture_of(self.interface))
-        # those that show a run, the picture first
-        shows = (self.interface, self.strip, self.experiment, self.curves, self.result, self.health)
-        self._shows: tuple[Part, ...] = tuple(part for part in shows if part is not None)
+        # those that show a run, the picture first, and those that have its numbers of this instant
+        self._shows: tuple[Part, ...] = (self.interface, self.curves, self.result, self.health)
+        self._counts: tuple[Part, ...] = (self.strip,)
+        if self.experiment is not None:
+            self._counts = (self.strip, self.experiment)
         self._put_in_place()
         for part in (self.interface, self.curves):
             self.playback.add_keys(part)

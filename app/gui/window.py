@@ -26,7 +26,7 @@ from app.gui.source import RunSource, Setup
 from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.view_state import ViewState
-from app.records import Outcome
+from app.records import Outcome, Phase
 from app.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
@@ -88,6 +88,7 @@ class MainWindow(Station):
         self._sparing = 1  # the time between redraws is so many times as long
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
         self._turn, self._turned = 0, 0.0  # the next of the other parts, and when they had theirs
+        self._counted = 0.0  # when the numbers were drawn
         self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
@@ -262,7 +263,7 @@ class MainWindow(Station):
             self._setup = answer.setup
             self.top.title.setText(answer.setup.title)
             self.setWindowTitle(f"{answer.setup.title} – SlipScope")
-            for part in self._shows:
+            for part in (*self._shows, *self._counts):
                 part.show_setup(answer.setup)
         view, before = answer.view, self._view
         if view is None or answer.problem:
@@ -273,29 +274,47 @@ class MainWindow(Station):
         change = 1.5 if view.behind > MOST_BEHIND else 0.97
         self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
         self.top.show_state(view.badge, view.tone, view.phase)
-        self.top.sentence.setText(view.sentence)
         self._show_buttons()
         self.playback.refresh()
-        self._parts = deque(partial(show, view) for show in self._in_turn(goes_on=view.goes_on))
+        self._parts = deque(partial(show, view) for show in self._in_turn(view))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
             if not self.notice.stays:
                 self.notice.clear()  # how the run ended stands beside the badge
 
-    def _in_turn(self, *, goes_on: bool) -> list[Callable[[ViewState], None]]:
+    def _in_turn(self, view: ViewState) -> list[Callable[[ViewState], None]]:
         """What a redraw draws: the picture and, while the run goes on, those of the other parts
-        whose turn it is, for numbers and curves are read twice a second.
+        whose turn it is, for numbers and curves are read twice a second. While a load is pressed by
+        hand the numbers are drawn each time.
         """
-        others = [show for part in self._shows[1:] for show in part.parts]
-        others.append(lambda view: self.readouts.show_cells(view.readouts))
+        others = self._others()
         now, before = time.monotonic(), self._turned
         self._turned = now
         count = math.ceil(len(others) * (now - before) / FRESH_S)
-        if goes_on and count < len(others):
+        if view.goes_on and count < len(others):
             start = self._turn % len(others)
             self._turn = start + count
             others = (2 * others)[start : start + count]
+        if not view.goes_on or view.phase == Phase.CONTACT or now - self._counted >= FRESH_S:
+            self._counted = now
+            others.insert(0, self._show_numbers)
         return [*self.interface.parts, *others]
+
+    def _show_numbers(self, view: ViewState) -> None:
+        """Show the numbers of one instant everywhere: side by side they must agree."""
+        self.top.sentence.setText(view.sentence)
+        self.readouts.show_cells(view.readouts)
+        for show in (show for part in self._counts for show in part.parts):
+            show(view)
+
+    def _others(self) -> list[Callable[[ViewState], None]]:
+        """Of all but picture and numbers, those that can be seen."""
+        return [show for part in self._shows[1:] if part.isVisible() for show in part.parts]
+
+    def _draw_again(self) -> None:
+        """Draw what has come into view."""
+        if self._view is not None:
+            self._parts.extend(partial(show, self._view) for show in self._others())
 
     def _show_stop(self, read: StopAnswer | None = None) -> None:
         """Show the next answer to a stop; that one has failed can not be missed."""
@@ -478,6 +497,8 @@ class MainWindow(Station):
         self.top.stop_motion.pressed.connect(self.stop_motion)
         self.playback.acted.connect(self._redraw_soon)
         self.playback.said.connect(self._say)
+        for dock in self.docks.by_name.values():
+            dock.visibilityChanged.connect(self._draw_again)
         if self.desk is not None:
             self.desk.said.connect(self._say)
             self.desk.begin_asked.connect(self.begin)
