@@ -27,6 +27,7 @@ class Background(QObject):
 
     def __init__(self, owner: QObject) -> None:
         super().__init__(owner)
+        self._newest = 0
         self._ended.connect(lambda act: act(), Qt.ConnectionType.QueuedConnection)
 
     def start(
@@ -42,7 +43,7 @@ class Background(QObject):
         def run() -> None:
             try:
                 result = work()
-            except UserError as error:
+            except (UserError, OSError, ValueError) as error:  # their words are for people
                 said = str(error)
                 self.tell(lambda: failed(said))
             except Exception as error:
@@ -53,6 +54,20 @@ class Background(QObject):
                 self.tell(lambda: done(result))
 
         threading.Thread(target=run, name="slipscope-window-work", daemon=True).start()
+
+    def start_anew(
+        self,
+        work: Callable[[], Any],
+        done: Callable[[Any], object],
+        failed: Callable[[str], object],
+    ) -> None:
+        """As `start`, and what was started so before is dropped when it comes back."""
+        self._newest = mine = self._newest + 1
+
+        def if_newest(act: Callable[[Any], object]) -> Callable[[Any], object]:
+            return lambda result: act(result) if mine == self._newest else None
+
+        self.start(work, if_newest(done), if_newest(failed))
 
     def pause(self) -> None:
         """Wait a moment, in a thread that follows something."""

@@ -17,11 +17,11 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui import theme
+from app.gui.background import Background
 from app.gui.campaign_lines import CampaignLines, CampaignRun, duration
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.form import proper
-from app.gui.later import Later
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 
 CAMPAIGN_FILES = "Campaigns (*.toml);;All files (*)"
@@ -37,7 +37,7 @@ class CampaignPanel(Panel):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
-        self.desk, self.later = desk, Later(self)
+        self.desk, self._background = desk, Background(self)
         self.lines: CampaignLines | None = None
         self._items: list[QTreeWidgetItem] = []  # of the runs, in their order
         self._build()
@@ -78,7 +78,9 @@ class CampaignPanel(Panel):
     def _do(
         self, work: Callable[[], CampaignLines], done: Callable[[CampaignLines], object]
     ) -> None:
-        self.later.do(work, done, lambda why: self.desk.said.emit(f"Campaign: {why}", False))
+        self._background.start_anew(
+            work, done, lambda why: self.desk.said.emit(f"Campaign: {why}", False)
+        )
 
     def _take_lines(self, lines: CampaignLines) -> None:
         self.lines = lines

@@ -22,12 +22,12 @@ from PySide6.QtWidgets import (
 
 from app.config import ConfigError, bench_names
 from app.errors import UserError
+from app.gui.background import Background
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.editors import NAME_WIDTH, FieldRow, Line
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.form import DEFAULTS, Base, Field, Form, Group
-from app.gui.later import Later
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
@@ -113,7 +113,7 @@ class SetupPanel(Panel):
     def __init__(self, desk: Desk) -> None:
         super().__init__()
         self.desk, self.form = desk, Form(desk.config)
-        self.later = Later(self)
+        self._background = Background(self)
         self.rows: dict[str, list[FieldRow]] = {}
         self.groups: list[GroupView] = []
         self._values, self._base_values = self.form.values(), self.form.base_values()
@@ -159,7 +159,7 @@ class SetupPanel(Panel):
             self._compare_with(Base(session.name, config))
             self.only_changed.setChecked(True)
 
-        self.later.do(
+        self._background.start_anew(
             lambda: self.desk.workshop.settings_of(session),
             compared,
             lambda why: self.desk.said.emit(f"The settings were not compared: {why}", False),
