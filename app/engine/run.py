@@ -375,9 +375,7 @@ class Run(Watched):
             if self._free_running and self._experiment.looks:
                 self._catch_up(workers)
             if self._experiment.is_reference_due(measured):
-                measured = replace(
-                    measured, has_reference=self._wait_for_reference(workers.analyst)
-                )
+                measured = replace(measured, has_reference=self._wait_for_reference(workers))
             try:
                 phase = self._experiment.advance(replace(measured, seen=self._sight.look))
             except ExperimentFailed:
@@ -394,11 +392,16 @@ class Run(Watched):
         """Wait until the frames that have come are analysed: a step looks at what they show."""
         give_up = time.monotonic() + REFERENCE_WAIT_S
         while (
-            workers.receiver.received > len(self._analysis.series) + self._to_analysis.skipped
+            self._is_analysing(workers)
             and not self._ending.is_called.is_set()
             and time.monotonic() < give_up
         ):
             time.sleep(PAUSE_S)
+
+    def _is_analysing(self, workers: _Workers) -> bool:
+        """Whether a frame has come that is neither analysed nor skipped."""
+        analysed = len(self._analysis.series) + self._to_analysis.skipped
+        return workers.receiver.received > analysed
 
     def _hurry(self) -> None:
         """Keep fewer frames for the analysis from now on, as the stage is to move."""
@@ -409,16 +412,23 @@ class Run(Watched):
             self._to_analysis.narrow(depth, grace=grace)
         self._watchdog.drives = self._drives = not self._free_running
 
-    def _wait_for_reference(self, analyst: Analyst) -> bool:
+    def _wait_for_reference(self, workers: _Workers) -> bool:
         """Whether the reference is in place, after waiting for it as long as nothing is sampled
-        meanwhile.
+        meanwhile, and a frame that has come may become it.
         """
         give_up = time.monotonic() + REFERENCE_WAIT_S
-        while not analyst.reference_taken.wait(0.01):
+        due = self._train.count_before(self._history.end - self._exposure)
+        while not workers.analyst.reference_taken.wait(0.01):
+            is_in_vain = (
+                workers.receiver.answered >= due
+                and not self._is_analysing(workers)
+                and self._analysis.pipeline.reference_frame is None
+            )
             if (
                 self._ending.is_called.is_set()
                 or self._ask(self._bench.forces.name, self._bench.forces.backlog)
                 or time.monotonic() > give_up
+                or is_in_vain
             ):
                 return False
         self._watchdog.heard(0.0)  # nothing was sampled, so no force has become older meanwhile

@@ -95,6 +95,14 @@ def test_a_lost_image_is_a_named_loss_at_its_index_and_the_run_goes_on(ended, fa
     assert e.stands()
 
 
+def test_a_run_whose_reference_is_lost_ends_instead_of_waiting_for_it(ended):
+    e = ended("lost-trigger 4 40", "camera.divisor=250", "run.travel=20")
+    assert whole(e)
+    assert e.outcome.state == "failed"
+    assert "16 of 20 triggers have no image" in e.outcome.reason
+    assert e.world.stage_m() == 0.0
+
+
 @pytest.mark.parametrize("counted", [False, True])
 def test_a_late_trigger_is_seen_where_the_board_counts_the_exposures(ended, counted):
     e = ended("late-trigger 30 7", *(["forces.exposure_counter=ctr1"] if counted else []))
