@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
@@ -60,6 +60,7 @@ class BenchPanel(QScrollArea):
 
     name, title = "bench", "Bench"
     keys = (("Space, held", "moves the stage while a jog button has the focus"),)
+    seen = Signal(object, object)  # a live PictureView, and the Config of the connected bench
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -229,6 +230,8 @@ class BenchPanel(QScrollArea):
         if view is not None and view.said and proper(view.said) != self.said.text():
             self._say(view.said, Tone.BAD)
         self.picture.show_picture(picture, picture_note(view))
+        if picture is not None and self._connected is not None:
+            self.seen.emit(picture, self._connected)
         self.cells.show_cells(picture_cells(picture))
         stage = view.stage if view else None
         config = self._connected if view and self._connected else self._desk.config

@@ -7,7 +7,7 @@ click or R shows all.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from shiboken6 import VoidPtr
 
 from app.gui import theme
 from app.gui.charts import Chart, Frame, Guide, Line, paths, spots
-from app.gui.lettering import advance, write
+from app.gui.lettering import advance, free, write
 from app.gui.scales import Range, ticks
 from app.records import F64
 
@@ -276,11 +276,7 @@ class Canvas(QWidget):
         else:
             curves = self._prepare(frame)[1]
         axes = QRectF(frame.left, frame.top, frame.width, frame.height)
-        if self.chart.hint and self.chart.is_empty:
-            room = axes if self.chart.x_label else QRectF(self.rect())
-            painter.setPen(QColor(theme.now().muted))
-            wrapped = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
-            painter.drawText(room.adjusted(2 * GAP, 0, -2 * GAP, 0), wrapped, self.chart.hint)
+        self._draw_hint(painter, axes)
         painter.save()
         painter.setClipRect(axes)
         for span in self.chart.spans:
@@ -295,6 +291,15 @@ class Canvas(QWidget):
         self._draw_guides(painter, frame, drawn, used)
         self._draw_marks(painter, frame, drawn, used)
         painter.restore()
+
+    def _draw_hint(self, painter: QPainter, axes: QRectF) -> None:
+        """Say what will be drawn, as long as there is nothing to draw."""
+        if not (self.chart.hint and self.chart.is_empty):
+            return
+        room = axes if self.chart.x_label else QRectF(self.rect())
+        painter.setPen(QColor(theme.now().muted))
+        wrapped = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+        painter.drawText(room.adjusted(2 * GAP, 0, -2 * GAP, 0), wrapped, self.chart.hint)
 
     def _tint(self, painter: QPainter, role: str, outline: F64) -> None:
         colour = QColor(theme.now().role(role))
@@ -334,6 +339,12 @@ class Canvas(QWidget):
         self, painter: QPainter, frame: Frame, drawn: list[F64], used: list[QRectF]
     ) -> None:
         right, bottom = frame.left + frame.width, frame.top + frame.height
+        axes = QRectF(frame.left, frame.top, frame.width, frame.height)
+        used += [  # a name is not written across another line
+            QRectF(frame.place(guide.value, 0)[0], frame.top, 1, frame.height)
+            for guide in self.chart.guides
+            if guide.is_upright and math.isfinite(guide.value)
+        ]
         for guide in self.chart.guides:
             left, top = frame.place(guide.value, guide.value)
             at = left if guide.is_upright else top
@@ -349,7 +360,7 @@ class Canvas(QWidget):
             else:
                 painter.drawLine(QPointF(frame.left, at), QPointF(right, at))
             rooms = self._rooms_beside(guide, at, frame)
-            self._name(painter, guide.text, colour, _free(rooms, frame, drawn, used))
+            self._name(painter, guide.text, colour, free(rooms, axes, drawn, used))
 
     def _rooms_beside(self, guide: Guide, at: float, frame: Frame) -> list[QRectF]:
         """Places for the name of a guide, the best first."""
@@ -369,6 +380,7 @@ class Canvas(QWidget):
         self, painter: QPainter, frame: Frame, drawn: list[F64], used: list[QRectF]
     ) -> None:
         colour, height = QColor(theme.now().text), QFontMetricsF(self.font()).height()
+        axes = QRectF(frame.left, frame.top, frame.width, frame.height)
         for mark in self.chart.marks:
             left, top = frame.place(mark.x, mark.y)
             if not frame.holds(left, top):
@@ -378,7 +390,7 @@ class Canvas(QWidget):
             width = advance(self.font(), mark.text)
             corners = ((6, 2), (-6 - width, -2 - height), (6, -2 - height), (-6 - width, 2))
             rooms = [QRectF(left + x, top + y, width, height) for x, y in corners]
-            self._name(painter, mark.text, colour, _free(rooms, frame, drawn, used))
+            self._name(painter, mark.text, colour, free(rooms, axes, drawn, used))
 
     def _name(self, painter: QPainter, text: str, colour: QColor, room: QRectF) -> None:
         """Write a name where it covers what is behind it."""
@@ -470,27 +482,6 @@ def polygon(points: F64) -> QPolygonF:
         memory: Any = VoidPtr(made.data(), 16 * len(points), True)  # type: ignore[call-arg, arg-type]
         np.frombuffer(memory, np.float64).reshape(-1, 2)[:] = points
     return made
-
-
-def _free(rooms: Iterable[QRectF], frame: Frame, drawn: list[F64], used: list[QRectF]) -> QRectF:
-    """The first of `rooms` in the axes that is on no other text and on no curve, if there is one;
-    it joins those in use.
-    """
-    axes = QRectF(frame.left, frame.top, frame.width, frame.height)
-    all_rooms = list(rooms)
-    inside = [room for room in all_rooms if axes.contains(room)] or all_rooms
-    apart = [r for r in inside if not any(r.intersects(other) for other in used)] or inside
-    room = next((r for r in apart if not any(_crosses(p, r) for p in drawn)), apart[0])
-    used.append(room)
-    return room
-
-
-def _crosses(piece: F64, room: QRectF) -> bool:
-    """Whether a curve, whose points go to the right, runs through a room."""
-    x = np.linspace(room.left(), room.right(), 9)
-    y = np.interp(x, piece[:, 0], piece[:, 1], left=np.nan, right=np.nan)
-    y = y[np.isfinite(y)]
-    return bool(y.size and y.max() > room.top() and y.min() < room.bottom())
 
 
 def _band(frame: Frame, low: float, high: float) -> F64:

@@ -266,7 +266,7 @@ def latency_cell(behind_s: float) -> Cell:
 def screen_cell(age_s: float) -> Cell:
     """How old an image is when it is seen; a dash where none is shown."""
     hint = "From the trigger of an image until it is painted."
-    return Cell("trigger to screen", number(1e3 * age_s, 0), "ms", hint=hint)
+    return Cell("trigger until seen", number(1e3 * age_s, 0), "ms", hint=hint)
 
 
 def processor_cell(cores: float) -> Cell:

@@ -20,7 +20,7 @@ from app.gui import theme
 from app.gui.cells import Tone, number
 from app.gui.desk import Desk
 from app.gui.run_steps import TONES, Act, Band, RunSteps, Standing, StepLine, planned
-from app.gui.source import Setup
+from app.gui.source import Kind, Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, restyle, row, tint
 
@@ -143,7 +143,7 @@ class ExperimentPanel(Panel):
         self.rows: list[StepRow] = []
         self.bands = [BandRow() for _ in range(2)]
         self._shown: RunSteps | None = None
-        self._has_run = False
+        self._has_run, self._is_live = False, True
         self._build()
         desk.settings_changed.connect(self._show_planned)
         desk.busy_changed.connect(lambda _: self._show_button())
@@ -156,7 +156,7 @@ class ExperimentPanel(Panel):
 
     def show_setup(self, setup: Setup) -> None:
         """Show the steps of a run that begins."""
-        self._has_run = True
+        self._has_run, self._is_live = True, setup.kind is Kind.LIVE
         self._show(planned(setup.config))
 
     def show_view(self, view: ViewState) -> None:
@@ -209,7 +209,9 @@ class ExperimentPanel(Panel):
             return
         is_begin = steps.act is Act.BEGIN
         can_act = steps.act is Act.ANSWER or (is_begin and not self.desk.is_busy)
-        self.button.setText(steps.acts + (KEYS[steps.act] if can_act else " …"))
+        text = steps.acts + (KEYS[steps.act] if can_act else " …")
+        is_played = steps.act is Act.WAIT and not self._is_live
+        self.button.setText("As it was recorded: nothing moves" if is_played else text)
         self.button.setEnabled(can_act)
         restyle(self.button, "start" if can_act else "wait")
 

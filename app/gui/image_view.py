@@ -12,6 +12,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QSlider
 
+from app.bench_view import PictureView
 from app.gui.canvas import Canvas
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
@@ -22,6 +23,7 @@ from app.gui.scales import Range, colour_range
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row
+from app.settings import Config
 
 CUT = "Cut through the centre"
 RAW, DIFFERENCE = "raw", "difference"
@@ -29,6 +31,7 @@ PICTURES = {RAW: "raw image", DIFFERENCE: "difference to the reference"} | {
     key: f"{kind.symbol}  {kind.hint[0].lower()}{kind.hint[1:]}" for key, kind in KINDS.items()
 }
 SHORT = {RAW: "raw", DIFFERENCE: "difference"} | {key: k.symbol for key, k in KINDS.items()}
+LIVE = "live picture of the connected bench, not recorded"
 POINT_HINT = "Point at the picture to read it. The wheel zooms, dragging moves, R shows all."
 
 
@@ -88,6 +91,16 @@ class InterfaceView(Panel):
             self._circles = view.circles
             self.canvas.show_circles(view.circles)
         self._say()
+
+    def show_live(self, picture: PictureView, config: Config) -> None:
+        """Show what the camera of a connected bench sees, which nobody records."""
+        camera = config.camera
+        whole = (-0.5, -0.5, float(camera.width), float(camera.height))
+        if self._setup is None or self._setup.title != LIVE or self._setup.config != config:
+            self.show_setup(Setup(LIVE, camera.pixel * 1e6, whole, config))
+        self.canvas.show_colours(picture.rgb, whole)
+        self.panel.caption.setText(LIVE)
+        self.panel.caption.show()
 
     # ------------------------------------------------------------------ what is shown
 

@@ -106,6 +106,14 @@ class PictureCanvas(Canvas):
             self._colours = None
         self.update()
 
+    def show_colours(self, rgb: NDArray[np.uint8], rect: Rect) -> None:
+        """Show a picture whose colours are given, shape (rows, cols, 3)."""
+        rows, cols, _ = rgb.shape
+        bound = np.ascontiguousarray(rgb)
+        whole = QImage(bound.data, cols, rows, 3 * cols, QImage.Format.Format_RGB888)
+        self._image = _Picture(bound[..., 0], [], rect, whole.convertToFormat(_OPAQUE))
+        self.update()
+
     def show_difference(self, pixels: NDArray[np.int16], rect: Rect, ends: Range) -> None:
         """Show the difference of two images, in grey levels."""
         self._image = _Picture(_indices(pixels, ends), _table(is_diverging=True), rect)
@@ -226,6 +234,7 @@ class PictureCanvas(Canvas):
 
     def _draw_inside(self, painter: QPainter, frame: Frame) -> None:
         inside = QRectF(frame.left, frame.top, frame.width, frame.height)
+        self._draw_hint(painter, inside)
         painter.save()
         painter.setClipRect(inside)
         if self._image is not None:
@@ -355,9 +364,14 @@ class _Rings:
 class _Picture:
     """An image in the colours of a table; `rect` is its place in pixels of the camera."""
 
-    def __init__(self, indices: NDArray[np.uint8], table: list[int], rect: Rect) -> None:
-        self._indices, self._table, self._rect = indices, table, rect
-        self._whole: QImage | None = None
+    def __init__(
+        self,
+        indices: NDArray[np.uint8],
+        table: list[int],
+        rect: Rect,
+        whole: QImage | None = None,
+    ) -> None:
+        self._indices, self._table, self._rect, self._whole = indices, table, rect, whole
 
     def pieces(self, covered: Rect | None) -> Iterator[tuple[QImage, Rect]]:
         """What is seen beside a covered part, with its places; all of it where none is."""

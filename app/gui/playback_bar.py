@@ -15,7 +15,7 @@ from app.gui.background import Background
 from app.gui.cells import Tone, number
 from app.gui.source import PlaybackSource
 from app.gui.time_strip import TimeStrip
-from app.gui.widgets import Panel, column, label, row
+from app.gui.widgets import STRETCH, Panel, column, label, row
 
 PACES: dict[str, float | None] = {
     f"{pace:g} x": pace for pace in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -65,17 +65,9 @@ class PlaybackBar(Panel):
         self.analyse.setToolTip("It was recorded, but not analysed during the run.")
         self.analyse.hide()
         steps = (self.first, self.back, self.play, self.forward, self.last)
-        controls = row(
-            *steps,
-            self.pace,
-            8,
-            self.number,
-            (self.place, 3),
-            self.analyse,
-            (self.verdict, 2),
-            spacing=4,
-        )
-        self.setLayout(column(self.strip, controls, spacing=4, margins=(12, 6, 12, 6)))
+        controls = row(*steps, self.pace, 8, self.number, STRETCH, self.analyse, spacing=4)
+        told = row((self.place, 3), (self.verdict, 2), spacing=4)
+        self.setLayout(column(self.strip, controls, told, spacing=4, margins=(12, 6, 12, 6)))
         self.first.clicked.connect(self.go_to_first)
         self.back.clicked.connect(self.go_back)
         self.play.clicked.connect(self.toggle)

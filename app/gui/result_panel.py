@@ -28,6 +28,7 @@ from app.report.summary import Row
 TONES = {COMPLETE: Tone.GOOD, STOPPED: Tone.WARN, FAILED: Tone.BAD, PLAYED: Tone.REPLAY}
 FLAT_PX = 760  # from which there is room for the notes beside the table
 SETTINGS = ("setting", "", "value", "", "", "unit")
+CARD = tuple("" if head == "symbol" else head for head in COLUMNS)  # it speaks for itself
 
 
 class ResultPanel(Panel):
@@ -65,7 +66,7 @@ class ResultPanel(Panel):
         self._words.setFrameShape(QScrollArea.Shape.NoFrame)
         self._words.setMinimumHeight(48)
         self._body = QBoxLayout(QBoxLayout.Direction.TopToBottom)
-        self._body.addWidget(self.table, 3)
+        self._body.addWidget(self.table, 4)
         self._body.addWidget(self._words, 2)
         self.setLayout(
             column(
@@ -116,7 +117,7 @@ class ResultPanel(Panel):
             " font-weight: 700;"
         )
         self.verdict.show()
-        fill(self.table, COLUMNS, [(name, *values) for name, *values in card.rows])
+        fill(self.table, CARD, [(name, *values) for name, *values in card.rows])
         said = [_sentence(card.reason), *map(_sentence, verdict)]
         said += [_told(one) for one in (*card.further, *card.account)]
         said += [f"Note: {note}" for note in card.notes]

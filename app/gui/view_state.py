@@ -227,6 +227,9 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     newest = curves.newest
     behind_s = (health.sample - newest.sample) / config.forces.sample_rate if newest else math.nan
     latency = cells.latency_cell(math.nan if outcome else behind_s)
+    screen = cells.screen_cell(math.nan if outcome else health.image_age_s + reading.eyes.delay_s)
+    if previous is not None and image is previous.image and not outcome:
+        screen = previous.screen  # the image was seen before
     # a run that has ended since its outcome was read is told with the next reading
     state = "stopping" if health.state in ENDED else health.state
     if outcome is not None:
@@ -260,9 +263,7 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
         queue=cells.queue_cell(health),
         disk=cells.disk_cell(health, config),
         latency=latency,
-        screen=cells.screen_cell(
-            math.nan if outcome else health.image_age_s + reading.eyes.delay_s
-        ),
+        screen=screen,
         processor=cells.processor_cell(reading.cores),
         verdict=cells.verdict_cell(health, outcome, config),
         image=image,

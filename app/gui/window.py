@@ -16,6 +16,7 @@ from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QApplication
 
+from app.bench_view import PictureView
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.file_question import SESSION_FILES, ask_file
@@ -27,6 +28,7 @@ from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.view_state import ViewState
 from app.records import Outcome, Phase
+from app.settings import Config
 from app.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
@@ -140,6 +142,7 @@ class MainWindow(Station):
         self.notice.clear()
         if self.experiment is not None and not self._is_replay():
             self.docks.show(self.experiment.name)
+            self.docks.show("curves")
         self._show_buttons()
         self._redraw_soon()
 
@@ -372,6 +375,11 @@ class MainWindow(Station):
                 is_live = is_live or self._making.is_live
             self.desk.set_busy(is_running or self._making is not None, is_live=is_live)
 
+    def _show_live(self, picture: PictureView, config: Config) -> None:
+        """Show the picture of the connected bench, unless a run or a replay is shown there."""
+        if not self._is_running() and self._making is None:
+            self.interface.show_live(picture, config)
+
     def _redraw_soon(self) -> None:
         """Look again at the next tick, because the operator chose another frame."""
         self._drawn = (-math.inf, time.thread_time())
@@ -497,6 +505,8 @@ class MainWindow(Station):
         self.top.stop_motion.pressed.connect(self.stop_motion)
         self.playback.acted.connect(self._redraw_soon)
         self.playback.said.connect(self._say)
+        if self.bench is not None:
+            self.bench.seen.connect(self._show_live)
         for dock in self.docks.by_name.values():
             dock.visibilityChanged.connect(self._draw_again)
         if self.desk is not None:
