@@ -152,8 +152,10 @@ class Run(Watched):
     # any thread
 
     def start(self) -> None:
-        """Open the bench and begin; returns at once."""
+        """Open the bench and begin, unless it was stopped before; returns at once."""
         with self._starting:
+            if self._is_called_off:
+                return
             if self._state != "idle":
                 raise RuntimeError(
                     f"run: start was asked, but the run is {self._state}; make a new run"
@@ -163,14 +165,19 @@ class Run(Watched):
 
     def request_stop(self, reason: str) -> None:
         """End the run in good order: the actuator stops now, what was measured is kept, the state
-        is "done".
+        is "done". One that has not begun never will.
         """
-        self._ending.call(reason, failed=False)
+        called_off = self._call_off("run", reason)
+        self._ending.call(called_off.reason if called_off else reason, failed=False)
+        if called_off:
+            self._watchdog.close()
+            self._analysis.close()
 
     def stop_motion(self) -> StopAnswer:
         """Stop the actuator in the calling thread, then end the run; what the actuator answered."""
+        state = self._state
         self.request_stop("STOP MOTION was pressed")
-        return self._stops.told(self._state)
+        return self._stops.told("idle" if state == "idle" else self._state)
 
     def stop_answer(self) -> StopAnswer | None:
         """What became of the newest stop, whoever called for it, once the position of the stage was

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from app.engine.analyst import Analysis, FrameAnalysis
 from app.engine.quality import Quality
 from app.engine.setup import grid_of
-from app.records import ContactResult, Outcome, Snapshot
+from app.records import ContactResult, Counts, Outcome, Snapshot
 from app.settings import Config
 from app.stopping import StopAnswer
 
@@ -45,6 +45,7 @@ class Watched:
         self._thread: threading.Thread | None = None
         self._ended = threading.Event()
         self._outcome: Outcome | None = None
+        self._is_called_off = False  # it was to end before it began
 
     def wait(self, timeout: float | None = None) -> Outcome | None:
         """The outcome once the experiment has ended and its threads are gone; None if it has not
@@ -83,6 +84,17 @@ class Watched:
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """About `n` points of the experiment so far: samples, P and Q in newtons."""
         return self._analysis.history.block_means(n)
+
+    def _call_off(self, what: str, reason: str) -> Outcome | None:
+        """End an experiment that has not begun, which never will; None if it has begun."""
+        with self._starting:
+            if self._state != "idle":
+                return None
+            self._is_called_off = True
+            why = f"the {what} was stopped before it began: {reason}"
+            outcome = Outcome("done", why, Counts(), None)
+            self._end(outcome)
+        return outcome
 
     def _end(self, outcome: Outcome) -> None:
         self._outcome = outcome

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from app.gui.keys import focus_first
 from app.gui.memory import LAYOUT, Memory
 from app.gui.widgets import Settled
 
@@ -118,6 +119,12 @@ class Docks:
         dock = self.by_name[name]
         dock.show()
         dock.raise_()
+
+    def go_to(self, name: str) -> None:
+        """Bring a part to the front, and put the keys into it."""
+        self._window.activateWindow()
+        self.show(name)
+        focus_first(self.by_name[name])
 
     def add_to(self, menu: QMenu) -> None:
         """List the parts in a menu, to be shown or hidden."""

@@ -48,6 +48,11 @@ ACTS = (
     Act("show_keys", "&Help", "&Keys", ("F1",), "Lists the keys."),
 )
 
+LEFT_PARTS = ("bench", "setup", "experiment", "sessions")
+PARTS = (*LEFT_PARTS, "curves", "region", "result", "health", "log", "campaign")
+GO_TO = {part: f"Ctrl+{(n + 1) % 10}" for n, part in enumerate(PARTS)} | {"picture": "Ctrl+P"}
+WAY = "go_to_"  # the names of the actions that go to a part begin with it
+
 
 def make_actions(
     window: QWidget, bar: QMenuBar, acts: Sequence[Act], does: Mapping[str, Callable[[], object]]
@@ -73,6 +78,35 @@ def make_actions(
     return made, menus
 
 
+def make_ways(
+    window: QWidget, menu: QMenu, titles: Mapping[str, str], go: Callable[[str], object]
+) -> None:
+    """Fill a menu with the ways to the parts of `window`, given by their names and titles."""
+    for name, title in titles.items():
+        way = QAction(title, window)
+        way.setObjectName(f"{WAY}{name}")
+        way.setShortcut(QKeySequence(GO_TO[name]))
+        way.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
+        way.setToolTip("Brings it to the front and puts the keys into it.")
+        way.triggered.connect(lambda _=False, name=name: go(name))
+        menu.addAction(way)
+        window.addAction(way)
+
+
+def focus_first(part: QWidget) -> None:
+    """Give the focus to the first thing in `part` that takes keys; what only scrolls comes last."""
+    found: list[QWidget] = []
+    one = part.nextInFocusChain()
+    while one is not None and one is not part:
+        takes_keys = bool(one.focusPolicy() & Qt.FocusPolicy.TabFocus) and one.isEnabled()
+        if takes_keys and one.isVisible() and part.isAncestorOf(one):
+            found.append(one)
+        one = one.nextInFocusChain()
+    found.sort(key=lambda one: isinstance(one, QScrollArea))
+    if found:
+        found[0].setFocus(Qt.FocusReason.ShortcutFocusReason)
+
+
 class KeyList(QDialog):
     """The keys of the window and of its parts; F1 shows it, and the window stays in use."""
 
@@ -83,6 +117,8 @@ class KeyList(QDialog):
         area, inside = QScrollArea(self), QWidget()
         grid = QGridLayout(inside)
         rows = [(", ".join(act.keys), _plain(act.text), act.tip) for act in ACTS if act.keys]
+        ways = [one for one in parent.findChildren(QAction) if one.objectName().startswith(WAY)]
+        rows += [(one.shortcut().toString(), one.text(), one.toolTip()) for one in ways]
         rows += [(key, where, what) for where, key, what in keys_of_parts(parent)]
         for line, (keys, what, tip) in enumerate(rows):
             for place, text in enumerate((f"<b>{keys}</b>", what, tip)):

@@ -59,6 +59,7 @@ class Notice(Panel):
         self.yes.setText(yes)
         self.yes.show()
         self.no.setText("Keep running")
+        self.no.setFocus()  # the keys are at the answers
 
     def clear(self) -> None:
         """Show nothing any more."""

@@ -16,7 +16,7 @@ from app.gui.docks import BOTTOM, LEFT, RIGHT, Docks, Place
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.health_panel import HealthPanel, HealthStrip
 from app.gui.image_view import InterfaceView
-from app.gui.keys import ACTS, KeyList, make_actions
+from app.gui.keys import ACTS, KeyList, focus_first, make_actions, make_ways
 from app.gui.log_panel import LogPanel, LogStore
 from app.gui.memory import Memory
 from app.gui.notice import Notice
@@ -84,6 +84,9 @@ class Station(QMainWindow):
         self.statusBar().addPermanentWidget(Settled(self.strip), 1)
         self.statusBar().setSizeGripEnabled(False)
         self.docks = Docks(self, tuple(self._places()))
+        titles = {name: dock.windowTitle() for name, dock in self.docks.by_name.items()}
+        ways = menus["&View"].addMenu("&Go to")
+        make_ways(self, ways, titles | {"picture": "Picture"}, self.go_to)
         self.docks.add_to(menus["&View"])
         self.docks.open(self.memory)
 
@@ -121,6 +124,14 @@ class Station(QMainWindow):
             self.showNormal()
         else:
             self.showFullScreen()
+
+    def go_to(self, part: str) -> None:
+        """Bring a part to the front, and put the keys into it."""
+        if part in self.docks.by_name:
+            self.docks.go_to(part)
+        else:
+            self.activateWindow()
+            focus_first(self.interface)
 
     def reset_layout(self) -> None:
         """Put all parts where they were at first."""

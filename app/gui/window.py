@@ -430,7 +430,10 @@ class MainWindow(Station):
         self._attach(making.source)
         if making.is_stopped:
             self._is_fresh = False
-            self.end_run()
+            self._in_background(
+                "The run could not be called off",
+                lambda source: source.request_stop("STOP MOTION was pressed"),
+            )
         else:
             self._start()
 
@@ -475,7 +478,8 @@ class MainWindow(Station):
         """Close at once when nothing runs, or what runs stays; else ask in the window, within reach
         of STOP MOTION.
         """
-        if self._is_running() and not self._stays() and not self._must_close:
+        is_live = self._is_running() and not self._is_replay()
+        if is_live and not self._stays() and not self._must_close:
             event.ignore()
             if self._close_by is None:
                 self.notice.ask(

@@ -75,7 +75,7 @@ class Replay(Watched):
         self.is_refused = False  # whether it failed because the session can not be read
 
     def start(self) -> None:
-        """Begin to play; returns at once.
+        """Begin to play, unless it was ended before; returns at once.
 
         Raises
         ------
@@ -83,6 +83,8 @@ class Replay(Watched):
             It has begun before.
         """
         with self._starting:
+            if self._is_called_off:
+                return
             if self._state != "idle":
                 raise RuntimeError(f"replay: it is {self._state} already; make a new one")
             self._state = "running"
@@ -200,8 +202,9 @@ class Replay(Watched):
             return chosen
 
     def request_stop(self, reason: str) -> None:
-        """End after the current frame."""
-        self._reason = self._reason or reason
+        """End after the current frame; a replay that has not begun never will."""
+        called_off = self._call_off("replay", reason)
+        self._reason = self._reason or (called_off.reason if called_off else reason)
         self.playback.end()
 
     def stop_motion(self) -> StopAnswer:
