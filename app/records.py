@@ -492,15 +492,5 @@ class Health:
         return f"{self.step}{left}{every}"
 
 
-Record = (
-    Samples
-    | Gap
-    | ReceivedFrame
-    | SourceFrame
-    | LostTrigger
-    | Position
-    | Event
-    | Snapshot
-    | ContactResult
-    | Outcome
-)
+Acquired = Samples | Gap | ReceivedFrame | SourceFrame | LostTrigger | Position
+Record = Acquired | Event | Snapshot | ContactResult | Outcome

@@ -18,8 +18,8 @@ from app.engine.losses import Losses
 from app.engine.recorder import Recorder
 from app.priority import give_way
 from app.records import Event, LostTrigger, ReceivedFrame
-from app.settings import Limits
-from drivers.errors import DeviceTimeout
+from app.settings import Config, Limits
+from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
 
 POLL_S = 0.1
@@ -205,3 +205,24 @@ class Receiver:
 
 def _span(answer: Frame | LostFrame) -> tuple[int, int] | None:
     return None if answer.is_certain else (answer.first, answer.last)
+
+
+def check_camera(camera: Camera, config: Config) -> None:
+    """Refuse images of another kind or size than the settings want.
+
+    Raises
+    ------
+    DeviceError
+    """
+    if camera.dtype != config.camera.dtype:
+        raise DeviceError(
+            f"{camera.name}: {config.camera.pixel_format} was asked, it gives images of"
+            f" {camera.dtype.itemsize * 8} bit;"
+            f" set camera.pixel_format to {'Mono16' if camera.dtype.itemsize == 2 else 'Mono8'}"
+        )
+    if camera.shape != config.camera.shape:
+        rows, columns = camera.shape
+        raise DeviceError(
+            f"{camera.name}: images of {config.camera.width} x {config.camera.height} were asked,"
+            f" it gives {columns} x {rows}; set camera.width and camera.height to that"
+        )

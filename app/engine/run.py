@@ -34,7 +34,7 @@ from app.engine.ending import Ending, sentence
 from app.engine.experiment import Experiment, ExperimentFailed
 from app.engine.intake import BenchDevices, Intake
 from app.engine.quality import Quality
-from app.engine.receiver import Receiver
+from app.engine.receiver import Receiver, check_camera
 from app.engine.recorder import Recorder, SessionSink
 from app.engine.sight import Sight
 from app.engine.stage import Stage
@@ -249,7 +249,7 @@ class Run(Watched):
             self._prepare(self._say_preparing)
             self._ask("bench", self._bench.open, math.inf)
             self._stops.is_connected = True
-            self._check_camera()
+            check_camera(self._bench.camera, self.config)
             self._ask(self._stage.name, self._stage.arm)
             sink = self._create_sink()
             self._record_run(sink)
@@ -280,22 +280,6 @@ class Run(Watched):
     def _say_preparing(self, what: str) -> None:
         LOG.info("%s", what)
         self._preparing = what
-
-    def _check_camera(self) -> None:
-        dtype, wanted = self._bench.camera.dtype, self.config.camera.dtype
-        if dtype != wanted:
-            raise DeviceError(
-                f"{self._bench.camera.name}: {self.config.camera.pixel_format} was asked, it gives"
-                f" images of {dtype.itemsize * 8} bit;"
-                f" set camera.pixel_format to {'Mono16' if dtype.itemsize == 2 else 'Mono8'}"
-            )
-        rows, columns = self._bench.camera.shape
-        if (rows, columns) != self.config.camera.shape:
-            raise DeviceError(
-                f"{self._bench.camera.name}: images of {self.config.camera.width} x"
-                f" {self.config.camera.height} were asked,"
-                f" it gives {columns} x {rows}; set camera.width and camera.height to that"
-            )
 
     def _finish(self, sink: SessionSink, outcome: Outcome) -> None:
         self._ending.attempt("session", lambda: sink.append(outcome))

@@ -30,7 +30,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from shiboken6 import VoidPtr
 
 from app.gui import theme
-from app.gui.charts import Chart, Frame, Guide, Line, paths, spots
+from app.gui.charts import Chart, Frame, Guide, Line, are_same, paths, spots
 from app.gui.lettering import advance, free, write
 from app.gui.scales import Range, ticks
 from app.records import F64
@@ -38,7 +38,6 @@ from app.records import F64
 GAP = 4.0  # between texts and axes, px
 TICK_ROOM = (7.0, 2.2)  # width and height of a tick's room, in widths and heights of its text
 ZOOM = 0.85  # of the range, for a step of the wheel
-SAME = 0.5  # px: what has moved by less is not drawn again
 MOST_ZOOM = 1e-4  # of what was shown first
 DOTTED = ("dots", "squares")
 EMPTY = Chart("", "", "")
@@ -77,7 +76,7 @@ class Canvas(QWidget):
         self._held = chart.ranges(self._held)
         self._axes = None
         drawn = self._prepare(self.frame())
-        if not _are_same(drawn, self._drawn):
+        if not are_same(drawn, self._drawn):
             self._drawn = drawn
             self.update()
 
@@ -489,20 +488,3 @@ def _band(frame: Frame, low: float, high: float) -> F64:
     _, bottom = frame.place(0.0, low)
     _, top = frame.place(0.0, high)
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-
-
-def _are_same(now: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
-    """Whether two drawings are the same to half a pixel."""
-    if not before or now[0] != before[0] or now[2:] != before[2:] or len(now[1]) != len(before[1]):
-        return False
-    return all(
-        a[:2] == b[:2] and _are_near(a[2], b[2]) and _are_near(a[3], b[3])
-        for a, b in zip(now[1], before[1], strict=True)
-    )
-
-
-def _are_near(now: list[F64], before: list[F64]) -> bool:
-    return len(now) == len(before) and all(
-        a.shape == b.shape and (not a.size or bool(np.abs(a - b).max() < SAME))
-        for a, b in zip(now, before, strict=True)
-    )

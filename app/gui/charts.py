@@ -17,6 +17,7 @@ from app.gui.scales import Range, round_range
 from app.records import F64
 
 NOTHING: F64 = np.empty(0)
+SAME = 0.5  # px: what has moved by less is not drawn again
 UNKNOWN: Range = (math.nan, math.nan)
 
 
@@ -240,3 +241,20 @@ def spots(x: F64, y: F64, frame: Frame, size: float = 2.0) -> F64:
     points = points[np.isfinite(points).all(axis=1)]
     _, first = np.unique(np.rint(points / size), axis=0, return_index=True)
     return np.asarray(points[np.sort(first)])
+
+
+def are_same(now: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
+    """Whether two drawings are the same to half a pixel."""
+    if not before or now[0] != before[0] or now[2:] != before[2:] or len(now[1]) != len(before[1]):
+        return False
+    return all(
+        a[:2] == b[:2] and _are_near(a[2], b[2]) and _are_near(a[3], b[3])
+        for a, b in zip(now[1], before[1], strict=True)
+    )
+
+
+def _are_near(now: list[F64], before: list[F64]) -> bool:
+    return len(now) == len(before) and all(
+        a.shape == b.shape and (not a.size or bool(np.abs(a - b).max() < SAME))
+        for a, b in zip(now, before, strict=True)
+    )

@@ -26,8 +26,9 @@ from app.gui.reader import Answer, ViewReader
 from app.gui.source import RunSource, Setup
 from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
+from app.gui.turns import Turns
 from app.gui.view_state import ViewState
-from app.records import Outcome, Phase
+from app.records import Outcome
 from app.settings import Config
 from app.stopping import Stop, StopAnswer
 
@@ -35,7 +36,6 @@ LOG = logging.getLogger(__name__)
 TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while parts are to be drawn and while none is
 SLICE_S = 0.02  # the parts of a tick are drawn for so long, so that a key need not wait for all
 REFRESH_S = 0.1  # from the beginning of one redraw to the next
-FRESH_S = 0.5  # numbers and curves are drawn anew after so long, the picture at every redraw
 # after a redraw the window rests this many times as long as it took, the longer the more often
 # frames wait for the analysis: it needs the core
 RESTS, MOST_RESTS, MOST_BEHIND = 3.0, 10.0, 2
@@ -89,8 +89,7 @@ class MainWindow(Station):
         self._rests = RESTS
         self._sparing = 1  # the time between redraws is so many times as long
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
-        self._turn, self._turned = 0, 0.0  # the next of the other parts, and when they had theirs
-        self._counted = 0.0  # when the numbers were drawn
+        self._turns = Turns(self.interface, self._show_numbers, self._shows[1:])
         self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
@@ -279,29 +278,11 @@ class MainWindow(Station):
         self.top.show_state(view.badge, view.tone, view.phase)
         self._show_buttons()
         self.playback.refresh()
-        self._parts = deque(partial(show, view) for show in self._in_turn(view))
+        self._parts = deque(partial(show, view) for show in self._turns.of(view))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
             if not self.notice.stays:
                 self.notice.clear()  # how the run ended stands beside the badge
-
-    def _in_turn(self, view: ViewState) -> list[Callable[[ViewState], None]]:
-        """What a redraw draws: the picture and, while the run goes on, those of the other parts
-        whose turn it is, for numbers and curves are read twice a second. While a load is pressed by
-        hand the numbers are drawn each time.
-        """
-        others = self._others()
-        now, before = time.monotonic(), self._turned
-        self._turned = now
-        count = math.ceil(len(others) * (now - before) / FRESH_S)
-        if view.goes_on and count < len(others):
-            start = self._turn % len(others)
-            self._turn = start + count
-            others = (2 * others)[start : start + count]
-        if not view.goes_on or view.phase == Phase.CONTACT or now - self._counted >= FRESH_S:
-            self._counted = now
-            others.insert(0, self._show_numbers)
-        return [*self.interface.parts, *others]
 
     def _show_numbers(self, view: ViewState) -> None:
         """Show the numbers of one instant everywhere: side by side they must agree."""
@@ -310,14 +291,10 @@ class MainWindow(Station):
         for show in (show for part in self._counts for show in part.parts):
             show(view)
 
-    def _others(self) -> list[Callable[[ViewState], None]]:
-        """Of all but picture and numbers, those that can be seen."""
-        return [show for part in self._shows[1:] if part.isVisible() for show in part.parts]
-
     def _draw_again(self) -> None:
         """Draw what has come into view."""
         if self._view is not None:
-            self._parts.extend(partial(show, self._view) for show in self._others())
+            self._parts.extend(partial(show, self._view) for show in self._turns.others())
 
     def _show_stop(self, read: StopAnswer | None = None) -> None:
         """Show the next answer to a stop; that one has failed can not be missed."""

@@ -92,8 +92,9 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
     qtbot.waitUntil(
         lambda: window._view is not None and window._view.curves.seen == frame and not window._parts
     )
-    window._turned = 0.0  # all parts have their turn now
-    qtbot.waitUntil(lambda: window._turned > 0 and not window._parts)
+    turns = window._turns
+    turns._turned = turns._counted_at = 0.0  # all parts have their turn now
+    qtbot.waitUntil(lambda: turns._turned > 0 and not window._parts)
 
 
 def drawn(window: MainWindow, key: str) -> Line:

@@ -1,0 +1,57 @@
+"""What of a view is drawn at a redraw: the picture each time, all else in turn."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+from app.gui.desk import Part
+from app.gui.view_state import ViewState
+from app.records import Phase
+
+FRESH_S = 0.5  # numbers and curves are read twice a second, and drawn as often
+
+Draw = Callable[[ViewState], None]
+
+
+class Turns:
+    """Deals out the work of redraws.
+
+    Parameters
+    ----------
+    picture : Part
+        Drawn each time.
+    numbers : callable
+        Draws all numbers, which must be of one instant: side by side they are compared.
+    others : sequence of Part
+        Drawn one after the other, where they can be seen.
+    """
+
+    def __init__(self, picture: Part, numbers: Draw, others: Sequence[Part]) -> None:
+        self._picture, self._numbers, self._others = picture, numbers, others
+        self._turn, self._turned = 0, 0.0  # the next of the others, and when they had theirs
+        self._counted_at, self._told = 0.0, ("", "", "")  # when the numbers had, and what was new
+
+    def of(self, view: ViewState) -> list[Draw]:
+        """What is drawn of a view. Numbers follow at once where a load is pressed by hand, and
+        where another step begins.
+        """
+        others, now = self.others(), time.monotonic()
+        count = math.ceil(len(others) * (now - self._turned) / FRESH_S)
+        self._turned = now
+        if view.goes_on and count < len(others):
+            start = self._turn % len(others)
+            self._turn = start + count
+            others = (2 * others)[start : start + count]
+        told = (view.badge, view.phase, view.steps.question)
+        is_pressed = view.phase == Phase.CONTACT
+        is_due = is_pressed or told != self._told or now - self._counted_at >= FRESH_S
+        if is_due or not view.goes_on:
+            self._counted_at, self._told = now, told
+            others.insert(0, self._numbers)
+        return [*self._picture.parts, *others]
+
+    def others(self) -> list[Draw]:
+        """What draws the parts in view other than picture and numbers."""
+        return [show for part in self._others if part.isVisible() for show in part.parts]
