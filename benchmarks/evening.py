@@ -46,7 +46,7 @@ TRAVEL_UM = 20.0  # of the long run
 LONG = (
     *("camera.width=320", "camera.height=240", "camera.pixel=24", "camera.divisor=4000"),
     *("run.normal_force=0.1", "run.background_time=8", "run.settle_time=4"),
-    *("run.reference_time=12", "limits.age=100"),
+    *("run.reference_time=12", "limits.age=10"),
 )
 MIB = 2**20
 

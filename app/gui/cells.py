@@ -302,6 +302,11 @@ def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cel
             f"The disk has {disk.value} left.",
         ),
         (
+            outcome is not None and outcome.state == "failed",
+            Tone.BAD,
+            f"The run has failed; what came until then is kept: {_kept(counts)}.",
+        ),
+        (
             health.uncertain,
             Tone.WARN,
             f"{grouped(health.uncertain)} frames may be of another trigger.",
@@ -321,9 +326,11 @@ def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cel
             return Cell("verdict", sentence, tone=tone)
     if not counts.triggers:
         return Cell("verdict", "Nothing has been measured yet.")
-    return Cell(
-        "verdict",
-        f"All is well: {grouped(counts.frames_received)} images of {grouped(counts.triggers)}"
-        f" triggers, {grouped(counts.frames_recorded)} recorded, none lost.",
-        tone=Tone.GOOD,
+    return Cell("verdict", f"All is well: {_kept(counts)}.", tone=Tone.GOOD)
+
+
+def _kept(counts: Counts) -> str:
+    return (
+        f"{grouped(counts.frames_received)} images of {grouped(counts.triggers)} triggers,"
+        f" {grouped(counts.frames_recorded)} recorded, none lost"
     )

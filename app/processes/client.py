@@ -74,7 +74,7 @@ class RemoteRun:
 
     def start(self) -> None:
         """Begin, unless it has begun; returns at once."""
-        if self._ask("health").state == "idle":
+        if self._outcome is None and self._ask("health").state == "idle":
             self._order("start")
 
     def stop_motion(self) -> StopAnswer:

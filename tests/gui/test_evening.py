@@ -367,5 +367,8 @@ def test_an_evening_by_keyboard_alone(qtbot: QtBot, window: MainWindow, made: li
     evening.sees_frame(first)
     key(Qt.Key.Key_Right)
     evening.sees_frame(first + 1)
+    key(Qt.Key.Key_Escape)
+    recorded = "STOP MOTION: nothing was sent, because this is recorded"
+    qtbot.waitUntil(lambda: window.notice.text.text().startswith(recorded))
     key(Qt.Key.Key_Q, CTRL)
     evening.sees_all_closed()

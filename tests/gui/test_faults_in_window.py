@@ -1,0 +1,266 @@
+"""Each fault of each device, as the operator is told of it: badge, sentence, the light at the foot,
+the result card, the losses by name, and the sound.
+"""
+
+import shutil
+from collections import namedtuple
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import short_run
+from operators import large
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+from workshops import Makes
+
+from app import config, live
+from app.gui.cells import Tone
+from app.gui.desk import Desk
+from app.gui.window import MainWindow
+from app.records import Health
+from app.session.files import RESERVE_BYTES
+from app.session.reader import SessionReader
+from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
+
+SETTINGS = (
+    *short_run.SMALL,
+    *("camera.width=320", "camera.height=240", "camera.pixel=24", "dic.step=30"),
+    *("camera.divisor=250", "run.travel=20"),
+)
+COUNTED = "forces.exposure_counter=ctr1"
+DRIVE = 2000  # a sample of the drive
+COMPLETE = "The drive of 20 µm is complete"
+
+
+@pytest.fixture
+def beeps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    heard: list[str] = []
+    monkeypatch.setattr(QApplication, "beep", lambda: heard.append("beep"))
+    return heard
+
+
+@pytest.fixture
+def ended(
+    qtbot: QtBot, tmp_path: Path, beeps: list[str]
+) -> Iterator[Callable[..., tuple[MainWindow, Any]]]:
+    """Runs in the window with some settings and a bench that was tampered with."""
+    opened: list[tuple[MainWindow, Any]] = []
+
+    def run_of(*settings: str, spoil: Callable[[Any], None] = lambda _bench: None):
+        run = live.make_run(config.load(None, (*SETTINGS, *settings)), tmp_path / "x.h5", pace=None)
+        spoil(run._bench)
+        window = MainWindow(desk=Desk(Makes(lambda: run), run.config))
+        opened.append((window, run))
+        large(window)
+        window.begin()
+        qtbot.waitUntil(
+            lambda: (
+                window.outcome() is not None
+                and window.result.heading.text() == "Result"
+                and not window._parts
+            )
+        )
+        window.docks.show("health")
+        qtbot.waitUntil(lambda: not window._parts)
+        return window, run
+
+    yield run_of
+    for window, run in opened:
+        window._must_close = True
+        window.close()
+        window.deleteLater()
+        assert run.wait(60) is not None
+
+
+def health(window: MainWindow, name: str) -> tuple[str, str]:
+    """A number of the health panel, and why it is what it is."""
+    (view,) = (one for one in window.health.views if one.name.text() == name)
+    return view.value.text(), view.toolTip()
+
+
+def light(window: MainWindow) -> tuple[str, str]:
+    return window.strip.light.toolTip(), window.strip.sentence.text()
+
+
+@pytest.mark.parametrize(
+    ("fault", "settings", "lost", "why"),
+    [
+        ("lost-trigger 12 3", (), 3, "missed trigger"),
+        ("lost-frame 12", (), 1, "lost on its way"),
+        (f"daq-overflow {DRIVE + 7} 300", ("forces.on_overflow=continue",), 300, "overwritten"),
+    ],
+)
+def test_what_is_lost_is_red_by_name_and_the_run_is_done(ended, beeps, fault, settings, lost, why):
+    window, _ = ended(f"sim.faults=['{fault}']", *settings)
+    name = "samples lost" if "daq" in fault else "frames lost"
+    value, hint = health(window, name)
+    assert value == str(lost)
+    assert why in hint
+    assert f"{lost} ×" in hint
+    tone, sentence = light(window)
+    assert tone == Tone.BAD.name.lower()
+    assert sentence.startswith(f"{lost} ")
+    assert why in sentence
+    assert window.top.badge.text() == "DONE"
+    assert window.top.sentence.text() == COMPLETE
+    assert not beeps
+
+
+@pytest.mark.parametrize(
+    ("fault", "settings"),
+    [
+        ("corrupt-frame 12", ()),
+        ("late-trigger 12 7", (COUNTED,)),
+        ("uncounted-exposure 12", (COUNTED,)),
+        ("exposure-wire 12", (COUNTED,)),
+        ("exposure-inverted 0", (COUNTED,)),
+    ],
+)
+def test_what_costs_nothing_is_no_alarm(ended, beeps, fault, settings):
+    window, run = ended(f"sim.faults=['{fault}']", *settings)
+    assert window.top.badge.text() == "DONE"
+    assert window.result.verdict.text() == "COMPLETE"
+    counts = run.outcome().counts
+    assert (counts.frames_lost, counts.samples_lost) == (0, 0)
+    tone, sentence = light(window)
+    is_uncertain = run.health().uncertain > 0
+    assert tone == (Tone.WARN if is_uncertain else Tone.GOOD).name.lower()
+    assert ("may be of another trigger" if is_uncertain else "none lost") in sentence
+    assert not beeps
+
+
+def failing(error: Exception) -> Callable[..., Any]:
+    def call(*_args: Any, **_more: Any) -> Any:
+        raise error
+
+    return call
+
+
+NOT_THERE = DeviceNotFound("board Dev1: there is no such board; check its name")
+NO_CAMERA = DeviceNotFound("pylon camera: it was not found; check its cable")
+NO_STAGE = DeviceNotFound("SMC100: nothing answers on COM3; check its power")
+REFUSED = DeviceFault("SMC100: the move was refused in this state; home it")
+SILENT = DeviceTimeout("board Dev1: no samples came within 2 s")
+
+
+@pytest.mark.parametrize(
+    ("fault", "device", "method", "error", "words"),
+    [
+        ("camera-gone 12", "", "", None, "unplugged at trigger 12"),
+        (f"daq-overflow {DRIVE + 7} 300", "", "", None, "300 samples from 2007 on are lost"),
+        (f"daq-gone {DRIVE + 500}", "", "", None, "the board no longer answers"),
+        (f"saturated {DRIVE}", "", "", None, "the shear sensor is at the end of its range"),
+        ("stall 10", "", "", None, "check it for a stall"),
+        ("end-of-run 10", "", "", None, "met its end switch after 10 µm"),
+        (f"unplugged {DRIVE}", "", "", None, "the line is dead"),
+        ("lost-trigger 4 40", "", "", None, "16 of 20 triggers have no image"),
+        ("", "forces", "open", NOT_THERE, str(NOT_THERE)),
+        ("", "camera", "open", NO_CAMERA, str(NO_CAMERA)),
+        ("", "actuator", "open", NO_STAGE, str(NO_STAGE)),
+        ("", "actuator", "move_to", REFUSED, str(REFUSED)),
+        ("", "forces", "read", SILENT, str(SILENT)),
+        ("", "camera", "read", RuntimeError("no such pixel format"), "no such pixel format"),
+    ],
+)
+def test_a_device_that_fails_is_named_heard_and_loses_no_data(
+    ended, beeps, tmp_path, fault, device, method, error, words
+):
+    window, run = ended(
+        *([f"sim.faults=['{fault}']"] if fault else []),
+        spoil=lambda bench: (
+            setattr(getattr(bench, device), method, failing(error)) if device else None
+        ),
+    )
+    assert window.top.badge.text() == "FAILED"
+    said = window.top.sentence.text()
+    assert words[1:] in said  # a sentence begins with a capital
+    assert said in window.result.notes.text()
+    assert window.result.verdict.text() == "FAILED"
+    assert beeps
+    tone, sentence = light(window)
+    assert tone == Tone.BAD.name.lower()
+    assert "All is well" not in sentence
+    assert window.top.start.isEnabled()
+    counts, path = run.outcome().counts, tmp_path / "x.h5"
+    if counts.samples:
+        with SessionReader(path) as read:
+            assert read.outcome.state == "failed"
+            assert read.forces().volts.shape[0] == counts.samples + counts.samples_lost
+    shown = "\n".join(text for _, text in window._logs.take())
+    assert words[1:] in shown.replace("um", "µm")
+
+
+# ------------------------------------------------------------------ the disk
+
+
+@pytest.fixture
+def shows(qtbot: QtBot) -> Iterator[Callable[[Any], MainWindow]]:
+    """Opens a window on a run, and begins it."""
+    opens: list[tuple[MainWindow, Any]] = []
+
+    def show(run: Any) -> MainWindow:
+        window = MainWindow(desk=Desk(Makes(lambda: run), run.config))
+        window.show()
+        opens.append((window, run))
+        window.begin()
+        return window
+
+    yield show
+    for window, run in opens:
+        window._must_close = True
+        window.close()
+        window.deleteLater()
+        if not isinstance(run, ScriptedRun):
+            run.request_stop("the test is over")
+            assert run.wait(60) is not None
+
+
+def test_a_full_disk_is_told(
+    qtbot: QtBot,
+    shows: Callable[[Any], MainWindow],
+    tmp_path: Path,
+    beeps: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usage, run = (
+        namedtuple("usage", "total used free"),
+        live.make_run(config.load(None, SETTINGS), tmp_path / "x.h5", pace=None),
+    )
+
+    def free(_: object) -> Any:
+        is_driving = run._experiment.phase == "drive"
+        return usage(1 << 40, 0, RESERVE_BYTES if is_driving else 1 << 40)
+
+    monkeypatch.setattr(shutil, "disk_usage", free)
+    window = shows(run)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    assert window.top.badge.text() == "FAILED"
+    assert "the disk is full, 34 MB are left; make room" in window.top.sentence.text()
+    assert beeps == ["beep"]
+
+
+class Slow(ScriptedRun):
+    """A run whose disk is slower than its data."""
+
+    fill = 0.6
+
+    def health(self) -> Health:
+        return replace(super().health(), queue_fill=self.fill)
+
+
+@pytest.mark.parametrize(("fill", "tone"), [(0.6, "warn"), (0.9, "bad")])
+def test_a_disk_that_falls_behind_is_told_before_the_run_ends(
+    qtbot: QtBot, shows: Callable[[Any], MainWindow], fill: float, tone: str
+) -> None:
+    run = Slow(320, 240, frames=60)
+    run.fill = fill
+    window = shows(run.at(30))
+    waiting = f"{4 * fill:.1f} of 4.0 s"
+    qtbot.waitUntil(lambda: f"{waiting} wait to be recorded" in window.strip.sentence.text())
+    assert window.strip.light.toolTip() == tone
+    assert "The disk is slower than the data" in window.top.sentence.text()
+    assert window.top.badge.text() == "RUNNING"
