@@ -8,7 +8,7 @@ It is in view when `slipscope run` has put it on the display, from the start of 
 Each close is a program of its own, whose window is closed between its opening and the end of its
 run, as its frame's button does, twice: the run is stopped and saved first. It must end by itself,
 with exit code 0, and leave a session that opens, or none if the run had not begun. The runs in a
-row are of small pictures, as fast as the machine, in one window; memory is compared with that after
+row are of small pictures, in one window, whose process has its memory compared with that after
 the fifth, by when everything that is made once has been made. The long run has small pictures, one
 in four seconds, as fast as the machine; the window, the bench and the analysis are in one process,
 whose memory is compared with that after the first hour. Without a display Qt draws off the screen.
@@ -38,7 +38,7 @@ SETTINGS = (
     *("run.normal_force=0.1", "run.background_time=0.2", "sim.press_time=0.3"),
     *("run.settle_time=0.2", "run.reference_time=0.4", "run.travel=60"),
 )
-LATEST_S = 9.0  # a run at four times the pace is over by then
+PACE, LATEST_S = 4.0, 9.0  # at which a run is over by then
 PATIENCE_S = 60.0
 FIRST_RUNS = 5
 OPENINGS = 5
@@ -67,7 +67,7 @@ def one_close(seconds: float, session: Path) -> None:
 
     run_window(
         None,
-        Workshop(made.append, pace=4.0),
+        Workshop(made.append, pace=PACE),
         load(None, SETTINGS),
         session=session,
         autostart=True,
@@ -187,7 +187,7 @@ def runs_in_a_row(report: Report, number: int) -> None:
 
         run_window(
             None,
-            Workshop(made.append, pace=None),
+            Workshop(made.append, pace=PACE),
             load(None, SETTINGS),
             session=Path(folder) / "evening.h5",
             autostart=True,

@@ -8,7 +8,7 @@ from typing import Any
 
 from app.commands.ending import report_analysis
 from app.commands.experiment import Made
-from app.exchange import exporting
+from app.exchange.kinds import KINDS
 from app.gui.desk import ExportKind
 from app.offline import archive
 from app.report.side_by_side import Entry, Recorded
@@ -39,7 +39,7 @@ class Archive:
         self._keep, self._as_json = keep, as_json
         self.exports = tuple(
             ExportKind(what, ending, MEANINGS.get(what) or SESSION[what].meaning)
-            for ending, kinds in exporting.KINDS.items()
+            for ending, kinds in KINDS.items()
             for what in kinds
         )
 
@@ -76,4 +76,6 @@ class Archive:
         on_progress: Callable[[str, float], None],
     ) -> str:
         """See `app.gui.desk.Archive`."""
+        from app.exchange import exporting  # what it needs would hold up the window at its start
+
         return exporting.export(session, destination, what, frames=frames, on_progress=on_progress)

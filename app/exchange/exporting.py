@@ -21,6 +21,7 @@ from app.engine.setup import sensor_chain, zeroed
 from app.errors import UserError
 from app.exchange.arrays import Array, session_arrays, table_arrays, write_mat, write_npz
 from app.exchange.fields import FieldTable, stated
+from app.exchange.kinds import KINDS, RESULTS
 from app.exchange.paraview import write_pvd
 from app.exchange.tables import number_cell
 from app.exchange.tabular import Tables
@@ -38,15 +39,6 @@ from app.session.result_tables import TABLES, results_table
 from app.session.results import ResultsReader
 from app.session.tables import SESSION, force_columns, session_table, stage_um
 
-KINDS = {  # of a session: ending -> what can be written so; the first is the default
-    "": ("images", "tables"),
-    ".csv": ("fields", *SESSION),
-    ".npz": ("arrays",),
-    ".mat": ("arrays",),
-    ".pvd": ("paraview",),
-}
-# the same of a file of results
-RESULTS = {"": ("tables",), ".csv": ("summary", *TABLES), ".npz": ("arrays",), ".mat": ("arrays",)}
 FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last,"
 FRAMES += "step,step_sample"
 # what an export writes into a folder
