@@ -24,7 +24,7 @@ from app.stopping import CUT_POWER
 if TYPE_CHECKING:
     from PySide6.QtWidgets import QWidget
 
-SETTINGS = ("about.sample=PDMS 7, rough", "about.operator=A. Nobody")
+SETTINGS = ("about.sample=PDMS 7, rough", "about.operator=A. Nobody", "stress.field=true")
 SIZES = ("1366x768", "1920x1080", "1920x1080@2")
 PATIENCE_S = 300.0
 

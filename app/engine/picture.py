@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.bench_view import PictureView
 
-WIDTH = 320  # of a thinned picture at most, pixels
+WIDTH = 640  # of a thinned picture at most, pixels
 BINS = 64
 RED = (255, 0, 0)
 

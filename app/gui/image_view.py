@@ -31,6 +31,8 @@ PICTURES = {RAW: "raw image", DIFFERENCE: "difference to the reference"} | {
     key: f"{kind.symbol}  {kind.hint[0].lower()}{kind.hint[1:]}" for key, kind in KINDS.items()
 }
 SHORT = {RAW: "raw", DIFFERENCE: "difference"} | {key: k.symbol for key, k in KINDS.items()}
+NOT_YET = "not measured of this frame"
+ABSENT = {"sigma_kPa": "the traction of every point needs the setting stress.field"}
 LIVE = "live picture of the connected bench, not recorded"
 POINT_HINT = "Point at the picture to read it. The wheel zooms, dragging moves, R shows all."
 
@@ -172,8 +174,10 @@ class InterfaceView(Panel):
     # ------------------------------------------------------------------ what is said
 
     def _say(self) -> None:
-        parts = (self.field, self._image)
-        caption = " · ".join(part.caption for part in parts if part is not None)
+        captions = [part.caption for part in (self.field, self._image) if part is not None]
+        if self._frame is not None and self.field is None and self.key in KINDS:
+            captions.insert(0, f"{SHORT[self.key]}: {ABSENT.get(self.key, NOT_YET)}")
+        caption = " · ".join(captions)
         if caption != self.panel.caption.text():
             self.panel.caption.setText(caption)
         self.panel.caption.setVisible(bool(caption))
@@ -214,6 +218,8 @@ class InterfaceView(Panel):
         for n, key in enumerate(PICTURES):
             is_there = key in (RAW, *there) or (key == DIFFERENCE and self._reference is not None)
             model.item(n).setEnabled(is_there)
+            hint = PICTURES[key] if is_there else f"{PICTURES[key]}: {ABSENT.get(key, NOT_YET)}"
+            self.which.setItemData(n, hint, Qt.ItemDataRole.ToolTipRole)
 
     def _set_opacity(self, percent: int) -> None:
         self.canvas.opacity = percent / 100
