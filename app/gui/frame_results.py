@@ -60,7 +60,7 @@ def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
         found = np.flatnonzero(full >= full_scale)
         row, column = np.divmod(found, full.shape[1])
         pixels[row // every, column // every] = 255
-        caption += f", {100 * len(found) / full.size:.2g} % of the pixels saturated"
+        caption += f", {100 * len(found) / full.size:.2g} % saturated"
     return ShownImage(pixels, rect, caption, full)
 
 

@@ -51,10 +51,10 @@ def test_one_saturated_pixel_is_red_in_a_thinned_picture(speckle):
     large[700, 1000] = 255
     shown = picture_of(0, large, 255)
     is_red = (shown.rgb == RED).all(axis=2)
-    assert shown.rgb.shape[1] == 320
+    assert shown.rgb.shape[1] == 640
     assert 1 <= is_red.sum() <= 4  # those that it touches
     row, column = np.argwhere(is_red)[0]
-    assert (row, column) == pytest.approx((700 / 1200 * 233, 1000 / 1650 * 320), abs=1)
+    assert (row, column) == pytest.approx((700 / 1200 * 465, 1000 / 1650 * 640), abs=1)
     grey = shown.rgb[~is_red].astype(float)
     assert (grey[:, 0] == grey[:, 1]).all()
     assert grey.mean() == pytest.approx(large.mean(), abs=1)
