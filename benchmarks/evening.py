@@ -238,7 +238,8 @@ def long_run(report: Report, hours: float) -> None:
             autostart=True,
             on_ready=ready,
         )
-    hour, mib = np.array(memory).T
+    (*drive, (_, concluded)) = memory
+    hour, mib = np.array(drive).T
     late = hour > min(1.0, hours / 8)
     counts = made[0].source.outcome().counts
     report.add("hours in one run", hour[-1], "h", digits=3)
@@ -246,6 +247,7 @@ def long_run(report: Report, hours: float) -> None:
     report.add("memory after the first hour", mib[late][0], "MiB", digits=4)
     report.add("its growth until the end", 100 * (mib[late][-1] / mib[late][0] - 1), "%", 3.0)
     report.add("its largest growth", 100 * (mib[late].max() / mib[late][0] - 1), "%")
+    report.add("memory when the run has been concluded", concluded, "MiB", digits=4)
 
 
 def measure(

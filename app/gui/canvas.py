@@ -202,11 +202,10 @@ class Canvas(QWidget):
         head = room.top() + GAP
         start = max(room.left() + GAP, frame.left - 10 * GAP)
         write(painter, QPointF(start, head + text.ascent()), self.chart.y_label)
-        high = text.height() + GAP
-        middle = QRectF(room.left(), inside.bottom() + text.height() + GAP, room.width(), high)
-        middle.setLeft(min(frame.left, room.right() - text.horizontalAdvance(self.chart.x_label)))
-        middle.setRight(max(inside.right(), middle.left()))
-        painter.drawText(middle, Qt.AlignmentFlag.AlignCenter, self.chart.x_label)
+        width = text.horizontalAdvance(self.chart.x_label)
+        left = min(inside.center().x() - width / 2, room.right() - GAP - width)
+        base = inside.bottom() + GAP + text.height() + GAP + text.ascent()
+        painter.drawText(QPointF(max(room.left(), left), base), self.chart.x_label)
         for line, (row, left) in zip(
             self._legend(), self._legend_rows(text, room.width()), strict=False
         ):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QPushButton, QSplitter, QWidget
 
@@ -70,7 +70,8 @@ class ComparisonView(QWidget):
                 margins=(10, 8, 10, 8),
             )
         )
-        self.resize(1040, 720)
+        room = QGuiApplication.primaryScreen().availableSize()
+        self.resize(QSize(1040, 720).boundedTo(room))
 
     def _draw(self) -> None:
         ratio = np.linspace(0.0, 1.0, MODEL_POINTS)

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QMainWindow,
     QMenu,
     QScrollArea,
+    QTabBar,
     QTabWidget,
     QWidget,
 )
@@ -27,7 +28,7 @@ LEFT = Qt.DockWidgetArea.LeftDockWidgetArea
 RIGHT = Qt.DockWidgetArea.RightDockWidgetArea
 BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 NARROW_PX, LOW_PX = 1150, 800  # a window of less has room for docks on one side only
-SHARES = {LEFT: 0.24, RIGHT: 0.32, BOTTOM: 0.2}  # of the window, at first
+SHARES = {LEFT: 0.24, RIGHT: 0.32, BOTTOM: 0.26}  # of the window, at first
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,8 @@ class Docks:
                 window.tabifyDockWidget(first[side], dock)
             first.setdefault(side, dock)
             dock.show()
+        for bar in window.findChildren(QTabBar):
+            bar.setElideMode(Qt.TextElideMode.ElideNone)  # rather scrolled than cut short
         for side, dock in first.items():
             dock.raise_()
             is_flat = side == BOTTOM

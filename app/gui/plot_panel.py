@@ -40,7 +40,7 @@ class PlotPanel(Panel):
         self.tools.setMenu(self._menu())
         canvas.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         canvas.customContextMenuRequested.connect(self._pop_up)
-        self.head = row(self.heading, STRETCH, *controls, self.show_all, self.tools, spacing=6)
+        self.head = row(self.heading, STRETCH, *controls, self.show_all, self.tools, spacing=2)
         parts = (self.head, self.caption, (canvas, 1))
         self.body = column(*parts, spacing=2, margins=(10, 5, 8, 5))
         self.setLayout(self.body)

@@ -53,7 +53,7 @@ class ResultPanel(Panel):
             Qt.TextInteractionFlag.TextSelectableByMouse
             | Qt.TextInteractionFlag.TextSelectableByKeyboard
         )
-        self.copy_text, self.copy_csv = QPushButton("Copy as text"), QPushButton("Copy as CSV")
+        self.copy_text, self.copy_csv = QPushButton("Copy text"), QPushButton("Copy CSV")
         self.copy_text.setToolTip("The whole card, as it is shown, to the clipboard")
         self.copy_csv.setToolTip("The quantities, unrounded, to the clipboard")
         self.copy_text.clicked.connect(lambda: self._copy(lambda card: card.text()))
