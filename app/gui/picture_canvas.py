@@ -35,8 +35,8 @@ from app.gui.view_state import NOTHING_SEEN, Eyes
 
 BAR, BAR_TEXT = 14.0, 7  # width of the colour bar in px, and of its numbers in characters
 NO_PICTURE = (
-    "The camera's image, and the displacements in it, appear here when a run begins (F5) or a"
-    " recorded session is opened (Ctrl+O)."
+    "The camera's image, and the displacements in it, appear here when a bench is connected, a run"
+    " begins (F5), or a recorded session is opened (Ctrl+O)."
 )
 SCALE_BAR = 0.2  # of the width of the picture, at least
 DIFFERENCE = "difference (grey levels)"
