@@ -23,6 +23,7 @@ from PySide6.QtGui import (
     QPen,
     QPixmap,
     QPolygonF,
+    QRegion,
     QResizeEvent,
     QWheelEvent,
 )
@@ -149,11 +150,17 @@ class Canvas(QWidget):
             painter.end()
             self._ground = (key, pixmap)
         painter = QPainter(self)
+        painter.setClipRegion(self._bare(frame))
         painter.drawPixmap(0, 0, self._ground[1])
+        painter.setClipping(False)
         self._draw_inside(painter, frame)
         if self.hasFocus():
             painter.setPen(QPen(QColor(theme.now().grid), 1, Qt.PenStyle.DotLine))
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
+
+    def _bare(self, _frame: Frame) -> QRegion:
+        """Where the ground can be seen."""
+        return QRegion(self.rect())
 
     def paint(self, painter: QPainter, room: QRectF) -> None:
         """Draw all of it in `room` of a page or a picture."""

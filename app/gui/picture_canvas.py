@@ -20,6 +20,7 @@ from PySide6.QtGui import (
     QPaintEvent,
     QPen,
     QPolygonF,
+    QRegion,
     qRgb,
 )
 
@@ -208,6 +209,15 @@ class PictureCanvas(Canvas):
     def _ground_key(self) -> tuple[Any, ...]:
         return (*super()._ground_key(), self._colours)
 
+    def _bare(self, frame: Frame) -> QRegion:
+        """Beside the image."""
+        all_of_it = super()._bare(frame)
+        if self._image is None:
+            return all_of_it
+        axes = QRectF(frame.left, frame.top, frame.width, frame.height)
+        covered = self._placed(frame, self._image.rect).intersected(axes).toAlignedRect()
+        return all_of_it - QRegion(covered.adjusted(1, 1, -1, -1))
+
     def _draw_ground(self, painter: QPainter, frame: Frame, room: QRectF) -> None:
         super()._draw_ground(painter, frame, room)
         if self._colours is None:
@@ -265,7 +275,7 @@ class PictureCanvas(Canvas):
             return
         scale = frame.scale[0] * self._mm
         radii = tuple(
-            round(4 * px * scale) / 4 if math.isfinite(px) else 0.0
+            round(2 * px * scale) / 2 if math.isfinite(px) else 0.0
             for px in (circles.apparent_px, circles.hertz_px, circles.stick_px)
         )
         key = (frame, self.font().key(), circles.centre_px, radii)
@@ -371,17 +381,17 @@ class _Picture:
         rect: Rect,
         whole: QImage | None = None,
     ) -> None:
-        self._indices, self._table, self._rect, self._whole = indices, table, rect, whole
+        self._indices, self._table, self.rect, self._whole = indices, table, rect, whole
 
     def pieces(self, covered: Rect | None) -> Iterator[tuple[QImage, Rect]]:
         """What is seen beside a covered part, with its places; all of it where none is."""
         if covered is None:
             if self._whole is None:
                 self._whole = _coloured(self._indices, self._table)
-            yield self._whole, self._rect
+            yield self._whole, self.rect
             return
         rows, cols = self._indices.shape
-        left, top, width, height = self._rect
+        left, top, width, height = self.rect
         dx, dy = width / cols, height / rows
         x_first, y_first = covered[0] - left, covered[1] - top
         x_last, y_last = x_first + covered[2], y_first + covered[3]
