@@ -8,6 +8,7 @@ import pytest
 from short_run import SMALL
 
 from app import config, live
+from app.engine import run as run_module
 from app.engine import stops as stops_module
 from app.engine.ending import Ending
 from app.engine.stage import Stage
@@ -221,19 +222,20 @@ def test_a_stop_before_the_run_and_after_its_end_is_sent_to_nothing(tmp_path):
     assert "the run has ended and its bench is closed" in answer.sentence
 
 
-def test_a_stop_while_the_bench_is_made_ready_is_sent_once_it_is_open(tmp_path):
+def test_a_stop_while_the_bench_is_made_ready_is_sent_once_it_is_open(tmp_path, monkeypatch):
     run, answers = made(tmp_path / "x.h5"), []
-    opens, check = run._bench.actuator.open, run._check_camera
+    opens, check = run._bench.actuator.open, run_module.check_camera
 
     def opened():
         answers.append(run.stop_motion())
         opens()
 
-    def checked():
+    def checked(*asked):
         answers.append(run.stop_motion())
-        check()
+        check(*asked)
 
-    run._bench.actuator.open, run._check_camera = opened, checked
+    run._bench.actuator.open = opened
+    monkeypatch.setattr(run_module, "check_camera", checked)
     run.start()
     run.wait(TIMEOUT)
     assert [answer.kind for answer in answers] == [Stop.NOT_CONNECTED, Stop.SENT]
