@@ -105,10 +105,16 @@ def budget_rows(summary: Summary) -> list[Row]:
             continue
         dear = sorted(shares, key=lambda one: -abs(shares[one]))
         told = [one for one in dear if abs(shares[one]) > LEAST_SHARE * whole]
-        words = [f"{one} {100 * shares[one]:+.2g}" for one in told]
+        words = [f"{one} {_percent(shares[one], '+')}" for one in told]
         label = "" if rows else "what the inputs cost"
-        rows.append(Row(label, f"u({symbol})", f"{100 * whole:.2g} %: " + ", ".join(words)))
+        rows.append(Row(label, f"u({symbol})", f"{_percent(whole)} %: " + ", ".join(words)))
     return rows
+
+
+def _percent(share: float, sign: str = "") -> str:
+    """A share in percent, to two digits, never as a power of ten."""
+    percent = 100 * share
+    return f"{percent:{sign}.0f}" if abs(percent) >= 99.5 else f"{percent:{sign}.2g}"
 
 
 def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
