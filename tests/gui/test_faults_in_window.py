@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 import short_run
 from operators import large
-from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
@@ -34,13 +33,6 @@ SETTINGS = (
 COUNTED = "forces.exposure_counter=ctr1"
 DRIVE = 2000  # a sample of the drive
 COMPLETE = "The drive of 20 µm is complete"
-
-
-@pytest.fixture
-def beeps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    heard: list[str] = []
-    monkeypatch.setattr(QApplication, "beep", lambda: heard.append("beep"))
-    return heard
 
 
 @pytest.fixture

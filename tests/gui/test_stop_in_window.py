@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
@@ -55,13 +54,6 @@ class Stopped(ScriptedRun):
 @pytest.fixture
 def run() -> Stopped:
     return Stopped(320, 240, frames=60)
-
-
-@pytest.fixture
-def beeps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    heard: list[str] = []
-    monkeypatch.setattr(QApplication, "beep", lambda: heard.append("beep"))
-    return heard
 
 
 @pytest.fixture

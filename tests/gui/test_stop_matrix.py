@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
@@ -57,13 +56,6 @@ class Stopped(ScriptedRun):
 
     def health(self) -> Health:
         return replace(super().health(), question=self.asks)
-
-
-@pytest.fixture
-def beeps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    heard: list[str] = []
-    monkeypatch.setattr(QApplication, "beep", lambda: heard.append("beep"))
-    return heard
 
 
 @pytest.fixture
