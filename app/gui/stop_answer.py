@@ -37,6 +37,11 @@ class StopAnswers:
         self._shown: StopAnswer | None = None
         self._came: deque[StopAnswer] = deque()  # from other threads
 
+    @property
+    def is_answered(self) -> bool:
+        """Whether an answer to a stop of this run was shown."""
+        return self._shown is not None
+
     def begin(self) -> None:
         """A new run begins."""
         self._is_pressed, self._shown = False, None

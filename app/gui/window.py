@@ -281,7 +281,7 @@ class MainWindow(Station):
         self._parts = deque(partial(show, view) for show in self._turns.of(view))
         if view.ended and not (before and before.ended):
             self._say_ended(view)
-            if not self.notice.stays:
+            if not (self.notice.stays or self._stops.is_answered):
                 self.notice.clear()  # how the run ended stands beside the badge
 
     def _show_numbers(self, view: ViewState) -> None:
