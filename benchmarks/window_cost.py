@@ -115,7 +115,9 @@ def measure(report: Report, *, seconds: float = 30.0) -> int:
     probes: list[Probe] = []
     is_over = threading.Event()
     with tempfile.TemporaryDirectory() as folder:
-        settings = config.load(None, [*SETTINGS, f"run.travel={5 * seconds:g}"])
+        travel = 5 * seconds
+        limits = (f"run.travel={travel:g}", f"limits.travel={max(500.0, travel):g}")
+        settings = config.load(None, [*SETTINGS, *limits])
         run = Watched(settings, Path(folder) / "a.h5", pace=1.0, overwrite=False)
 
         def watch() -> None:
