@@ -69,6 +69,7 @@ class BenchPanel(QScrollArea):
         self._connected: Config | None = None  # settings with which the bench was connected
         self._held: tuple[int, float] | None = None
         self._failure: StopAnswer | None = None  # that was told
+        self._seen: object = None  # the picture that was told of
         self._lines: dict[str, DeviceLineView] = {}
         self._build()
         self._look_timer, self._hold_timer = QTimer(self), QTimer(self)
@@ -230,7 +231,8 @@ class BenchPanel(QScrollArea):
         if view is not None and view.said and proper(view.said) != self.said.text():
             self._say(view.said, Tone.BAD)
         self.picture.show_picture(picture, picture_note(view))
-        if picture is not None and self._connected is not None:
+        if picture is not None and picture is not self._seen and self._connected is not None:
+            self._seen = picture
             self.seen.emit(picture, self._connected)
         self.cells.show_cells(picture_cells(picture))
         stage = view.stage if view else None
