@@ -110,6 +110,8 @@ class CurvesView(QWidget):
         self.shown = Shown()
         self._view: ViewState | None = None
         self.cells = [ChartCell(key, self.shown, self.mark_frame) for key in TITLES]
+        for cell in self.cells:
+            cell.setParent(self)  # also of those that find no room, so that all end with this one
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setSpacing(GAP)

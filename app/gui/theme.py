@@ -111,7 +111,9 @@ def mixed(colour: str, ground: str, share: float) -> str:
 def apply(application: QApplication, name: Name) -> None:
     """Use a palette in all windows of the program, in sizes that follow the system's font."""
     _used[0] = PALETTES[name]
-    application.setStyleSheet(style(now(), application.font().pointSizeF()))
+    sheet = style(now(), application.font().pointSizeF())
+    if sheet != application.styleSheet():  # else all widgets of all windows are styled again
+        application.setStyleSheet(sheet)
 
 
 def __getattr__(name: str) -> Any:

@@ -79,7 +79,8 @@ def test_a_drive_goes_by_what_was_asked_either_way_also_with_a_strict_controller
     bench = real(f"run.travel={travel}", deaf_s=deaf_s)
     outcome = bench.run(tmp_path / "x.h5")
     assert (outcome.state, outcome.reason) == ("done", f"the drive of {travel} um is complete")
-    assert bench.sent(b"PA") == [f"1PA{12.5 + travel * 1e-3:g}".encode()]
+    # sent again where the answer to the first was late, which a busy computer makes it
+    assert set(bench.sent(b"PA")) == {f"1PA{12.5 + travel * 1e-3:g}".encode()}
     assert bench.stage.position() == pytest.approx(12.5 + travel * 1e-3, abs=1e-6)
     with SessionReader(tmp_path / "x.h5") as session:
         last = list(session.snapshots())[-1].conditions

@@ -19,8 +19,15 @@ def forgetful(tmp_path_factory: pytest.TempPathFactory) -> None:
     QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, folder)
 
 
+@pytest.fixture(scope="session")
+def frozen() -> None:
+    """What was imported stays, and need not be looked at each time."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
-def swept() -> Iterator[None]:
+def swept(frozen: None) -> Iterator[None]:
     """As in the program, no thread but that of the window deletes what nothing refers to."""
     gc.disable()
     yield
