@@ -22,6 +22,8 @@ from app.commands.inspect import info
 from app.config import from_record
 from app.disk import AppendedFile
 from app.records import Outcome
+from app.report import figures
+from app.report.figures import write_picture
 from app.session import recorder
 from app.session.reader import SessionReader
 from app.session.repair import whole
@@ -101,8 +103,9 @@ def test_a_campaign_does_its_runs_and_only_those_that_are_not_done(
 
 
 def test_the_page_shows_every_run_its_numbers_and_its_picture(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(figures, "write_picture", write_picture)
     file = write(
         'vary.about.sample = ["a & <i>b</i>", "c"]', 'sessions = "{name} {number}"', "repeats = 1"
     )
