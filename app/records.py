@@ -451,7 +451,8 @@ class Health:
     `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
     hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
     replay). `uncertain` frames may be of another trigger, `exposures` is what the board has
-    counted, negative where it counts none, and `losses` says why frames and samples are lost.
+    counted, negative where it counts none, `losses` says why frames and samples are lost, and
+    `damage` of which frames little could be measured.
     `image_age_s` is the time since the trigger of the newest image, NaN without one. `shed` is that
     of `Effort` now. `step` is the one under way, ``3 of 6: hold for 10 s``, `left_s` the time left
     of it, NaN where the operator decides, and `all_left_s` that of all steps; `question` waits for
@@ -470,6 +471,7 @@ class Health:
     uncertain: int = 0
     exposures: int = -1
     losses: str = ""
+    damage: str = ""
     image_age_s: float = NAN
     shed: int = 0
     shed_why: str = ""

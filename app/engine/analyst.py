@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from app.effort import Effort
 from app.engine.channels import LatestChannel
+from app.engine.damage import Damage
 from app.engine.history import History
 from app.engine.quality import Quality
 from app.engine.recorder import Recorder
@@ -68,6 +69,8 @@ class Analysis:
         One snapshot per analysed frame.
     uncertain : set of int
         Those of them that another trigger may have taken.
+    damage : Damage
+        Of their pictures.
     """
 
     def __init__(self, config: Config, pipeline: FrameAnalysis) -> None:
@@ -78,6 +81,7 @@ class Analysis:
         self.pipeline = pipeline
         self.series = Series()
         self.uncertain: set[int] = set()
+        self.damage = Damage()
 
     def step(
         self,
@@ -108,6 +112,7 @@ class Analysis:
         if not is_certain:
             self.uncertain.add(index)
         self.series.append(snapshot)
+        self.damage = self.damage.after(snapshot)
         return effort
 
     def close(self) -> None:

@@ -225,6 +225,7 @@ class Run(Watched):
             uncertain=len(self._analysis.uncertain),
             exposures=self._intake.exposures,
             losses="; ".join(filter(None, map(str, losses))),
+            damage=str(self._analysis.damage),
             image_age_s=age_s,
             shed=self._quality.shed,
             shed_why=self._quality.why,

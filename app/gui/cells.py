@@ -311,6 +311,7 @@ def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cel
             Tone.WARN,
             f"{grouped(health.uncertain)} frames may be of another trigger.",
         ),
+        (health.damage, Tone.WARN, health.damage),
         (
             health.shed,
             Tone.WARN,

@@ -239,6 +239,7 @@ class Replay(Watched):
             disk_free_bytes=-1,  # nothing is written
             sample=self._analysis.history.end,
             uncertain=len(self._analysis.uncertain),
+            damage=str(self._analysis.damage),
             progress=self._done / len(self._frames),
         )
 

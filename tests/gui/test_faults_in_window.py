@@ -2,6 +2,7 @@
 the result card, the losses by name, and the sound.
 """
 
+import re
 import shutil
 from collections import namedtuple
 from collections.abc import Callable, Iterator
@@ -105,7 +106,6 @@ def test_what_is_lost_is_red_by_name_and_the_run_is_done(ended, beeps, fault, se
 @pytest.mark.parametrize(
     ("fault", "settings"),
     [
-        ("corrupt-frame 12", ()),
         ("late-trigger 12 7", (COUNTED,)),
         ("uncounted-exposure 12", (COUNTED,)),
         ("exposure-wire 12", (COUNTED,)),
@@ -122,6 +122,22 @@ def test_what_costs_nothing_is_no_alarm(ended, beeps, fault, settings):
     is_uncertain = run.health().uncertain > 0
     assert tone == (Tone.WARN if is_uncertain else Tone.GOOD).name.lower()
     assert ("may be of another trigger" if is_uncertain else "none lost") in sentence
+    assert not beeps
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"), [(12, "A picture is damaged"), (6, "pictures are damaged")]
+)
+def test_a_damaged_picture_is_told_and_costs_nothing(ended, beeps, frame, words):
+    """Of one in the drive, half of its points; of the reference, half of those of all others."""
+    window, run = ended(f"sim.faults=['corrupt-frame {frame}']")
+    assert window.top.badge.text() == "DONE"
+    tone, sentence = light(window)
+    assert tone == Tone.WARN.name.lower()
+    assert words in sentence
+    assert f"frame {frame if frame != 6 else run.outcome().counts.triggers - 1}: " in sentence
+    assert re.search(r"[45]\d% of its points could not be measured", sentence)
+    assert run.outcome().counts.frames_lost == 0
     assert not beeps
 
 
