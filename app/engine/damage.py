@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.dic.status import Status
 from app.records import Snapshot
 
+# of `analysis.dic.status.Status`, which the process of a bench does not load
+OK, LOW_CONTRAST, OUT_OF_IMAGE, MASKED, STATES = 0, 1, 2, 6, 7
 DAMAGED = 0.8  # a picture of which less than this share of the usual points could be measured
 
 
@@ -29,11 +30,11 @@ class Damage:
         """The damage so far, with a further frame."""
         if snapshot.field is None:
             return self
-        count = np.bincount(snapshot.field.status.ravel(), minlength=len(Status))
-        wanted = max(1, count.sum() - count[Status.MASKED] - count[Status.OUT_OF_IMAGE])
-        share = float(count[Status.OK] / wanted)
+        count = np.bincount(snapshot.field.status.ravel(), minlength=STATES)
+        wanted = max(1, count.sum() - count[MASKED] - count[OUT_OF_IMAGE])
+        share = float(count[OK] / wanted)
         # at first all that has a texture
-        usual = 1 - count[Status.LOW_CONTRAST] / wanted if math.isnan(self.usual) else self.usual
+        usual = 1 - count[LOW_CONTRAST] / wanted if math.isnan(self.usual) else self.usual
         if share < DAMAGED * usual:
             return Damage(self.pictures + 1, snapshot.frame, 1 - share, float(usual))
         return replace(self, usual=share)

@@ -3,10 +3,10 @@ the operating system.
 """
 
 import importlib.util
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import serial
 from contracts import ActuatorContract
 
 from drivers.clock import SampleClock
@@ -69,10 +69,11 @@ class TestTextStage(ActuatorContract):
         return actuator
 
     @pytest.fixture
-    def pass_time(self, time, actuator):
+    def pass_time(self, time, line):
         def wait(seconds):
-            with suppress(DeviceFault):  # not open: nothing is under way
-                actuator.is_moving()  # its answer comes when all commands before it have arrived
+            with serial.Serial(line.url, timeout=20.0) as port:
+                port.write(b"B\n")
+                port.readline()  # comes when all commands before it have arrived
             time[0] += seconds
 
         return wait
