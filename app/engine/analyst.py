@@ -127,14 +127,18 @@ class Analysis:
         snapshots, doubtful = self.series.since(0), len(self.uncertain)
         if not snapshots:
             return None
-        if not doubtful:
-            return self.pipeline.summary(snapshots)
-        many = 2 * doubtful > len(snapshots)
-        certain = [s for s in snapshots if s.frame not in self.uncertain]
-        summary = self.pipeline.summary(snapshots if many else certain)
-        note = f"camera: the trigger of {doubtful} of {len(snapshots)} frames is uncertain; "
-        note += "the results rest on them too" if many else "the results do without them"
-        return replace(summary, notes=(*summary.notes, note))
+        used, notes = snapshots, []
+        if doubtful:
+            many = 2 * doubtful > len(snapshots)
+            used = snapshots if many else [s for s in snapshots if s.frame not in self.uncertain]
+            notes.append(
+                f"camera: the trigger of {doubtful} of {len(snapshots)} frames is uncertain; "
+                + ("the results rest on them too" if many else "the results do without them")
+            )
+        summary = self.pipeline.summary(used)
+        if self.damage.pictures:
+            notes.append(f"camera: {self.damage}")
+        return replace(summary, notes=(*summary.notes, *notes))
 
 
 class Analyst:

@@ -45,7 +45,5 @@ class Damage:
             return ""
         lost = f"frame {self.newest}: {self.lost:.0%} of its points could not be measured"
         if self.pictures == 1:
-            return f"A picture is damaged, or something hid the contact: {lost}."
-        return (
-            f"{self.pictures} pictures are damaged, or something hid the contact; last in {lost}."
-        )
+            return f"a picture is damaged, or something hid the contact: {lost}"
+        return f"{self.pictures} pictures are damaged, or something hid the contact; last in {lost}"

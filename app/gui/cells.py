@@ -311,7 +311,7 @@ def verdict_cell(health: Health, outcome: Outcome | None, config: Config) -> Cel
             Tone.WARN,
             f"{grouped(health.uncertain)} frames may be of another trigger.",
         ),
-        (health.damage, Tone.WARN, health.damage),
+        (health.damage, Tone.WARN, f"{health.damage[:1].upper()}{health.damage[1:]}."),
         (
             health.shed,
             Tone.WARN,

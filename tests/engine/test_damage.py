@@ -44,8 +44,8 @@ def test_what_may_be_is_no_damage(shares):
 def test_a_sudden_loss_is_told_with_its_frame_and_share(label):
     damage = after(snapshot(1), snapshot(2, **{label: 30}), snapshot(3))
     assert str(damage) == (
-        "A picture is damaged, or something hid the contact: frame 2: 30% of its points could not"
-        " be measured."
+        "a picture is damaged, or something hid the contact: frame 2: 30% of its points could not"
+        " be measured"
     )
 
 

@@ -138,6 +138,7 @@ def test_a_damaged_picture_is_told_and_costs_nothing(ended, beeps, frame, words)
     assert f"frame {frame if frame != 6 else run.outcome().counts.triggers - 1}: " in sentence
     assert re.search(r"[45]\d% of its points could not be measured", sentence)
     assert run.outcome().counts.frames_lost == 0
+    assert f"camera: {run.health().damage}" in run.outcome().summary.notes
     assert not beeps
 
 
