@@ -11,6 +11,7 @@ import os
 import secrets
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -26,6 +27,7 @@ from app.stopping import Stop, StopAnswer
 MEMORY = Path("/dev/shm")  # of Linux
 FILE = "bench.json"
 ANSWER = "stop.json"  # of the supervisor
+KEPT_S = 600.0  # after its last change: the folder of a dead bench, with what became of its stage
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +78,11 @@ def root() -> Path:
 
 
 def new_folder() -> Path:
-    """An empty folder for a bench; those that dead benches have left are deleted."""
+    """An empty folder for a bench; those that dead benches have left are deleted, once nobody asks
+    any more what became of the stage.
+    """
     for folder in root().iterdir():
-        bench = _read(folder)
-        if bench is not None and not bench.is_alive:
+        if _is_left(folder):
             shutil.rmtree(folder, ignore_errors=True)
     name = f"{datetime.now():%H%M%S}-{secrets.token_hex(2)}"
     folder = root() / name
@@ -119,6 +122,17 @@ def running() -> list[RunningBench]:
     """The benches that run now, the oldest first."""
     found = [_read(folder) for folder in sorted(root().iterdir())]
     return sorted((b for b in found if b is not None and b.is_alive), key=lambda b: b.born)
+
+
+def _is_left(folder: Path) -> bool:
+    """Whether a folder is of a bench that died a while ago, and whose supervisor has ended."""
+    bench = _read(folder)
+    if bench is None or bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1):
+        return False
+    try:
+        return time.time() - folder.stat().st_mtime > KEPT_S
+    except OSError:  # somebody else has deleted it
+        return False
 
 
 def _read(folder: Path) -> RunningBench | None:
