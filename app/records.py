@@ -452,11 +452,10 @@ class Health:
     hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
     replay). `uncertain` frames may be of another trigger, `exposures` is what the board has
     counted, negative where it counts none, `losses` says why frames and samples are lost, and
-    `damage` of which frames little could be measured.
-    `image_age_s` is the time since the trigger of the newest image, NaN without one. `shed` is that
-    of `Effort` now. `step` is the one under way, ``3 of 6: hold for 10 s``, `left_s` the time left
-    of it, NaN where the operator decides, and `all_left_s` that of all steps; `question` waits for
-    an answer.
+    `damage` of which frames little could be measured. `image_age_s` is the time since the trigger
+    of the newest image, NaN without one. `shed` is that of `Effort` now. `step` is the one under
+    way, ``3 of 6: hold for 10 s``, `left_s` the time left of it, NaN where the operator decides,
+    and `all_left_s` that of all steps; `question` waits for an answer.
     """
 
     state: str

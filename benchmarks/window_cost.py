@@ -1,8 +1,9 @@
 """What the window takes of its process' main thread while it shows a run: simulated bench at
 23.8 frames/s, 1600 x 1200, in processes of its own, recorded and analysed, with the window on the
-display. Counted is the processor time of the main thread during the drive, with all painting and
-with all looks between redraws; in the share of the whole process, also the thread that reads the
-run. An image is as old as the trigger of the newest frame that the
+display. Counted is the processor time of the main thread in the first 15 s of the drive at most,
+with all painting and with all looks between redraws; in the share of the whole process, also the
+thread that reads the run. In the rest of the drive, which is slower where it is long, the time
+without event handling is measured. An image is as old as the trigger of the newest frame that the
 bench had counted when the image was read, until the picture has been painted; the display's own
 time is not in it, and the sample clock is compared with that of the computer at the moment when
 its samples came soonest.
