@@ -1,4 +1,8 @@
-"""Functions that numba compiles, kept for the next start: where that can not be done, or what was
+"""Functions that numba compiles, kept for the next start.
+
+numba keeps each function by its own source file, but what it keeps holds code of other functions,
+of other files, too. So the folder is named by all files that define such functions, or that these
+import: where one of them differs, all are compiled anew. Where nothing can be kept, or what was
 kept is damaged, they are compiled anew and a warning says so.
 """
 
@@ -7,13 +11,27 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import re
+import shutil
 import tempfile
+import time
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
 from typing import Any
 
+import numba
+import numpy as np
+import platformdirs
 from numba import njit
 from numba.core import caching, serialize
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+PACKAGES = ("analysis", "drivers")  # in ROOT, which define compiled functions
+DEFINES = b"kernels import compiled"  # stands in each file that does
+IMPORTS = re.compile(rb"^from ([\w.]+) import", re.MULTILINE)
+UNUSED_S = 7 * 86400.0  # after its last start: the folder of other sources, which may still run
 
 
 class KernelWarning(UserWarning):
@@ -30,45 +48,87 @@ told: list[str] = []
 """What was warned of in this process, a sentence each."""
 
 
-def _private_folder() -> str:
-    """A folder for temporary files that nobody else can write to: what is kept is executed."""
-    user = os.getuid() if hasattr(os, "getuid") else ""
-    folder = os.path.join(tempfile.gettempdir(), f"slipscope-kernels-{user}")
+def sources() -> list[str]:
+    """The files that define compiled functions, and those that they import: a constant is part of
+    the code.
+    """
+    contents = {}
+    for package in PACKAGES:
+        for folder, _, names in os.walk(os.path.join(ROOT, package)):
+            for path in (os.path.join(folder, name) for name in names if name.endswith(".py")):
+                with open(path, "rb") as file:
+                    contents[path] = file.read()
+    found: set[str] = set()
+    new = {path for path, content in contents.items() if DEFINES in content}
+    while new:
+        found |= new
+        modules = {module.decode() for path in new for module in IMPORTS.findall(contents[path])}
+        paths = {os.path.join(ROOT, *module.split(".")) + ".py" for module in modules}
+        new = (paths & contents.keys()) - found
+    return sorted(found)
+
+
+@cache
+def version() -> str:
+    """What all compiled functions depend on, as a name."""
+    digest = hashlib.sha256(f"{numba.__version__} {np.__version__}".encode())
+    for path in sources():
+        with open(path, "rb") as file:
+            content = hashlib.sha256(file.read()).digest()
+        digest.update(os.path.relpath(path, ROOT).encode() + content)
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _own(folder: str) -> str:
+    """The folder of this version in a folder, which is this user's alone: what is kept there is
+    executed. Those of other versions that were not used for a while are removed.
+
+    Raises
+    ------
+    OSError
+        It can not be written, or is open to others.
+    """
     os.makedirs(folder, 0o700, exist_ok=True)
     held = os.lstat(folder)
-    if hasattr(os, "getuid") and (held.st_uid != user or held.st_mode & 0o077):
+    if hasattr(os, "getuid") and (held.st_uid != os.getuid() or held.st_mode & 0o022):
         raise PermissionError(f"{folder} is not this user's alone")
-    return folder
+    own = os.path.join(folder, version())
+    os.makedirs(own, 0o700, exist_ok=True)
+    tempfile.TemporaryFile(dir=own).close()
+    os.utime(own)
+    for other in (entry for entry in os.scandir(folder) if entry.path != own):
+        with suppress(OSError):  # another program removes it, too
+            if time.time() - other.stat(follow_symlinks=False).st_mtime > UNUSED_S:
+                shutil.rmtree(other.path, ignore_errors=True)
+    return own
 
 
-class _TemporaryLocator(caching.UserProvidedCacheLocator):  # type: ignore[misc]
-    """The last resort, where neither the program's folder nor that of the user can be written."""
-
-    def __init__(self, py_func: Any, py_file: str) -> None:
-        super().__init__(py_func, py_file)
-        place = self.get_suitable_cache_subpath(py_file)
-        self._cache_path = os.path.join(_private_folder(), place)
-
-    @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> _TemporaryLocator | None:
-        """The locator; None if there is no such folder."""
-        try:
-            locator = cls(py_func, py_file)
-            locator.ensure_cache_path()
-        except OSError:
-            return None
+def place() -> str:
+    """The folder in which compiled functions are kept; or nothing."""
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    if numba.config.CACHE_DIR:  # NUMBA_CACHE_DIR
+        with suppress(OSError):
+            return _own(os.path.join(numba.config.CACHE_DIR, f"slipscope-{user}"))
+    with suppress(OSError):
+        return _own(os.path.join(platformdirs.user_cache_dir("slipscope", False), "kernels"))
+    try:
+        own = _own(os.path.join(tempfile.gettempdir(), f"slipscope-kernels-{user}"))
+    except OSError:
         _warn(
-            "compiled code can be kept neither beside the program nor in the user's folder; it is"
-            f" kept in {os.path.dirname(locator.get_cache_path())} for now: set NUMBA_CACHE_DIR to"
-            " a folder that can be written"
+            "compiled code can be kept nowhere, every start compiles; set NUMBA_CACHE_DIR to a"
+            " folder that can be written"
         )
-        return locator
+        return ""
+    _warn(
+        "compiled code can not be kept in the user's folder; it is kept in"
+        f" {own} for now: set NUMBA_CACHE_DIR to a folder that can be written"
+    )
+    return own
 
 
 class _Checked(caching.CompileResultCacheImpl):  # type: ignore[misc]
     """What is kept has a checksum: the machine code of a torn file would be executed."""
-
-    _locator_classes = (*caching.CompileResultCacheImpl._locator_classes, _TemporaryLocator)
 
     def reduce(self, cres: Any) -> tuple[bytes, bytes]:
         """Checksum and content of a compiled function."""
@@ -120,13 +180,14 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
     if function is None:
         return lambda given: compiled(given, **options)
     made = njit(nogil=True, **options)(function)
-    try:
-        made._cache = _Kept(function)
-    except RuntimeError:  # numba knows no place for it
-        _warn(
-            "compiled code can be kept nowhere, every start compiles; set NUMBA_CACHE_DIR to a"
-            " folder that can be written"
-        )
+    own = place()
+    if own:
+        wanted = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = own  # looked at when the cache is made
+        try:
+            made._cache = _Kept(function)
+        finally:
+            numba.config.CACHE_DIR = wanted
     return made
 
 
@@ -136,11 +197,3 @@ def is_kept(function: Any) -> bool:
         return bool(function._cache._cache_file._load_index())
     except Exception:  # nothing is kept, or what is kept is damaged
         return False
-
-
-def place() -> str:
-    """The folder in which compiled functions such as those of this module are kept; or nothing."""
-    try:
-        return str(_Kept(place).cache_path)
-    except RuntimeError:
-        return ""

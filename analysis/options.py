@@ -18,13 +18,16 @@ from typing import Any, get_type_hints
 UNITS = {
     # what is SI already, or is counted
     **dict.fromkeys(("", "N", "N/m", "V", "Hz", "s", "baud", "dB", "electrons", "frames/s"), 1.0),
-    **dict.fromkeys(("grey levels", "images", "px", "px/s", "samples"), 1.0),
+    **dict.fromkeys(("grey levels", "images", "px", "px/s", "samples", "A", "degC"), 1.0),
     "%": 1e-2,
     "um": 1e-6,
     "um/N": 1e-6,
     "um/V": 1e-6,
     "um/s": 1e-6,
     "mm": 1e-3,
+    "mm/s": 1e-3,
+    "mm/s2": 1e-3,
+    "mA": 1e-3,
     "ms": 1e-3,
     "mN": 1e-3,
     "mJ/m2": 1e-3,

@@ -84,6 +84,16 @@ class Uncertainties(Section):
     drift: float = option(
         0.0005, "Of the creep of image and stage against each other, which is 0", "um/s", ge=0, le=1
     )
+    zero: float = option(
+        1.0, "Of the force that each sensor shows without a force, which is 0", "mN", ge=0, le=1000
+    )
+    coupling: float = option(
+        0.3,
+        "Of each cross term of forces.coupling, as a share of the other force",
+        "%",
+        ge=0,
+        le=20,
+    )
 
 
 MOST_CORNERS, MOST_POLYGONS = 100, 20
@@ -188,7 +198,8 @@ class Correlation(Section):
     )
     full_scale: int = option(
         0,
-        "End of the grey scale, 4095 for 12 bit; 0: that of the image type",
+        "End of the grey scale, 4095 for 12 bit; 0: that of the image type, or a lower maximum that"
+        " many pixels of a 16-bit image share",
         "grey levels",
         ge=0,
         le=65535,

@@ -157,11 +157,20 @@ class BenchPreview(Protocol):
     def stop_motion(self) -> StopAnswer:
         """Stop the stage; what became of that."""
 
-    def zero(self) -> tuple[float, float]:
+    def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """The readings without a force in volts, from now on those of the forces that are shown.
 
         They are measured for a second, in which the block must hang free.
+
+        Raises
+        ------
+        UnderLoad
+            The forces are further from zero than their noise explains, and `under_load` does not
+            say that this is the sensors' zero; nothing is changed.
         """
+
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """Show the forces from now on with these readings without a force."""
 
     def close(self) -> None:
         """Let go of every device; returns once a run can open them."""

@@ -61,6 +61,7 @@ ANALYSED = (  # tables and options that say how a measurement is analysed, not w
     "camera.angle",
     "camera.distortion",
     "camera.angle_from",
+    "camera.fixed_pattern",
     *(
         f"forces.{of}_{sensor}"
         for of in ("sensitivity", "stiffness")
@@ -229,7 +230,8 @@ def from_record(text: str, where: str) -> Config:
     """Settings as a session holds them.
 
     A record without `dic.method` is of a time when the direct method was the only one, one without
-    `camera.angle_from` of a time when the drive went along the rows of the picture.
+    `camera.angle_from` of a time when the drive went along the rows of the picture, one without
+    `camera.fixed_pattern` of a time when it was not looked for.
     """
     try:
         data = parse_toml(text)
@@ -239,6 +241,7 @@ def from_record(text: str, where: str) -> Config:
         data["dic"].setdefault("method", "direct")
     if isinstance(data.setdefault("camera", {}), dict):
         data["camera"].setdefault("angle_from", "angle")
+        data["camera"].setdefault("fixed_pattern", "ignore")
     return from_data(data, where, recorded=True)
 
 
@@ -353,8 +356,9 @@ def bench_file(path: Path) -> Path:
     return own if not path.exists() and path.name == str(path) and own.exists() else path
 
 
-def bench_text(name: str) -> str:
-    """The settings file of a bench that comes with the program.
+def bench_text(name: str, others: Iterable[str] = ()) -> str:
+    """The settings file of a bench that comes with the program; `others` are names that the caller
+    knows besides.
 
     Raises
     ------
@@ -362,7 +366,8 @@ def bench_text(name: str) -> str:
         There is none of that name.
     """
     if name not in bench_names():
-        raise ConfigError(f"config: no bench is called '{name}'; known: {', '.join(bench_names())}")
+        known = ", ".join([*bench_names(), *others])
+        raise ConfigError(f"config: nothing is called '{name}'; known: {known}")
     return (BENCHES / f"{name}.toml").read_text(encoding="utf-8")
 
 

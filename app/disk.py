@@ -75,7 +75,7 @@ def forget_cached(file: FileIO) -> None:
     """Let what is read from a file, all of which was synced, come from the disk and not from
     memory, where the system can be asked to.
     """
-    if hasattr(os, "posix_fadvise"):
+    if sys.platform == "linux":
         with contextlib.suppress(OSError):
             os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
@@ -119,8 +119,9 @@ class AppendedFile:
         self.end = 0  # bytes in it
         self._is_locked = locked
         self.lock = threading.Lock()
+        self._placing = threading.Lock()  # a read moves the place in the file, a write may, too
         self._refused: DiskError | None = None
-        # "a": every write goes to the end, and opening it changes nothing
+        # "a": opening it changes nothing
         self._file = FileIO(path, "a+" if overwrite else "x+")
         try:
             if locked and not _is_taken(self._file):
@@ -153,9 +154,11 @@ class AppendedFile:
             views = [memoryview(b"".join(views))]  # one call of the system
         place = end = self.end
         try:
-            for view in views:
-                _write_all(self._file.write, view)
-                end += len(view)
+            with self._placing:
+                self._file.seek(self.end)
+                for view in views:
+                    _write_all(self._file.write, view)
+                    end += len(view)
         except OSError as error:
             with contextlib.suppress(OSError):
                 self._file.truncate(self.end)
@@ -195,7 +198,9 @@ class AppendedFile:
         """Add what a former file has beyond the end of this one."""
         while self.end < former.end:
             count = min(COPY_BYTES, former.end - self.end)
-            block = os.pread(former._file.fileno(), count, self.end)
+            with former._placing:
+                former._file.seek(self.end)
+                block = former._file.read(count)
             if not block:
                 raise DiskError(errno.EIO, f"{former.path} was cut short while it was written")
             self.append(block)

@@ -6,3 +6,7 @@ class UserError(Exception):
 
     The program ends with exit code 2.
     """
+
+
+class UnderLoad(UserError):
+    """The sensors were to be zeroed while they read a force; who asked may say that it is none."""

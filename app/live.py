@@ -16,7 +16,7 @@ from app.engine.analyst import FrameAnalysis
 from app.engine.intake import BenchDevices
 from app.engine.preview import Preview
 from app.engine.run import Run
-from app.engine.setup import grid_of, header_of
+from app.engine.setup import bytes_per_s, grid_of, header_of
 from app.errors import UserError
 from app.session.files import RESERVE_BYTES, check_new_session
 from app.session.recorder import SessionRecorder, make_session
@@ -104,15 +104,6 @@ def expected_seconds(config: Config) -> float:
 def expected_bytes(config: Config) -> int:
     """Size of the session that a run of these settings writes, to within about ten per cent."""
     return int(expected_seconds(config) * bytes_per_s(config)) + RESERVE_BYTES
-
-
-def bytes_per_s(config: Config) -> float:
-    """What a second of a run of these settings takes on the disk."""
-    camera = config.camera
-    points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
-    frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
-    samples = config.forces.sample_rate * (32 + 8 * len(config.forces.auxiliary))
-    return config.frame_rate_hz * frame + samples
 
 
 def previewed(config: Config) -> Config:

@@ -33,6 +33,11 @@ def to_terminal() -> None:
     _attach(logging.StreamHandler())
 
 
+def is_on_terminal() -> bool:
+    """Whether the log is shown on standard error; a session's own log file does not count."""
+    return any(type(h) is logging.StreamHandler for h in logging.getLogger("app").handlers)
+
+
 def tell_warnings(tell: Callable[[str], None]) -> None:
     """Give warnings that are meant for people to `tell`, as sentences, from now on."""
     show = warnings.showwarning

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import platform
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
 
 from app.disk import sync_folder
 from app.errors import UserError
+
+LEFT_S = 3600.0  # after its last change: an unfinished file of a program that is gone
 
 
 def check_output(
@@ -145,12 +147,9 @@ def new_folder(path: Path, overwrite: bool, ours: re.Pattern[str]) -> Iterator[P
 
 @contextmanager
 def _unfinished(path: Path) -> Iterator[Path]:
-    computer = f"{path.stem}.{re.sub('[^a-zA-Z0-9]', '', platform.node())}-"
-    for left in path.parent.glob(f"{glob.escape(computer)}*.part{glob.escape(path.suffix)}"):
-        writer = left.name[len(computer) :].partition(".")[0]
-        if writer.isdecimal() and not psutil.pid_exists(int(writer)):  # it was killed
-            _remove(left)
-    unfinished = path.with_name(f"{computer}{os.getpid()}.part{path.suffix}")
+    computer = f".{re.sub('[^a-zA-Z0-9]', '', platform.node())}-"
+    _remove_left(path, computer)
+    unfinished = path.with_name(f"{path.stem}{computer}{os.getpid()}.part{path.suffix}")
     try:
         yield unfinished
     except OSError as error:
@@ -159,6 +158,21 @@ def _unfinished(path: Path) -> Iterator[Path]:
         raise UserError(f"{path}: it can not be written: {reason}; choose another place") from None
     finally:
         _remove(unfinished)
+
+
+def _remove_left(path: Path, computer: str) -> None:
+    """Remove what programs of this computer that were killed have left of this file, and of any
+    other in its folder that was not written to for a while.
+    """
+    with suppress(OSError):
+        for left in path.parent.glob(f"*{computer}*.part*"):
+            stem, _, rest = left.name.rpartition(computer)
+            writer, _, ending = rest.partition(".")
+            if not writer.isdecimal() or psutil.pid_exists(int(writer)):  # it may live
+                continue
+            is_same = (stem, ending) == (path.stem, f"part{path.suffix}")
+            if is_same or time.time() - left.stat().st_mtime > LEFT_S:
+                _remove(left)
 
 
 def _remove(unfinished: Path) -> None:

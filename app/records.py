@@ -36,6 +36,8 @@ ENDED = ("done", STOPPED := "stopped", "failed")  # as what a run can have ended
 COMPLETE = "complete"  # last word of the reason of a run that has done all that it was to do
 # in the reason of what has done all: a run, a replay or an analysis, an import, a session repaired
 WHOLE = re.compile(rf"^(all \d|imported: )| ({COMPLETE}|done)(;|$)")
+SUPERVISOR = "supervisor"  # kind of the event that no other process can stop the stage
+REVOKED = "revoked"  # kind of the event that frames are uncertain from one on, by its number
 RESTART = "restart"  # kind of the event that the analysis of the frames began anew
 STEP = "step"  # kind of the event that a step began, by its number, ``3 of 6: hold for 10 s``
 ZERO = "zero"  # kind of the event that says what the sensors read without a force, volts
@@ -210,7 +212,7 @@ class Event:
         "kind",
         "",
         "phase, step, reversal, zero, answer, reference, gap, camera, import, analysis, quality,"
-        " restart, recording, stop or error",
+        " restart, recording, supervisor, revoked, stop or error",
     )
     text: str = column("text", "", "what happened")
 

@@ -8,10 +8,12 @@ Each field names its dataset in the file of results (`app.schema`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.quantities import as_text, joint_quantities
 from app.records import F32, F64, NAN, ContactResult
 from app.schema import column, record, uncertainty
 from app.summary import Summary
@@ -153,6 +155,14 @@ class Joint:
         shape=("notes",),
         default=(),
     )
+
+    def __str__(self) -> str:
+        title = "What the runs have in common, ± total uncertainty:"
+        return as_text(title, joint_quantities(self), self.notes)
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        """Show a notebook the same, in place of every number in full."""
+        printer.text(str(self))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -218,7 +218,17 @@ def _dtype(kind: Any) -> str:
     for plain in (kind, *get_args(kind)):
         if plain in stored:
             return stored[plain]
-    return str(np.dtype(get_args(get_args(kind)[1])[0]))  # of NDArray[...]
+    return str(np.dtype(_element(kind)))
+
+
+def _element(kind: Any) -> Any:
+    """Type of the elements of an annotation `NDArray[...]`; numpy 2.5 made that a type alias, whose
+    one argument is that type itself.
+    """
+    expanded = getattr(get_origin(kind), "__value__", None)
+    if expanded is not None:
+        return get_args(kind)[0]
+    return get_args(get_args(kind)[1])[0]
 
 
 def is_record(kind: Any) -> bool:

@@ -127,7 +127,7 @@ class Limits(Section):
     """Beyond any of these the actuator stops, and the run ends and names the limit."""
 
     shear_force: float = option(1.9, "Greatest |Q|", "N", gt=0, le=100)
-    normal_force: float = option(1.9, "Greatest P", "N", gt=0, le=100)
+    normal_force: float = option(1.9, "Greatest |P|", "N", gt=0, le=100)
     travel: float = option(
         500.0, "Greatest stage travel from the start of the drive", "um", gt=0, le=20000
     )

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Protocol
 
 CUT_POWER = "STOP MOTION FAILED, cut the actuator's power"
+
+
+SETTLES_S = 8.0  # until the position of a stage that does not answer is given up
+POLL_S = 0.1
 
 
 class Stop(StrEnum):
@@ -27,6 +34,29 @@ class StopAnswer:
     kind: Stop
     sentence: str
     is_final: bool = True
+
+
+class Stopped(Protocol):
+    """Whose stop is followed until the position was read."""
+
+    def stop_answer(self) -> StopAnswer | None: ...
+
+
+def settled(source: Stopped, answer: StopAnswer) -> StopAnswer:
+    """The last answer to a stop, once the position was read; the newest, if that takes too long."""
+    give_up = time.monotonic() + SETTLES_S
+    while not answer.is_final and time.monotonic() < give_up:
+        time.sleep(POLL_S)
+        answer = source.stop_answer() or answer
+    return answer
+
+
+def of_all(answers: Sequence[StopAnswer]) -> StopAnswer:
+    """The answers of several benches as one, which is as bad as the worst of them."""
+    kinds = (Stop.FAILED, Stop.SENT, Stop.AT_REST, Stop.NOT_CONNECTED)
+    worst = min((answer.kind for answer in answers), key=kinds.index)
+    sentences = sorted(answers, key=lambda answer: kinds.index(answer.kind))
+    return StopAnswer(worst, "  ".join(answer.sentence for answer in sentences))
 
 
 def sent_to(name: str) -> StopAnswer:
@@ -61,6 +91,14 @@ def at_rest(name: str, position_m: float, refusal: str = "") -> StopAnswer:
         Stop.AT_REST,
         f"STOP MOTION: the {name} is at rest at {position_m * 1e3:.4f} mm; its position was read"
         f" twice{although}.",
+    )
+
+
+def never_moved(name: str, problem: object) -> StopAnswer:
+    """The stop could not be sent or confirmed, and nothing was moving that it could have ended."""
+    return StopAnswer(
+        Stop.NOT_CONNECTED,
+        f"STOP MOTION: no motion was asked of the {name}, whose answer to the stop is: {problem}",
     )
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+from app.quantities import as_text, summary_quantities
 from app.schema import column, record, uncertainty
 
 NAN = math.nan
@@ -221,6 +223,13 @@ class Summary:
     ageing_rate_sd: float = uncertainty("ageing_rate", "1", since=7, default=NAN)
     ageing_time_s: float = column("ageing_time", "s", "t0 of that rise", since=7, default=NAN)
     ageing_time_sd_s: float = uncertainty("ageing_time", "s", since=7, default=NAN)
+
+    def __str__(self) -> str:
+        return as_text("Summary, ± total uncertainty:", summary_quantities(self), self.notes)
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        """Show a notebook the same, in place of every number in full."""
+        printer.text(str(self))
 
     def shares(self, quantity: str) -> dict[str, float]:
         """Relative uncertainty of a quantity by each input, with its sign; empty where it is not

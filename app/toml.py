@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from app.inputs import check_ends
+
 LONGEST_TOML, MOST_DOTS = 1 << 16, 100  # characters; in a line
 
 
@@ -31,6 +33,7 @@ def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
     none. `known` are names of the program's own.
     """
     try:
+        check_ends(path)
         with path.open("rb") as file:
             return parse_toml(decoded(file.read(2 * LONGEST_TOML + 2)))
     except OSError as error:

@@ -45,8 +45,8 @@ PLACES = (0.0, 0.5, 0.9)  # of sigma(r), in a
 
 
 class Drawn(NamedTuple):
-    """How the world differs from the settings: factors, and Poisson's ratio and the drift
-    themselves.
+    """How the world differs from the settings: factors, and Poisson's ratio, the drift, and what
+    each sensor reads too much (N) or of the other force (a share) themselves.
     """
 
     pixel: float = 1.0
@@ -59,6 +59,10 @@ class Drawn(NamedTuple):
     lens_compliance: float = 1.0
     averaging: float = 1.0
     drift: float = 0.0
+    normal_zero: float = 0.0
+    shear_zero: float = 0.0
+    shear_in_normal: float = 0.0
+    normal_in_shear: float = 0.0
 
 
 def drawn(config: Config, rng: np.random.Generator) -> Drawn:
@@ -71,7 +75,9 @@ def drawn(config: Config, rng: np.random.Generator) -> Drawn:
     more = told.roughness, told.lens_compliance, told.averaging
     first, last = (1 + np.array(s) * rng.standard_normal(len(s)) for s in (shares, more))
     nu = min(config.sample.poisson + told.poisson * rng.standard_normal(), 0.5)
-    return Drawn(*first, nu, *last, told.drift * rng.standard_normal())  # type: ignore[call-arg]
+    read = (told.drift, told.zero, told.zero, told.coupling, told.coupling)
+    added = np.array(read) * rng.standard_normal(len(read))
+    return Drawn(*first, nu, *last, *added)  # type: ignore[call-arg]
 
 
 class World:
@@ -116,8 +122,16 @@ class World:
         for i, (t, state) in enumerate(zip(self.time, self.states, strict=True)):
             field = noise_m * (_noise(rng, x.shape) + reference) / math.sqrt(2)
             rings = ring_means(r, field, width, whole, theta=theta)
-            Q = state.Q / truth.shear + FORCE_NOISE * rng.standard_normal()
-            lens = config.sample.lens_compliance * Q
+            P, Q = self.P / truth.normal, state.Q / truth.shear
+            P, Q = (
+                P + truth.normal_zero + truth.shear_in_normal * Q,
+                Q + truth.shear_zero + truth.normal_in_shear * P,
+            )
+            Q += FORCE_NOISE * rng.standard_normal()
+            # of the change since the reference, at which Q reads P and its zero already
+            lens = config.sample.lens_compliance * (
+                Q - truth.shear_zero - truth.normal_in_shear * self.P / truth.normal
+            )
             moved = (state.D + self.holder * state.Q) / truth.pixel + truth.drift * t - lens
 
             def even(at: np.ndarray, state: LoadingState = state) -> np.ndarray:
@@ -126,10 +140,12 @@ class World:
             scale = truth.pixel
             u = moved - seen_in_rings(even, rings.radius * scale, true_box, width * scale)
             centre = field[near] + moved - self._seen(state, x[near], y[near], true_box)
-            value, sd = central_value(r[near], theta[near], centre, inner, box=box, shared=4.0)
+            value, sd = central_value(
+                r[near], theta[near], centre, inner, box=box, noise_box=2 * width
+            )
             total = replace(rings, mean=rings.mean + u)
             traction, stress = tractions.of(total)
-            P = self.P / truth.normal + FORCE_NOISE * rng.standard_normal()
+            P += FORCE_NOISE * rng.standard_normal()
             shots.append(
                 Snapshot(
                     i,

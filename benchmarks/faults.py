@@ -33,6 +33,8 @@ sys.path += [str(ROOT / "tests"), str(ROOT / "tests/session")]
 
 from faulty_disk import FAULTS, LIBRARY, build, environment, make_control
 
+assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
+
 SUBJECT = "Faults of the disk"
 SCENARIOS = ("recording", "repair", "import")
 

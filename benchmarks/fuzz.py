@@ -38,6 +38,8 @@ from app.errors import UserError
 from benchmarks.hostile import CASES, make_whole
 from benchmarks.report import ROOT, Report
 
+assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
+
 SUBJECT = "Damaged input"
 LIMIT_S, LIMIT_BYTES = 10.0, 1 << 30
 WORKER = "import sys, pathlib, benchmarks.fuzz; benchmarks.fuzz.work(pathlib.Path(sys.argv[1]))"

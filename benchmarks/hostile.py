@@ -275,7 +275,7 @@ def make_whole(folder: Path) -> None:
     text = "\n".join(["sample,time_s,P_N,Q_N", *forces])
     (folder / "images/forces.csv").write_text(text, encoding="utf-8")
     asked = ("--pixel", 7.04, "--rate", 1000, *SMALL_BOXES)
-    command("import", folder / "images", "-o", folder / "replayed.h5", *asked, codes=(0,))
+    command("import", folder / "images", "-o", folder / "replayed.h5", *asked, codes=(0, 1))
     axis = np.arange(4.0)
     settings, units = {"reference": "r.tif", "box": 20}, {"box": "px"}
     fields = folder / "whole-fields.h5"

@@ -30,6 +30,8 @@ from processes.launched import Program, bench_of, kill, wait_until, whole
 from processes.test_processes import replayed
 from short_run import SMALL
 
+assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
+
 SUBJECT = "Kills of windows, analyses and benches"
 VICTIMS = ("window", "analysis", "window and analysis")
 DRIVE_S = 12.0

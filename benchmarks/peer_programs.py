@@ -19,6 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"
+
 EDGE = 4  # px around the boxes
 
 

@@ -21,7 +21,7 @@ from typing import ClassVar
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.motion import check_target, check_velocity
-from drivers.newport_line import NewportLine, OutsideStop, find
+from drivers.newport_line import TRIES, NewportLine, OutsideStop, find
 from drivers.settings import ActuatorSettings
 
 __all__ = ["ConexCc", "Smc100", "find"]
@@ -126,10 +126,12 @@ class NewportStage:
         self._settings = settings
         self._line: NewportLine | None = None
         self._commanding = threading.RLock()
+        self._knowing = threading.Lock()  # of the three below, with the number of stops
         self._fault = ""
         self._is_under_way = False
         self._is_prepared = False
         self._stop_sent_at: float | None = None
+        self._moves_begun = 0
 
     # ------------------------------------------------------------------ open and closed
 
@@ -148,7 +150,9 @@ class NewportStage:
         s = self._settings
         self._fault, self._stop_sent_at = "", None
         self._is_under_way = self._is_prepared = False
-        self._line = line = NewportLine(self.name, s.port, s.address, s.baud or self._baud)
+        self._line = line = NewportLine(
+            self.name, s.port, s.address, s.baud or self._baud, s.command_pause
+        )
         try:
             self._version = self._identified(line)
             self._stage = line.ask("ID?", "(.*)")
@@ -286,16 +290,20 @@ class NewportStage:
 
     def _begin(self, command: str, done: str, wish: str, stops: int) -> None:
         line = self._ready()
-        before = self._fault, self._stop_sent_at, self._is_under_way
-        self._fault, self._stop_sent_at, self._is_under_way = "", None, True
+        with self._knowing:
+            before = self._fault, self._stop_sent_at, self._is_under_way
+            if line.stops == stops:  # otherwise it is not sent, and what moves is to stop
+                self._fault, self._stop_sent_at, self._is_under_way = "", None, True
+                self._moves_begun += 1
         try:
             letter = line.tell(command, done=done, unless_stopped_since=stops)
         except DeviceError:
             with contextlib.suppress(DeviceError):
                 line.stop()  # it may be moving
             raise
-        if letter != "@":
-            self._fault, self._stop_sent_at, self._is_under_way = before
+        with self._knowing:
+            if letter != "@" and line.stops == stops:
+                self._fault, self._stop_sent_at, self._is_under_way = before
         self._check(letter, wish)
 
     def position_m(self) -> float:
@@ -331,9 +339,12 @@ class NewportStage:
         line = self._line
         if line is None:
             return
-        self._stop_sent_at = time.monotonic()
         try:
-            line.stop()
+            try:
+                line.stop()
+            finally:  # a move that began before it was counted has forgotten earlier stops
+                with self._knowing:
+                    self._stop_sent_at = time.monotonic()
             if line.is_mute:
                 raise DeviceTimeout(
                     f"{self.name}: it was told to stop and has answered nothing before; a move"
@@ -356,27 +367,55 @@ class NewportStage:
         """Error bits, which this clears in the controller, and the state in words; notes what they
         mean for a move under way.
         """
-        line = self._ready()
+        line, begun = self._ready(), self._moves_begun
+        bits, state = self._read_state(line, urgent)
+        if self._is_under_way and (bits or not state.startswith(_IN_MOTION)):
+            bits, state = self._read_again(line, bits, state, urgent)
+        moves = state.startswith(_IN_MOTION)
+        with self._knowing:
+            if begun != self._moves_begun:
+                return bits, state  # of the time before a move that has begun meanwhile
+            stopped_at = self._stop_sent_at
+            fine = moves or stopped_at or state.startswith("READY")
+            if self._is_under_way and (bits or not fine):
+                what = "; ".join([*_in_words(bits), f"it is now {state}"])
+                self._fault = f"{self.name}: the motion failed: {what}; {_remedy(state)}"
+            self._is_under_way = self._is_under_way and moves
+            if not moves:
+                self._stop_sent_at = None
+            elif stopped_at is not None and time.monotonic() - stopped_at > STOPS_WITHIN_S:
+                self._fault = (
+                    f"{self.name}: it was told to stop {STOPS_WITHIN_S:g} s ago and is still"
+                    f" {state}; switch its motor off"
+                )
+        if moves and stopped_at is not None:
+            line.stop()  # again: it decelerates, or has missed the command
+        return bits, state
+
+    def _read_state(self, line: NewportLine, urgent: bool) -> tuple[int, str]:
         word = line.ask("TS", "([0-9A-Fa-f]{6})", urgent=urgent)
         unnamed = f"in a state that its manual does not name ({word[4:]})"
         bits, state = int(word[:4], 16), self._states.get(word[4:].upper(), unnamed)
         if state.startswith("HOMING"):
             bits &= ~_END_SWITCHES  # the origin may be at one of them
-        moves, stopped_at = state.startswith(_IN_MOTION), self._stop_sent_at
-        if self._is_under_way and (bits or not (moves or stopped_at or state.startswith("READY"))):
-            what = "; ".join([*_in_words(bits), f"it is now {state}"])
-            self._fault = f"{self.name}: the motion failed: {what}; {_remedy(state)}"
-        self._is_under_way = self._is_under_way and moves
-        if not moves:
-            self._stop_sent_at = None
-        elif stopped_at is not None:
-            if time.monotonic() - stopped_at > STOPS_WITHIN_S:
-                self._fault = (
-                    f"{self.name}: it was told to stop {STOPS_WITHIN_S:g} s ago and is still"
-                    f" {state}; switch its motor off"
-                )
-            line.stop()  # again: it decelerates, or has missed the command
         return bits, state
+
+    def _read_again(
+        self, line: NewportLine, bits: int, state: str, urgent: bool
+    ) -> tuple[int, str]:
+        """Bits and state once two readings in a row agree on the state, since an answer may have
+        come damaged. Bits that an earlier reading has cleared count where the state is one of
+        failure; elsewhere those that are set again do.
+        """
+        seen = bits
+        for _ in range(TRIES):
+            before = state
+            bits, state = self._read_state(line, urgent)
+            seen |= bits
+            if state == before or (state.startswith(_IN_MOTION) and not bits):
+                break
+        has_failed = not state.startswith((*_IN_MOTION, "READY"))
+        return (seen if has_failed else bits), state
 
     def _ready(self) -> NewportLine:
         if self._line is None:

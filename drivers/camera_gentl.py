@@ -1,5 +1,5 @@
-"""Any camera whose vendor has a GenTL producer (.cti), through harvesters: GigE, USB3, or a frame
-grabber's Camera Link and CoaXPress.
+"""Any camera whose vendor has a GenTL producer (.cti), through harvesters: GigE, USB3, CoaXPress,
+or Camera Link behind a frame grabber, also where its producer describes no features of the camera.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ import signal
 import threading
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers.clock import SampleClock
 from drivers.delivered import Delivered
-from drivers.errors import DeviceNotFound
+from drivers.errors import DeviceFault, DeviceNotFound
 from drivers.genicam_camera import GenICamCamera, library
 from drivers.protocols import Found
 from drivers.settings import CameraSettings
@@ -48,6 +49,7 @@ class GenTLCamera(GenICamCamera):
     """A hardware-triggered camera behind the GenTL producer of the settings."""
 
     kind = "GenTL camera"
+    _shows_in_images = True
 
     def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
         super().__init__(settings, clock)
@@ -64,13 +66,32 @@ class GenTLCamera(GenICamCamera):
         self._errors = (self._genapi.GenericException, library("genicam.gentl").GenericException)
         infos = self._harvester.device_info_list
         number = self._choice([(_names(info), _found(info)) for info in infos])
-        with _interrupt_kept():
-            self._acquirer = self._harvester.create(number)
+        try:
+            with _interrupt_kept():
+                self._acquirer = self._harvester.create(number)
+        except (AssertionError, AttributeError) as error:
+            raise DeviceFault(
+                f"{self.name}: its producer gives no way to the camera that harvesters can use"
+                f" ({type(error).__name__}: {error}); ask the vendor of the frame grabber for"
+                " another producer, or write a driver on the grabber's own library"
+            ) from error
+        remote = self._acquirer.remote_device
+        if not self._describes(remote.node_map):
+            rows, columns = self.shape
+            remote._node_map = _NoFeatures(rows * columns * self.dtype.itemsize)
+            # what harvesters meets where it needs a feature after all
+            self._errors = (*self._errors, AttributeError)
         self._acquirer.timeout_period_on_client_fetch_call = 1.0
         # by default harvesters polls a thousand times a second
         self._acquirer.timeout_period_on_update_event_data_call = _POLL_MS
         self._transport = _text(infos[number], "tl_type")
         return _found(infos[number])
+
+    def _describes(self, nodes: Any) -> bool:
+        """Whether a camera has features, of which harvesters needs the first."""
+        with suppress(*self._errors):
+            return nodes is not None and bool(nodes.has_node("AcquisitionStart"))
+        return False
 
     def _release(self) -> None:
         acquirer, self._acquirer = self._acquirer, None
@@ -112,6 +133,8 @@ class GenTLCamera(GenICamCamera):
                 stamp = buffer.timestamp / buffer.timestamp_frequency
         components = buffer.payload.components if buffer.payload else ()
         component = components[0] if components else None
+        if component is not None and self._seen_in_images:
+            self._check_image(component.width, component.height, component.data_format)
         if component is None or component.data.size != self.shape[0] * self.shape[1]:
             what = "no image"
             if component is not None:
@@ -140,6 +163,33 @@ class GenTLCamera(GenICamCamera):
             return tuple(node.symbolics)
         step = f" in steps of {node.inc:g}" if isinstance(node.value, int) else ""
         return (f"{node.min:g} to {node.max:g}{step}",)
+
+
+class _Nothing:
+    """A command that does nothing."""
+
+    def execute(self) -> None:
+        """Do nothing."""
+
+
+class _NoFeatures:
+    """The features of a camera that describes none, as behind many frame grabbers: those that
+    harvesters uses of each camera.
+    """
+
+    AcquisitionStart = AcquisitionStop = _Nothing()
+    AcquisitionMode = SimpleNamespace(value="Continuous")
+
+    def __init__(self, image_bytes: int) -> None:
+        self.PayloadSize = SimpleNamespace(value=image_bytes)  # where the grabber says no other
+
+    def has_node(self, name: str) -> bool:
+        """Whether there is a feature of that name."""
+        del name
+        return False
+
+    def disconnect(self) -> None:
+        """Let go of the camera."""
 
 
 def _harvester(producer: str) -> Any:

@@ -7,12 +7,14 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-DRIFT = 2e-4  # the board's clock and that of the computer differ by no more
+DRIFT = 7e-4  # the board's clock and a computer's that is being slewed differ by no more
+ANCHORED_S = 10.0  # so long the two clocks stay together within a few milliseconds
 
 
 class SampleClock:
@@ -44,12 +46,18 @@ class SampleClock:
         self.phase = "idle"
         self.counts_exposures = False
         self._exposures: list[int] = []
+        # by seconds, the most that newest samples were ahead of all that can have passed by then
+        self._anchors: deque[tuple[int, float]] = deque()
+        self._first_anchor = math.inf  # the most of them in the first seconds
+        self._late = 0.0  # how far the newest of them are behind those
         self._changed = threading.Condition()
 
     def start(self, *, counts_exposures: bool = False) -> None:
         """Begin a run: the next sample is sample 0, and it has not been taken yet."""
         with self._changed:
             self.began_s = time.monotonic()
+            self._anchors.clear()
+            self._first_anchor, self._late = math.inf, 0.0
             self.gaps = []
             self.now, self.phase, self.counts_exposures = 0, "running", counts_exposures
             self._exposures.clear()
@@ -88,11 +96,39 @@ class SampleClock:
         with self._changed:
             return self._exposures[k:]
 
+    def anchor(self, newest: int, asked_s: float, answered_s: float) -> None:
+        """Note that the board had taken `newest` samples between two times of the wall clock.
+
+        Such an answer is too small by the time that the board needs to hand samples over, and at
+        times, when it or the computer is busy, by much more; the best of several seconds counts. By
+        how much that is still too small is learned in the first seconds, in which the start bounds
+        the clock. Later answers then bound it as closely, however long the run is.
+        """
+        if self.pace is None:
+            return
+        ahead, second = newest - self._passed(asked_s), math.floor(asked_s - self.began_s)
+        with self._changed:
+            if second < ANCHORED_S:
+                least, first = newest - self._passed(answered_s), self._first_anchor
+                self._first_anchor = least if math.isinf(first) else max(first, least)
+            if self._anchors and self._anchors[-1][0] == second:
+                ahead = max(ahead, self._anchors.pop()[1])
+            self._anchors.append((second, ahead))
+            while self._anchors[0][0] < second - ANCHORED_S:
+                self._anchors.popleft()
+            most = max(ahead for _, ahead in self._anchors)
+            if math.isfinite(self._first_anchor):
+                self._late = min(0.0, most - self._first_anchor)
+
     def latest(self, now_s: float) -> float:
         """No sample after this one can have been taken by a time of the wall clock."""
         if self.pace is None:
             return math.inf
-        return (now_s - self.began_s) * self.sample_rate_hz * self.pace * (1 + DRIFT) + 1
+        return self._passed(now_s) + self._late + 1
+
+    def _passed(self, now_s: float) -> float:
+        """Most samples that can have been taken since the start."""
+        return (now_s - self.began_s) * self.sample_rate_hz * (self.pace or 1.0) * (1 + DRIFT)
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Whether a condition became true within `timeout_s` seconds of the wall clock; it is

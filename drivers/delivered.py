@@ -35,7 +35,8 @@ class Item:
     `number` counts exposures by the camera's ids: `steps` of them since the last image (None: it is
     not known how many), `named` since the last image with an id. `missed` is the number of triggers
     between by timestamps. `limit` is the last trigger that it can have by the time at which it
-    came, less the number; `least` the first.
+    came, less the number; `least` the first. `delay` is the time from trigger 0 to its coming, in
+    samples.
     """
 
     delivered: Delivered
@@ -47,7 +48,33 @@ class Item:
     limit: int
     least: int
     complaint: str
+    delay: float
     verdict: Verdict | None = None
+
+
+@dataclass(slots=True)
+class Doubt:
+    """A doubt that is open: since when, how late images came `before` it and since, and the extra
+    counts up to it. How late is in samples, as if no trigger had been missed since.
+
+    `trigger` is the first that it can be about.
+
+    `by_count` and `by_stamp` are whether either of them has told of a missed trigger that the other
+    does not know, `by_delay` whether it is about two faults of which only the delay can tell,
+    `times` how often something arose that no witness has settled yet, `regular` how many images
+    were a whole number of periods apart, although not from those before.
+    """
+
+    since_s: float
+    before: list[float]
+    extras: int
+    trigger: int = 0
+    by_count: bool = False
+    by_stamp: bool = False
+    by_delay: bool = False
+    times: int = 0
+    regular: int = 0
+    since: list[float] = field(default_factory=list)
 
 
 @dataclass(slots=True)

@@ -11,20 +11,14 @@ from collections.abc import Callable
 from drivers.clock import SampleClock
 from drivers.delivered import Account, Delivered, Item
 from drivers.errors import DeviceFault, DeviceTimeout
+from drivers.judge import Judge
 from drivers.protocols import Frame, LostFrame, TriggerTrain
-from drivers.verdict import NOWHERE, Verdict
-from drivers.witnesses import NONE, Causality, Counts, Stamps
+from drivers.verdict import Verdict
 
 _IDS = 65535  # after 65535 a 16-bit frame id continues with 1; 0 is not used
 _BACK = 32768  # a step of this length or more is a step back
 _SLICE_S = 0.02
-_PROMPT = 3  # images in time that confirm a verdict
-_RECENT_S = 10.0
 _MISSED = "missed trigger: the board counted no exposure for it"
-_WIRE = (
-    "exposure wire: images come, but the board counts no exposures; check the wire from the"
-    " camera's exposure output to the counter"
-)
 
 
 class FrameNumbers:
@@ -59,29 +53,24 @@ class FrameNumbers:
     ) -> None:
         self._name, self._train, self._clock = name, train, clock
         self._rate, self._open, self._first_id = clock.sample_rate_hz, exposure_samples, first_id
-        self._counts = Counts(train, clock)
-        self._stamps = Stamps(train, clock.sample_rate_hz)
-        self._causality = Causality(train, clock, exposure_samples)
         self.account = Account()
+        self._items: deque[Item] = deque()
+        self._judge = Judge(
+            train,
+            clock,
+            exposure_samples,
+            self._items,
+            self.account.notes,
+            knows_first=first_id is not None,
+        )
+        self._counts, self._causality = self._judge.counts, self._judge.causality
+        self.delivered = 0  # results that the camera's library gave, failed grabs among them
         self._next = 0  # the trigger to be answered
         self._last_id: int | None = None
         self._seen: deque[int] = deque(maxlen=64)  # the newest ids
-        self._may_repeat = 0  # images that may have come before
         self._nameless = 0  # images without an id since the last with one
-        self._named_low = (0, -1)  # least offset and number of the last with one
         self._number = -1  # of the newest image
-        self._items: deque[Item] = deque()
         self._complaint = ""  # about a failed grab without a frame id
-        self._verdict = Verdict()  # on the newest image that was judged
-        self._judged = -1  # its number
-        self._extras_to = -1  # extra counts have been taken up to this trigger
-        self._uncounted = 0  # images since the last counted exposure
-        self._is_noisy = False  # ids and triggers contradict each other
-        self._prompt_s = -1e9  # when the last image came in time
-        self._ever_prompt = False
-        self._claimed_s = 0.0  # when the present doubt arose
-        self._was_prompt = False  # whether images came in time before it
-        self._confirming = 0
         self._given: tuple[int, int] | None = None  # the doubt that was given last
         # (wall clock, sample clock) at times when no image was waiting
         self._idle: deque[tuple[float, int]] = deque()
@@ -91,9 +80,9 @@ class FrameNumbers:
     @property
     def way(self) -> str:
         """How images get their trigger numbers: "proved", "timed" or "inferred"."""
-        if self._clock.counts_exposures and not self._is_wire_dead():
+        if self._clock.counts_exposures and not self._judge.is_wire_dead():
             return "proved"
-        return "inferred" if self._stamps.last is None else "timed"
+        return "inferred" if self._judge.stamps.last is None else "timed"
 
     def describe(self) -> str:
         """The way, in words."""
@@ -149,11 +138,12 @@ class FrameNumbers:
         DeviceFault
             The camera has numbered its images anew, or sends them without triggers.
         """
+        self.delivered += 1
         if delivered.frame_id is None and delivered.image is None:
             self._complaint = f" ({delivered.reason})"
             return
         steps, named = self._steps(delivered.frame_id)
-        periods = None if steps == 0 else self._stamps.periods(delivered.timestamp_s)
+        periods = None if steps == 0 else self._judge.stamps.periods(delivered.timestamp_s)
         if steps == 0:
             self.account.surplus += 1  # it came twice
             return
@@ -176,12 +166,14 @@ class FrameNumbers:
             limit,
             self._least,
             self._complaint,
+            (now_s - self._clock.began_s) * self._rate * (self._clock.pace or 1.0)
+            - self._train.first,
         )
         self._complaint = ""
         # samples that the board has taken may wait to be read: while it is silent, its clock stands
         newest = self._clock.now if self._clock.pace is None else self._clock.latest(now_s)
         far = max(self._clock.now, newest) + self._causality.patience_s * self._rate
-        if self._train.sample(self._number - self._may_repeat) > far:
+        if self._train.sample(self._number - self._judge.may_repeat) > far:
             raise DeviceFault(
                 f"{self._name}: frames can not be numbered: an image came long before trigger"
                 f" {self._number}; check the trigger line for noise, and its setting"
@@ -205,14 +197,14 @@ class FrameNumbers:
         if self._clock.counts_exposures:
             self._counts.update()
         for item in self._items:
-            if item.verdict is None and not self._judge(item):
+            if item.verdict is None and not self._judge.judge(item, self._settled):
                 break
         if self._train.sample(self._next) >= self._clock.now:
             return None  # its sample may never be read
         while self._items and (verdict := (item := self._items[0]).verdict) is not None:
             if self._may_wait(item, verdict, now_s):
                 return None
-            number = self._chosen(verdict) + item.number
+            number = self._judge.chosen(verdict) + item.number
             if verdict.high + item.number < self._next:  # given up already
                 self._items.popleft()
                 self.account.surplus += 1
@@ -225,128 +217,16 @@ class FrameNumbers:
             return self._give(self._silent())
         return None
 
-    # ------------------------------------------------------------------ judging
-
-    def _judge(self, item: Item) -> bool:
-        """Give an image its verdict, unless the board's samples that tell have not been read."""
-        before, doubtful, likely = self._verdict, 0, 0
-        counted: int | None = None
-        start = before.high + self._judged
-        follows = self._clock.counts_exposures and (before.by_rule or before.is_certain)
-        if follows and item.steps is not None:
-            limit = max(item.limit + item.number, start + item.steps)
-            found = self._counts.following(start, item.steps, limit)
-            if found is None and not self._is_wire_dead():
-                return False
-            if found and found != NONE:
-                counted, doubtful = found[0] - start - item.steps, found[1]
-                likely = counted
-                begun = before.best + self._judged
-                again = self._counts.following(begun, item.steps, limit)
-                if again and again != NONE:
-                    likely = again[0] - begun - item.steps
-        self._watch_wire(counted is not None or item.steps is None)
-        extras = 0
-        if counted is not None:
-            end = start + item.steps + counted if item.steps else start
-            extras = sum(self._counts.extra(n) for n in range(max(0, self._extras_to), end))
-            self._extras_to = max(self._extras_to, end)
-        if item.steps is None:
-            verdict = before.with_step(None, 0, 0, None, 0)
-            if item.delivered.frame_id is None:  # it may be one that came before
-                verdict.low, verdict.extras = verdict.low - 1, verdict.extras + 1
-                self._may_repeat += 1
-            verdict.why = "the number of images that were lost before it is not known"
-        else:
-            verdict = before.with_step(counted, doubtful, likely, item.missed, extras)
-        if item.named:
-            low, number = self._named_low
-            verdict.low = max(verdict.low, low + number + item.named - extras - item.number)
-            verdict.high = max(verdict.low, verdict.high)
-        verdict.low = max(verdict.low, min(item.least - item.number, item.limit))
-        verdict.high = max(verdict.low, verdict.high)
-        self._bound(item, verdict)
-        if item.delivered.frame_id is not None:
-            self._named_low = (verdict.low, item.number)
-        self._confirm(item, before, verdict)
-        item.verdict, self._verdict, self._judged = verdict, verdict, item.number
-        return True
-
-    def _bound(self, item: Item, verdict: Verdict) -> None:
-        """What causality allows: an image that comes early bounds those before it as well."""
-        if item.limit < verdict.low:
-            self._is_noisy = True
-            self._note("an image came before its trigger; check the trigger line for noise")
-            verdict.low = item.limit
-        if verdict.high > max(item.limit, verdict.low):
-            verdict.high = max(item.limit, verdict.low)
-            verdict.by_rule = False  # no witness stands for it
-        verdict.best = min(max(verdict.best, verdict.low), verdict.high)
-        for earlier in self._items:
-            if earlier is item or earlier.verdict is None:
-                break
-            held = earlier.verdict
-            high = min(held.high, verdict.high + verdict.extras - held.extras)
-            held.high = max(high, held.low)
-            held.best = min(held.best, held.high)
-
-    def _confirm(self, item: Item, before: Verdict, verdict: Verdict) -> None:
-        """Take what a witness says for certain if for `PATIENCE_S` no image has come early enough
-        to disprove it although they come in time.
-        """
-        is_prompt = item.limit <= verdict.high and (verdict.by_rule or verdict.is_certain)
-        if verdict.high > before.high or (before.is_certain and not verdict.is_certain):
-            self._claimed_s, self._confirming = item.came_s, 0
-            self._was_prompt = item.came_s - self._prompt_s < max(
-                _RECENT_S, 4 * self._causality.patience_s
-            )
-        self._confirming += is_prompt
-        if is_prompt:
-            self._prompt_s, self._ever_prompt = item.came_s, True
-        if verdict.is_certain:
-            verdict.by_rule, verdict.why = True, ""
-        elif (
-            verdict.by_rule
-            and self._was_prompt
-            and self._confirming >= _PROMPT
-            and item.came_s - self._claimed_s >= self._causality.patience_s
-        ):
-            for other in (*self._items, item):
-                if other.came_s >= self._claimed_s and other.verdict is not None:
-                    other.verdict.low = other.verdict.high
-            verdict.low = verdict.high
-            verdict.why = ""
-
     def _may_wait(self, item: Item, verdict: Verdict, now_s: float) -> bool:
         """Whether a proof may still come, and has not been waited for already."""
         doubt = (verdict.low, verdict.high)
         return (
             not verdict.is_certain
-            and (self._ever_prompt or (self._next == 0 and self._clock.pace is not None))
+            and not verdict.is_blind
+            and self._judge.can_tell(is_first=self._next == 0)
             and doubt != self._given
             and now_s - item.came_s < self._causality.patience_s
         )
-
-    def _chosen(self, verdict: Verdict) -> int:
-        if verdict.by_rule or verdict.is_certain:
-            return verdict.best
-        return verdict.high if self._ever_prompt and verdict.high < NOWHERE else verdict.low
-
-    def _watch_wire(self, was_counted: bool) -> None:
-        self._uncounted = 0 if was_counted else self._uncounted + 1
-        if self._is_wire_dead():
-            self._note(_WIRE)
-
-    def _is_wire_dead(self) -> bool:
-        silent = self._clock.now - self._counts.last
-        return (
-            self._clock.counts_exposures
-            and len(self._items) + self._uncounted >= _PROMPT
-            and silent > max(self._causality.patience_s * self._rate, 3 * self._train.divisor)
-        )
-
-    def _note(self, text: str) -> None:
-        self.account.notes.add(text)
 
     # ------------------------------------------------------------------ answering
 
@@ -376,8 +256,14 @@ class FrameNumbers:
             text += f"; {a.surplus} images more than that came"
         counted = self._counts.before(self._next)
         if self._clock.counts_exposures and counted != exposed:
-            text += f"; it does not hold: the board counted {counted} exposures"
+            text += f"; the board counted {counted} exposures"
+        if (first := self.uncertain_from()) is not None:
+            text += f"; it does not hold: the trigger of every frame from {first} on is uncertain"
         return text
+
+    def uncertain_from(self) -> int | None:
+        """The first trigger of which nothing is certain; see `Judge.uncertain_from`."""
+        return self._judge.uncertain_from()
 
     def _answer(self, item: Item, verdict: Verdict) -> Frame | LostFrame:
         index = self._next
@@ -395,7 +281,7 @@ class FrameNumbers:
         """The triggers that an image can belong to; two at least where nothing is certain."""
         first = min(index, max(0, verdict.low + item.number))
         last = max(index, min(verdict.high + item.number, index + _BACK))
-        if first == last and self._is_noisy:
+        if first == last and not (verdict.is_certain and not self._judge.is_noisy):
             first, last = max(0, first - 1), last + 1
         return first, last
 
@@ -409,7 +295,7 @@ class FrameNumbers:
         )
         if self._clock.counts_exposures and self._counts.is_unclear(index):
             reason = "samples were lost here, so that it is unknown whether the camera exposed"
-        elif self._clock.counts_exposures and not self._is_wire_dead():
+        elif self._clock.counts_exposures and not self._judge.is_wire_dead():
             reason = lost if self._counts.has(index) else _MISSED
         elif item.missed:
             gap = item.missed + (steps or 1)
@@ -435,7 +321,8 @@ class FrameNumbers:
             reason = _MISSED
             if self._counts.has(index):
                 reason = f"no image came in time: it was exposed and lost{self._complaint}"
-        doubt = 0 if self._verdict.is_certain else self._verdict.high - self._verdict.low
+        newest = self._judge.verdict
+        doubt = 0 if newest.is_certain else newest.high - newest.low
         first, last = max(0, index - doubt), index + min(doubt, _BACK)
         if not self._clock.counts_exposures and self._slow():
             self._least = index + 1  # later images can not belong to this trigger any more

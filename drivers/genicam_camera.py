@@ -43,6 +43,7 @@ class GenICamCamera(ABC):
     """
 
     kind = "camera"
+    _shows_in_images = False  # whether an image says its size and format
 
     def __init__(self, settings: CameraSettings, clock: SampleClock) -> None:
         self.name = f"camera '{settings.device}'" if settings.device else self.kind
@@ -52,6 +53,7 @@ class GenICamCamera(ABC):
         self._clock = clock
         self._numbers: FrameNumbers | None = None
         self._waits = False
+        self._seen_in_images: set[str] = set()  # features that the camera does not have
         self._found: Found | None = None  # once open
         self._errors: tuple[type[Exception], ...] = ()  # of the library, once it is loaded
 
@@ -172,9 +174,18 @@ class GenICamCamera(ABC):
             )
         return self._numbers.answer(self._fetch, timeout_s)
 
+    @property
+    def delivered(self) -> int:
+        """Results that the library has given since the start, answered or not."""
+        return self._numbers.delivered if self._numbers else 0
+
     def balance(self) -> str:
         """What came of the triggers since the start; see `FrameNumbers.balance`."""
         return self._numbers.balance() if self._numbers else ""
+
+    def uncertain_from(self) -> int | None:
+        """The first trigger of which nothing is certain; see `FrameNumbers.uncertain_from`."""
+        return self._numbers.uncertain_from() if self._numbers else None
 
     def _fetch(self, wait_s: float) -> Delivered | None:
         if not self._waits:
@@ -238,11 +249,11 @@ class GenICamCamera(ABC):
 
     def _configure(self) -> None:
         s = self._settings
-        self._set("PixelFormat", s.pixel_format)
+        self._set_or_see("PixelFormat", s.pixel_format, "pixel_format")
         self._prefer("OffsetX", 0)  # only there is the whole width available
         self._prefer("OffsetY", 0)
-        self._set("Width", s.shape[1])
-        self._set("Height", s.shape[0])
+        self._set_or_see("Width", s.shape[1], "width")
+        self._set_or_see("Height", s.shape[0], "height")
         if any(s.offset):
             self._set("OffsetX", s.offset[0])
             self._set("OffsetY", s.offset[1])
@@ -272,6 +283,12 @@ class GenICamCamera(ABC):
         self._set("TriggerMode", "On")
         self._set("TriggerSource", line)
         self._prefer("TriggerActivation", "RisingEdge")
+        overlap = self._node("TriggerOverlap")  # otherwise triggers during the readout are lost
+        offered = self._offer(overlap) if overlap is not None else ()
+        for way in ("ReadOut", "PreviousFrame"):
+            if way in offered:
+                self._set("TriggerOverlap", way)
+                break
         for name in ("TriggerDelay", "TriggerDelayAbs"):
             self._prefer(name, 0.0)
         self._prefer("LineSelector", line)
@@ -288,6 +305,40 @@ class GenICamCamera(ABC):
             )
         self._set("Gain", gain, "GainAbs")
 
+    def _set_or_see(self, name: str, value: Any, setting: str) -> None:
+        """Set a feature. Where it can only be read it must have the value already; where the camera
+        has none, as behind many frame grabbers, its images must show it.
+
+        Raises `OutOfLimits`.
+        """
+        node = None if self._node(name) is not None else self._node(name, to_read=True)
+        if node is not None:
+            if (found := self._value(node)) != value:
+                raise OutOfLimits(
+                    f"{self.name}: {name} = {value} was requested, it is {found} and can not be set"
+                    f" from here; set it with the vendor's program, or camera.{setting} to it"
+                )
+        elif self._node(name) is None and self._shows_in_images:
+            self._seen_in_images.add(name)
+        else:
+            self._set(name, value)
+
+    def _check_image(self, width: int, height: int, pixel_format: str) -> None:
+        """See that an image is as the settings say, where the camera could not be set to it.
+
+        Raises `DeviceFault`.
+        """
+        s = self._settings
+        asked = {"Width": s.width, "Height": s.height, "PixelFormat": s.pixel_format}
+        found = {"Width": width, "Height": height, "PixelFormat": pixel_format}
+        if any(found[name] != asked[name] for name in self._seen_in_images):
+            raise DeviceFault(
+                f"{self.name}: its images are {width} x {height} px of {pixel_format}, and the"
+                f" settings say {s.width} x {s.height} px of {s.pixel_format}; let camera.width,"
+                " camera.height and camera.pixel_format agree with the settings of the frame"
+                " grabber"
+            )
+
     def _prefer(self, name: str, value: Any) -> None:
         """Set a feature if the camera has it; a camera without it behaves in this way anyhow."""
         if self._node(name) is not None:
@@ -302,9 +353,16 @@ class GenICamCamera(ABC):
         if node is None and other_name:
             node = self._node(other_name)
         if node is None:
+            remedy = "see its manual"
+            if self._seen_in_images:
+                remedy = (
+                    "trigger, exposure and gain of a camera behind a frame grabber are set by the"
+                    " grabber's own program: leave camera.trigger_line and camera.exposure_line"
+                    ' empty, "", and camera.gain at -1'
+                )
             raise OutOfLimits(
                 f"{self.name}: {name} = {value} was requested, it has no such feature that can be"
-                " set; see its manual"
+                f" set; {remedy}"
             )
         try:
             self._assign(node, value)

@@ -8,6 +8,7 @@ else is not, the world's stage goes where that actuator goes (`FollowedActuator`
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any
 
 from drivers.clock import SampleClock
@@ -72,9 +73,11 @@ class ClockedForces(_Wrapped):
         self._clock = clock
         self._world = world
         self._stage_in_read_time = stage_in_read_time
+        self._end_of_read = 0  # the sample after the last block or gap
 
     def start(self, train: TriggerTrain) -> None:
         """Start the device, and with it the clock."""
+        self._end_of_read = 0
         self._clock.start(counts_exposures=self.device.counts_exposures)
         if self._world is not None:
             self._world.start(train)
@@ -83,6 +86,7 @@ class ClockedForces(_Wrapped):
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
         """The next block; the clock advances before it is handed over."""
         block: SampleBlock | LostSamples = self.device.read(timeout_s)
+        self._end_of_read = block.end
         if self._world is not None:
             self._world.advance(block.end - self._world.now)
         if isinstance(block, SampleBlock):
@@ -96,7 +100,10 @@ class ClockedForces(_Wrapped):
         """Samples of the device that wait to be read; 0 if the position of the stage is not known
         beyond the last sample that was read.
         """
-        return 0 if self._stage_in_read_time else int(self.device.backlog())
+        asked_s = time.monotonic()
+        waiting = int(self.device.backlog())
+        self._clock.anchor(self._end_of_read + waiting, asked_s, time.monotonic())
+        return 0 if self._stage_in_read_time else waiting
 
     def stop(self) -> None:
         """Stop the device, and with it the clock."""

@@ -24,10 +24,13 @@ from drivers.port_lock import locked
 from drivers.protocols import Found
 
 ANSWER_S = 0.2  # the controllers take some 10 ms
-INTERPRETS_S = 0.01  # a controller needs after the end of a command that has no answer
+LEAST_ANSWER_S = 0.1  # where there must be time for repetitions
 # for one query with its wait and its repetitions, so that the stage is stopped within a second
 PATIENCE_S = 0.6
 TRIES = 3
+# of a pause after a command, at its first sending and at each repetition
+LONGER = (1, 4, 15)
+LONGEST_PAUSE_S = 0.15  # that a repetition can wait
 _DAMAGED = "AS"  # answers to a command that arrived damaged and is sent again
 
 
@@ -49,13 +52,18 @@ def _no_pyserial(who: str) -> DeviceNotFound:
 class NewportLine:
     """The line to one controller.
 
+    A controller hears nothing for a while after a command that has no answer, some for 10 ms and
+    some for 60. The line pauses for `pause_s` then, and longer at each repetition; a pause after
+    which a silent controller has answered is kept for the commands that follow.
+
     Only one query at a time waits for its answer, and those of a stop come first. Writing has a
     lock of its own, held for one command only: a stop waits for nothing but the end of the command
     before it, even while another answer is awaited, because it has no answer that could be mistaken
     for that one.
     """
 
-    def __init__(self, who: str, port: str, address: int, baud: int) -> None:
+    def __init__(self, who: str, port: str, address: int, baud: int, pause_s: float = 0.01) -> None:
+        self.pause_s = pause_s
         self.stops = 0  # commands to stop so far
         self.heard = ""  # what came instead of an answer when the last query failed
         self.is_mute = False  # the last query had no answer at all
@@ -120,13 +128,30 @@ class NewportLine:
             Number of stops so far; nothing is sent any more after a further one.
         """
         give_up, heard, letter = time.monotonic() + PATIENCE_S, "", None
-        for attempt in range(TRIES):
+        planned_s = pauses_s(self.pause_s)
+        for attempt, pause_s in enumerate(planned_s):
             stops = self.stops
             # the error in its memory may be of an earlier command, or of a stop
-            self.ask("TE", "([@A-Z])", give_up=give_up)
+            try:
+                self.ask("TE", "([@A-Z])", give_up=give_up)
+            except DeviceTimeout:
+                if not attempt:
+                    raise
+                break  # silent since the command
+            left_s = give_up - time.monotonic() - sum(planned_s[attempt:])
+            if attempt and give_up - time.monotonic() < pause_s:
+                break  # its answer would come too late
             letter, noise = self._exchange(
-                "TE", "([@A-Z])", give_up, after=command, unless_stopped_since=unless_stopped_since
+                "TE",
+                "([@A-Z])",
+                give_up,
+                after=command,
+                pause_s=pause_s,
+                answer_s=min(ANSWER_S, max(LEAST_ANSWER_S, left_s / (TRIES - attempt))),
+                unless_stopped_since=unless_stopped_since,
             )
+            if letter is not None and not heard:  # silent at every attempt before
+                self.pause_s = pause_s
             if letter is not None and letter not in _DAMAGED and stops == self.stops:
                 return "@" if attempt and letter in done else letter
             if unless_stopped_since not in (None, self.stops):
@@ -134,7 +159,7 @@ class NewportLine:
             heard = noise or heard
         if letter is not None:
             return letter
-        raise self._unanswered(command, heard)
+        raise self._unanswered(command, heard, is_command=True)
 
     def _exchange(
         self,
@@ -144,19 +169,21 @@ class NewportLine:
         *,
         urgent: bool = False,
         after: str = "",
+        pause_s: float | None = None,
+        answer_s: float | None = None,
         unless_stopped_since: int | None = None,
     ) -> tuple[str | None, str]:
         """One attempt: the answer to a query, or None and what came instead. The command `after`
-        which it asks is sent first, unless there was a further stop.
+        which it asks is sent first, unless there was a further stop, and `pause_s` is waited.
         """
         prefix, heard = f"{self._address}{query.rstrip('?')}", ""
         with self._turn(give_up, urgent=urgent), self._alive(after or query):
             self._port.reset_input_buffer()
-            if after and not self._send(after, unless_stopped_since):
+            if after and not self._send(after, unless_stopped_since, pause_s):
                 return None, ""
             self._send(query)
             written = self._clear_at
-            listen_until = min(time.monotonic() + ANSWER_S, give_up)
+            listen_until = min(time.monotonic() + (answer_s or ANSWER_S), give_up)
             while line := self._read_line(listen_until):
                 heard = line
                 self.is_mute = False
@@ -168,7 +195,12 @@ class NewportLine:
                     break  # it is damaged; anything else is a late answer to an earlier query
         return None, heard
 
-    def _send(self, command: str, unless_stopped_since: int | None = None) -> bool:
+    def _send(
+        self,
+        command: str,
+        unless_stopped_since: int | None = None,
+        pause_s: float | None = None,
+    ) -> bool:
         """Send a command once the line is clear and no stop waits; whether it was sent."""
         while True:
             time.sleep(max(0.0, self._clear_at - time.monotonic()))
@@ -176,14 +208,15 @@ class NewportLine:
                 if unless_stopped_since not in (None, self.stops):
                     return False
                 if self._clear_at <= time.monotonic():
-                    self._write(command)
+                    self._write(command, pause_s)
                     return True
 
-    def _write(self, command: str) -> None:
+    def _write(self, command: str, pause_s: float | None = None) -> None:
         sent = f"{self._address}{command}\r\n".encode("ascii")
         with self._alive(command):
             self._port.write(sent)
-        self._clear_at = time.monotonic() + _carried_s(sent, self._baud) + INTERPRETS_S
+        pause_s = self.pause_s if pause_s is None else pause_s
+        self._clear_at = time.monotonic() + len(sent) * 10 / self._baud + pause_s
 
     def _read_line(self, until: float) -> str:
         raw = b""
@@ -225,16 +258,19 @@ class NewportLine:
                 self._is_taken = False
                 self._turns.notify_all()
 
-    def _unanswered(self, query: str, heard: str) -> DeviceError:
+    def _unanswered(self, query: str, heard: str, *, is_command: bool = False) -> DeviceError:
         self.heard, self.is_mute = heard, not heard
         if heard:
             return DeviceFault(
                 f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy:"
                 f" the last answer was {heard!r}; check cable, shield, and the speed of the line"
             )
+        remedy = "its cable, and the port and address in the settings"
+        if is_command:
+            remedy = "and its cable, or raise actuator.command_pause if it needs longer"
         return DeviceTimeout(
             f"{self._who}: {self._name} gave no answer to '{query}' within {PATIENCE_S:g} s; check"
-            " that the controller is on, its cable, and the port and address in the settings"
+            f" that the controller is on, {remedy}"
         )
 
 
@@ -250,8 +286,8 @@ class OutsideStop:
     address: int
 
     def stop(self) -> None:
-        """Send the command to stop, twice: the first may meet the rest of a command of a program
-        that has died.
+        """Send the command to stop, at once and twice more: the first may meet the rest of a
+        command of a program that has died, or a controller that interprets that command.
 
         Raises
         ------
@@ -260,7 +296,7 @@ class OutsideStop:
         """
         way = _claimed(self.who, self.port, self.baud, exclusive=False)
         try:
-            for pause in (0.05, 0.0):
+            for pause in (0.05, LONGEST_PAUSE_S, 0.0):
                 way.write(f"{self.address}ST\r\n".encode("ascii"))
                 time.sleep(pause)
             way.flush()
@@ -273,8 +309,9 @@ class OutsideStop:
             way.close()
 
 
-def _carried_s(sent: bytes, baud: int) -> float:
-    return len(sent) * 10 / baud
+def pauses_s(first_s: float) -> list[float]:
+    """Pauses after a command at its first sending and at each repetition."""
+    return [max(first_s, min(times * first_s, LONGEST_PAUSE_S)) for times in LONGER]
 
 
 def _claimed(who: str, port: str, baud: int, *, exclusive: bool) -> Any:

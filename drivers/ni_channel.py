@@ -16,6 +16,8 @@ OPTIONS = [
     ("grpc.min_reconnect_backoff_ms", 3000),  # also how long a first connection may take
 ]
 
+FIRST_TIMES = 5  # as long has the first call, which lets the server load NI-DAQmx
+
 
 def connect(server: str, certificate: bytes | None, answer_s: float) -> tuple[Any, Any]:
     """The connection to ``host:port``, to be closed, and the channel that makes calls on it.
@@ -25,15 +27,18 @@ def connect(server: str, certificate: bytes | None, answer_s: float) -> tuple[An
     certificate : bytes or None
         What vouches for the server (PEM); None: an unencrypted connection.
     answer_s : float
-        Time that each call has.
+        Time that each call has, and the first one `FIRST_TIMES` over.
     """
     import grpc
 
     class Deadline(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
+        times = FIRST_TIMES
+
         def intercept_unary_unary(
             self, continuation: Callable[..., Any], client_call_details: Any, request: Any
         ) -> Any:
-            return continuation(client_call_details._replace(timeout=answer_s), request)
+            timeout_s, self.times = self.times * answer_s, 1
+            return continuation(client_call_details._replace(timeout=timeout_s), request)
 
     if certificate is None:
         channel = grpc.insecure_channel(server, OPTIONS)

@@ -83,7 +83,12 @@ class ForceSettings(DeviceSettings):
         "", "File (PEM) that vouches for the server; empty: an unencrypted connection"
     )
     answer_time: float = option(
-        2.0, "How long the server has to answer a call; then it counts as gone", "s", ge=0.2, le=60
+        2.0,
+        "How long the server has to answer a call; then it counts as gone. The first call, which"
+        " lets it load NI-DAQmx, has five times as long",
+        "s",
+        ge=0.2,
+        le=60,
     )
     channels: tuple[str, str] = option(
         ("ai0", "ai1"), "Analog inputs of the normal and the shear sensor"
@@ -273,6 +278,14 @@ class CameraSettings(DeviceSettings):
         " moves, or given by `angle`",
         choices=("motion", "angle"),
     )
+    fixed_pattern: str = option(
+        "tell",
+        "What stays in the picture while the block moves (unequal pixels, dust) is told, and marks"
+        " are taken off where the contact is looked for; or they are taken off every image, and the"
+        " pull of unequal pixels is undone in u_x(r) and what follows, which takes seconds at the"
+        " reference; or it is not looked for",
+        choices=("tell", "undo", "ignore"),
+    )
     distortion: float = option(
         0.0,
         "Radial distortion of the lens, which is corrected: share by which the ideal place of a"
@@ -327,6 +340,14 @@ class ActuatorSettings(DeviceSettings):
     port: str = option("", "Serial port, 'COM3' or '/dev/ttyUSB0', or 'socket://host:port'")
     address: int = option(1, "Number of the controller on its line", ge=1, le=31)
     baud: int = option(0, "Speed of the line; 0: that of the model", "baud", ge=0, le=4000000)
+    command_pause: float = option(
+        10.0,
+        "Pause after a command that the controller does not answer, as it hears nothing meanwhile;"
+        " a command that it seems to have missed is sent again with longer pauses, up to 150 ms",
+        "ms",
+        ge=1,
+        le=150,
+    )
     travel: tuple[float, float] = option(
         (0.0, 25.0), "The stage is never sent beyond these two positions", "mm"
     )

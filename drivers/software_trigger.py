@@ -20,6 +20,7 @@ from drivers.settings import CameraSettings
 
 LOOK_S = 0.1  # between two looks whether to go on
 MOST_WAITING = 64  # answers that nobody reads
+PATIENCE_S = 3.0  # for a camera that does not return from a call
 
 
 class SoftwareTriggered(ABC):
@@ -86,7 +87,9 @@ class SoftwareTriggered(ABC):
         self._ending.clear()
         self._answers.clear()
         self._error = None
-        self._thread = threading.Thread(target=self._work, args=(train,), name=self.name)
+        self._thread = threading.Thread(
+            target=self._work, args=(train,), name=self.name, daemon=True
+        )
         self._thread.start()
 
     def read(self, timeout_s: float) -> Frame | LostFrame:
@@ -104,11 +107,22 @@ class SoftwareTriggered(ABC):
         )
 
     def stop(self) -> None:
-        """Ask for no more images."""
+        """Ask for no more images.
+
+        Raises
+        ------
+        DeviceTimeout
+            The camera does not return from a call; it is neither released nor asked again.
+        """
         self._ending.set()
-        thread, self._thread = self._thread, None
-        if thread is not None:
-            thread.join()
+        if self._thread is not None:
+            self._thread.join(PATIENCE_S)
+            if self._thread.is_alive():
+                raise DeviceTimeout(
+                    f"{self.name}: it did not return from a call within {PATIENCE_S:g} s; check the"
+                    " camera, its connection and its driver"
+                )
+            self._thread = None
 
     def close(self) -> None:
         """Stop, and let go of the camera."""

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module, metadata
+from pathlib import Path
 from typing import Any
 
 from analysis.options import Section
@@ -56,10 +57,15 @@ class Driver:
         try:
             found = getattr(import_module(module), name)
         except Exception as error:  # a module of somebody else may fail in any way
+            remedy = "correct that in it"
+            if isinstance(error, ModuleNotFoundError):
+                remedy = "install its package, or put its folder on PYTHONPATH"
+                if error.name == module.partition(".")[0] and _lies_here(error.name):
+                    remedy = "it lies in the current folder, which is looked in only if PYTHONPATH"
+                    remedy += " says so: set PYTHONPATH=."
             raise UnknownDevice(
                 f"{self.kind}: the driver '{self.where}' can not be imported"
-                f" ({type(error).__name__}: {error}); install its package, or put its folder on"
-                " PYTHONPATH"
+                f" ({type(error).__name__}: {error}); {remedy}"
             ) from error
         if not isinstance(found, type):
             raise UnknownDevice(
@@ -106,6 +112,10 @@ class Driver:
                 " of `analysis.options.Section`"
             )
         return options
+
+
+def _lies_here(module: str) -> bool:
+    return Path(f"{module}.py").is_file() or Path(module).is_dir()
 
 
 _OWN = {

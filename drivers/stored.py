@@ -21,6 +21,8 @@ from drivers.motion import check_target, check_velocity
 from drivers.protocols import Frame, Image, LostFrame, LostSamples, SampleBlock, TriggerTrain
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 
+_AGREE_M = 3e-6  # two readings of a stage at rest differ by less
+
 
 class Recording(Protocol):
     """The data of an experiment that the stored devices play.
@@ -68,6 +70,7 @@ class StoredForces:
         self._state = "closed"
         self._began = 0.0
         self._next = 0
+        self._turns = np.empty(0, np.int64)  # samples from which readings are lost, or are not
 
     def open(self) -> None:
         """Check that the recording has the sample rate of the bench."""
@@ -87,22 +90,25 @@ class StoredForces:
         """Play from sample 0 on."""
         del train  # the recording has its own triggers
         self._check("open", "can not start")
+        # once: an hour of readings is long
+        is_lost = np.isnan(self._recording.volts[:, 0])
+        self._turns = np.flatnonzero(is_lost[1:] != is_lost[:-1]) + 1
         self._state, self._began, self._next = "running", time.monotonic(), 0
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
         """The next block, or gap, when its time has come."""
         self._check("running", "has no samples")
         first, volts = self._next, self._recording.volts
-        lost = np.isnan(volts[first:, 0])
-        if not lost.size:
+        if first >= len(volts):
             raise DeviceFault(
                 f"{self.name}: the recording ends before sample {first}; it has been played to its"
                 " end"
             )
-        if lost[0]:
-            n = int(np.argmin(lost)) if not lost.all() else lost.size
-        else:
-            n = min(self.block_samples, int(np.argmax(lost)) if lost.any() else lost.size)
+        turn = int(np.searchsorted(self._turns, first, side="right"))
+        n = (int(self._turns[turn]) if turn < len(self._turns) else len(volts)) - first
+        is_lost = math.isnan(volts[first, 0])
+        if not is_lost:
+            n = min(self.block_samples, n)
         wait = self._began + (first + n) / self.sample_rate_hz / self._pace - time.monotonic()
         if wait > 0:
             time.sleep(min(wait, timeout_s))
@@ -112,7 +118,7 @@ class StoredForces:
                 f" {timeout_s:g} s; wait longer"
             )
         self._next = first + n
-        if lost[0]:
+        if is_lost:
             return LostSamples(first, n, f"{self.name}: samples were lost when it was recorded")
         return SampleBlock(first, volts[first : first + n].copy())
 
@@ -249,9 +255,23 @@ class StoredActuator:
         check_velocity(self.name, velocity_m_s, self.velocity_limit_m_s)
 
     def move_to(self, position_m: float) -> None:
-        """Check the travel; from now on the recorded motion counts as this move."""
+        """Check the travel; from now on the recorded motion counts as this move.
+
+        Raises `OutOfLimits` also where the recorded motion goes further than that.
+        """
         self._check()
         check_target(self.name, position_m, self.travel_limits_m)
+        here, later = self.position_m(), self._recording.position_samples >= self._clock.now
+        way = 1.0 if position_m >= here else -1.0
+        ahead = (self._recording.positions_m[later] - here) * way
+        comes_back = np.flatnonzero(np.maximum.accumulate(ahead) - ahead > _AGREE_M)
+        recorded = float(ahead[: comes_back[0] if comes_back.size else None].max(initial=0.0))
+        if recorded > abs(position_m - here) + _AGREE_M:
+            raise OutOfLimits(
+                f"{self.name}: a move of {abs(position_m - here) * 1e6:.1f} um was requested, the"
+                f" recorded stage goes {recorded * 1e6:.1f} um; set run.travel to what was"
+                " recorded, or choose another actuator.source"
+            )
         self._is_sent = True
 
     def position_m(self) -> float:

@@ -4,7 +4,7 @@ is likely.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 NOWHERE = 1 << 40  # more triggers than any run has
 
@@ -22,6 +22,13 @@ class Verdict:
         Whether a witness stands for `high`, so that time can prove it.
     why : str
         What is in doubt.
+    agreed : int
+        What it was before the present doubt, and what both witnesses have said alike since.
+    counted, stamped : int or None
+        What each of them says by itself; None if it does not know.
+    is_blind : bool
+        Whether neither a count nor a timestamp tells on which sample it was exposed, so that an
+        exposure without a trigger would pass for one with it, and nothing is certain.
     """
 
     low: int = 0
@@ -30,11 +37,20 @@ class Verdict:
     extras: int = 0
     by_rule: bool = True
     why: str = ""
+    agreed: int = 0
+    counted: int | None = 0
+    stamped: int | None = None
+    is_blind: bool = False
 
     @property
     def is_certain(self) -> bool:
         """Whether only one answer is possible."""
-        return self.low == self.high
+        return self.low == self.high and not self.is_blind
+
+    def settle(self, missed: int) -> None:
+        """It is so many."""
+        self.low = self.high = self.best = self.agreed = missed
+        self.by_rule, self.why = True, ""
 
     def with_step(
         self, counted: int | None, doubtful: int, likely: int, stamped: int | None, extras: int
@@ -47,11 +63,20 @@ class Verdict:
         """
         was_clear = self.is_certain
         if stamped is not None and counted == stamped and not doubtful:
-            moved = (self.low + stamped, self.high + stamped, self.best + stamped)
-            return Verdict(*moved, self.extras, self.by_rule, self.why * (not was_clear))
+            extras *= not was_clear  # else they are glitches
+            return replace(
+                self,
+                low=self.low + stamped - extras,
+                extras=self.extras + extras,
+                high=self.high + stamped,
+                best=self.best + stamped,
+                agreed=self.agreed + stamped,
+                why=self.why * (not was_clear),
+            )
         if counted is None and stamped is None:
             why = self.why or "neither a count nor a timestamp tells which triggers were missed"
-            return Verdict(self.low - extras, NOWHERE, self.best, self.extras + extras, False, why)
+            low, extras = self.low - extras, self.extras + extras
+            return replace(self, low=low, high=NOWHERE, extras=extras, by_rule=False, why=why)
         said = [missed for missed in (counted, stamped) if missed is not None]
         high = self.high + max(*said, (counted or 0) + doubtful)
         best = self.best + (likely if counted is not None else said[0])
@@ -64,6 +89,12 @@ class Verdict:
                 why = "the board's count has a gap or a glitch, and no timestamp confirms it"
             elif counted is None:
                 why = "a timestamp tells of missed triggers, and no counter confirms it"
-        return Verdict(
-            self.low - extras, high, best, self.extras + extras, self.by_rule or was_clear, why
+        return replace(
+            self,
+            low=self.low - extras,
+            high=high,
+            best=best,
+            extras=self.extras + extras,
+            by_rule=self.by_rule or was_clear,
+            why=why,
         )

@@ -1,5 +1,5 @@
 """The three witnesses of an image: the board's count of exposures, the camera's timestamps, and
-causality, which knows no image before its exposure has ended.
+the time at which the image came: no image comes before its exposure has ended.
 
 Each of them can fail: a count is missed or made by a glitch, the camera's clock jumps, an image is
 late. None of them decides alone (`drivers.verdict`).
@@ -8,6 +8,9 @@ late. None of them decides alone (`drivers.verdict`).
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
+from statistics import median
 
 from drivers.clock import SampleClock
 from drivers.protocols import TriggerTrain
@@ -17,6 +20,9 @@ PATIENCE_S = 2.0
 or within half a trigger period if that is longer: the camera's buffers hold no more.
 """
 
+_KNOWN = 8  # images just before a doubt
+_NEEDED = 3
+_RECENT_S = 10.0
 NONE = (-1, 0)
 JITTER = 2.0  # samples, of the start of an exposure that is not late
 CLOCKS_APART = 2e-4  # by so much the camera's clock may be faster or slower than the board's
@@ -29,9 +35,10 @@ class Counts:
         self._train, self._clock = train, clock
         self.total = self._gaps_taken = 0
         self._counted: dict[int, list[int]] = {}  # trigger -> samples of the exposures after it
-        self._unclear_to = -1
+        self._inferred: set[int] = set()  # in lost samples, where as many were counted as triggers
         self._unclear: set[int] = set()  # triggers in lost samples that were not all exposed
         self.last = 0  # sample of the newest count
+        self._summed = 0, 0  # triggers that were summed, and those of them with a count
 
     def update(self) -> None:
         """Take what the clock has learned."""
@@ -53,6 +60,7 @@ class Counts:
             ]
             if len(late) == len(slots):
                 self._counted.update((n, [self._train.sample(n)]) for n in slots)
+                self._inferred.update(slots)
             else:
                 self._unclear.update(slots)
 
@@ -62,6 +70,12 @@ class Counts:
     def before(self, n: int) -> int:
         """Exposures counted for the triggers before `n`."""
         return sum(len(counted) for slot, counted in self._counted.items() if slot < n)
+
+    def triggers_before(self, n: int) -> int:
+        """Triggers before `n` for which an exposure was counted; the next call asks for no less."""
+        first, found = self._summed
+        self._summed = n, found + sum(map(self.has, range(first, n)))
+        return self._summed[1]
 
     def on_time(self, n: int) -> bool:
         """Whether the exposure of trigger `n` was counted on its sample, or the one beside it."""
@@ -87,6 +101,10 @@ class Counts:
         """Whether samples were lost there, so that nobody knows whether `n` was exposed."""
         return n in self._unclear
 
+    def is_inferred(self, n: int) -> bool:
+        """Whether samples were lost there, in which as many exposures as triggers were counted."""
+        return n in self._inferred and self._clock.pace is not None
+
     def is_known(self, n: int) -> bool:
         """Whether the samples in which `n` could be counted have been read."""
         ended = self._clock.phase == "stopped"
@@ -106,7 +124,8 @@ class Counts:
                 return None
             steps -= self.has(n)
             # only causality can tell a late exposure from a glitch
-            doubtful += self._clock.pace is not None and self.has(n) and not self.on_time(n)
+            is_late = self._clock.pace is not None and self.has(n) and not self.on_time(n)
+            doubtful += is_late or self.is_inferred(n)
         return n, doubtful
 
 
@@ -128,12 +147,69 @@ class Stamps:
         if not stamp_s:
             return None
         last, self.last = self.last, stamp_s
-        if last is None:
+        return None if last is None else self.between(last, stamp_s)
+
+    def between(self, first_s: float, last_s: float) -> int | None:
+        """Trigger periods between two stamps; None if they do not tell, as above or because they
+        are so far apart that the two clocks may differ by much of a period.
+        """
+        periods = round((last_s - first_s) / self._period_s)
+        off_s = abs(last_s - first_s - periods * self._period_s)
+        drift_s = CLOCKS_APART * abs(last_s - first_s)
+        allowed_s = min(JITTER * self._sample_s + drift_s, self._period_s / 4)
+        return periods if off_s <= allowed_s and drift_s <= self._period_s / 4 else None
+
+    def are_apart(self, first_s: float, last_s: float, samples: int) -> bool:
+        """Whether two stamps tell of as many samples as the board has counted between."""
+        off_s = abs(last_s - first_s - samples * self._sample_s)
+        # either count is up to a sample late
+        return off_s <= (JITTER + 1) * self._sample_s + CLOCKS_APART * abs(last_s - first_s)
+
+
+class Delays:
+    """How long after its trigger an image comes, which does not jump by a period at the very image
+    that is in doubt.
+
+    It tells only where the images just before the doubt, and all since, came within half a period
+    of each other: a delay that scatters more, or that steps meanwhile, says nothing.
+    """
+
+    def __init__(self, divisor: int) -> None:
+        self._divisor = divisor
+        self._known: deque[tuple[float, float]] = deque(maxlen=_KNOWN)
+
+    def learn(self, came_s: float, delay: float) -> None:
+        """Note the delay, in samples, of an image whose trigger is certain."""
+        self._known.append((came_s, delay))
+
+    def before(self, now_s: float) -> list[float]:
+        """Those of the newest images."""
+        recent_s = max(_RECENT_S, 2 * PATIENCE_S)
+        return [delay for came_s, delay in self._known if now_s - came_s <= recent_s]
+
+    def is_known(self, now_s: float) -> bool:
+        """Whether enough of the newest images were of a certain trigger."""
+        return len(self.before(now_s)) >= _NEEDED
+
+    def are_steady(self, delays: Sequence[float]) -> bool:
+        """Whether there are enough of them, within half a period of each other."""
+        return len(delays) >= _NEEDED and max(delays) - min(delays) <= self._divisor / 2
+
+    def rise(self, before: Sequence[float], since: Sequence[float]) -> float:
+        """By how many periods the least delay has risen; infinite if none was known before."""
+        return (min(since) - min(before, default=-math.inf)) / self._divisor
+
+    def missed(self, before: Sequence[float], since: Sequence[float]) -> int | None:
+        """How many triggers were missed as the doubt arose, by the delays before and since, counted
+        as if none was; None if they do not tell.
+        """
+        if not (self.are_steady(before) and self.are_steady(since)):
             return None
-        periods = round((stamp_s - last) / self._period_s)
-        off_s = abs(stamp_s - last - periods * self._period_s)
-        allowed_s = JITTER * self._sample_s + CLOCKS_APART * abs(stamp_s - last)
-        return periods if off_s <= min(allowed_s, self._period_s / 4) else None
+        by = median(since) - median(before)
+        missed = round(by / self._divisor)
+        least = min(since) - min(before) - missed * self._divisor
+        off = max(abs(by - missed * self._divisor), abs(least))
+        return missed if off <= self._divisor / 4 else None
 
 
 class Causality:

@@ -5,7 +5,9 @@ its module imports the base class by name, which pytest does not collect because
 with Test.
 """
 
-from drivers.contracts import CONTRACTS, TRAIN
+from contextlib import suppress
+
+from drivers.contracts import CONTRACTS, TRAIN, NotTried
 
 __all__ = ["TRAIN", "ActuatorContract", "CameraContract", "ForceSourceContract"]
 
@@ -23,11 +25,20 @@ def _of_camera(contract):
 
 
 def _of_actuator(contract):
-    return lambda self, actuator, pass_time: contract.check(actuator, pass_time=pass_time)
+    def test(self, actuator, pass_time):
+        with suppress(NotTried):
+            contract.check(actuator, pass_time=pass_time, may_move=lambda: True)
+
+    return test
+
+
+# what only `slipscope check-driver` can do, with a device that is not in the process of the test
+OUTSIDE = {"cut", "dying_move"}
 
 
 def _tests(name, kind, test_of, fixtures):
-    tests = {f"test_{contract.name}": test_of(contract) for contract in CONTRACTS[kind]}
+    contracts = [each for each in CONTRACTS[kind] if OUTSIDE.isdisjoint(each.needs)]
+    tests = {f"test_{contract.name}": test_of(contract) for contract in contracts}
     return type(name, (), {"__doc__": fixtures, **tests})
 
 

@@ -199,6 +199,7 @@ def test_a_record_without_a_method_is_from_before_there_was_a_choice(tmp_path: P
     old = "[dic]\nbox = 20\nsearch = 16\n"
     assert from_record(old, "session").dic == Correlation(method="direct", search=16)
     assert from_record("", "session").dic.method == "direct"
+    assert from_record("", "session").camera.fixed_pattern == "ignore"  # replayed to the bit
     assert from_record(to_toml(Config()), "session") == Config()
     file = tmp_path / "bench.toml"  # a user's file says what he changed, and means today's method
     file.write_text(old, encoding="utf-8")

@@ -1,10 +1,12 @@
 """Compiled functions that can not be kept, or were kept and are damaged, are compiled anew."""
 
+import ast
 import os
 import runpy
 import shutil
 import subprocess
 import sys
+import time
 import warnings
 from contextlib import closing
 from pathlib import Path
@@ -86,12 +88,10 @@ def test_a_disk_without_room_does_not_stop_what_is_computed(module, tmp_path):
 
 
 def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
-    """A copy without a place for compiled code, and a user without a home."""
+    """A user without a home, whose compiled code goes to the folder for temporary files."""
     copy = tmp_path / "program"
     for package in ("analysis", "app", "drivers"):
         shutil.copytree(ROOT / package, copy / package, ignore=lambda *_: {"__pycache__"})
-    for folder in [path for path in copy.rglob("*") if path.is_dir()]:
-        (folder / "__pycache__").touch()  # which stops also who may write anywhere
     rng = np.random.default_rng(1)
     for name in "ab":
         Image.fromarray(rng.integers(0, 255, (64, 64), np.uint8)).save(tmp_path / f"{name}.png")
@@ -117,28 +117,142 @@ def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
         if words == ("doctor",):
             assert "kept in" in done.stdout
         if words is dic:
-            assert done.stderr.count("compiled code can be kept neither beside") == 1
+            assert done.stderr.count("compiled code can not be kept in the user") == 1
             assert "Traceback" not in done.stderr
     kept = list((tmp_path / "temporary").rglob("*.nbc"))
     assert kept
     if os.name == "posix":
         assert kept[0].parents[1].stat().st_mode & 0o777 == 0o700
+        assert kept[0].parents[2].stat().st_mode & 0o777 == 0o700
 
 
 def test_a_folder_that_others_can_write_to_is_not_used(tmp_path, monkeypatch):
     if os.name != "posix":
         return
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path))
-    (tmp_path / f"slipscope-kernels-{os.getuid()}").mkdir(mode=0o777)
-    (tmp_path / f"slipscope-kernels-{os.getuid()}").chmod(0o777)
-    monkeypatch.setattr(kernels._Checked, "_locator_classes", (kernels._TemporaryLocator,))
+    monkeypatch.setattr(kernels.platformdirs, "user_cache_dir", lambda *_: str(tmp_path / "user"))
     monkeypatch.setattr(kernels, "told", [])
+    for name in ("slipscope-{}", "user/kernels", "slipscope-kernels-{}"):
+        folder = tmp_path / name.format(os.getuid())
+        folder.mkdir(parents=True)
+        folder.chmod(0o777)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert kernels.compiled(abs_of)(-3) == 3
+        assert kernels.place() == ""
     assert [str(one.message) for one in caught] == kernels.told
     assert "can be kept nowhere" in kernels.told[0]
-    assert kernels.place() == ""
+    assert not list(tmp_path.rglob("*.nb?"))
+
+
+CALLEE = """
+from analysis.kernels import compiled
+
+@compiled
+def callee(x):
+    return FACTOR * x
+"""
+CALLER = """
+from analysis.callee import callee
+from analysis.kernels import compiled
+
+@compiled
+def caller(x):
+    return callee(x) + 1.0
+"""
+
+
+def test_an_edit_of_a_function_changes_those_in_other_files_that_hold_it(tmp_path):
+    package = tmp_path / "analysis"
+    package.mkdir()
+    shutil.copy(kernels.__file__, package / "kernels.py")
+    (package / "__init__.py").touch()
+    (package / "caller.py").write_text(CALLER)
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": str(tmp_path)}
+    code = (
+        "from analysis.caller import caller; from analysis.kernels import is_kept;"
+        "print(is_kept(caller), caller(2.0))"
+    )
+
+    def called():
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env=env,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout.split()
+
+    for factor, is_kept, value in (
+        (2.0, "False", "5.0"),
+        (2.0, "True", "5.0"),
+        (3.0, "False", "7.0"),
+        (2.0, "True", "5.0"),  # as `git checkout` gives it back
+    ):
+        (package / "callee.py").write_text(CALLEE.replace("FACTOR", str(factor)))
+        assert called() == [is_kept, value]
+
+
+def test_whatever_a_compiled_function_holds_is_among_the_sources():
+    """Also the constants, which are part of the code."""
+    sources = {Path(path) for path in kernels.sources()}
+    holders = {
+        path
+        for package in ("analysis", "drivers", "app")
+        for path in (ROOT / package).rglob("*.py")
+        if "kernels import compiled" in path.read_text(encoding="utf-8")
+    }
+    assert holders <= sources
+    for path in holders:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imported = {
+            name.asname or name.name: node.module
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for name in node.names
+        }
+        for function in (node for node in tree.body if isinstance(node, ast.FunctionDef)):
+            if not any("compiled" in ast.unparse(one) for one in function.decorator_list):
+                continue
+            body = ast.Module(function.body, [])
+            for name in (node.id for node in ast.walk(body) if isinstance(node, ast.Name)):
+                module = imported.get(name, "").split(".")
+                if module[0] in ("analysis", "drivers", "app"):
+                    holder = ROOT.joinpath(*module).with_suffix(".py")
+                    if not holder.exists():  # the name is that of a module
+                        holder = ROOT.joinpath(*module, f"{name}.py")
+                    assert holder in sources, f"{path.name}: {function.name} holds {name}"
+
+
+def test_what_other_sources_have_left_goes_once_it_was_not_used_for_a_while(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(kernels, "version", lambda: "now")
+    kernels._own.cache_clear()
+    own = Path(kernels.place())
+    assert own.name == "now"
+    (own.parent / "former").mkdir()
+    (own.parent / "former" / "a.nbi").touch()
+    (own.parent / "recent").mkdir()
+    long_ago = time.time() - kernels.UNUSED_S - 60
+    for name in ("former", "now"):
+        os.utime(own.parent / name, (long_ago, long_ago))
+    kernels._own.cache_clear()
+    assert kernels.place() == str(own)  # a start is a use
+    assert {path.name for path in own.parent.iterdir()} == {"now", "recent"}
+    assert own.stat().st_mtime > long_ago + 60
+    kernels._own.cache_clear()
+
+
+def test_a_program_whose_folder_was_removed_goes_on(module, tmp_path):
+    compile_it = kernels.compiled(abs_of)
+    shutil.rmtree(kernels.place())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert compile_it(-2) == 2
+    kernels._own.cache_clear()
 
 
 def abs_of(x):

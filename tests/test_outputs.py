@@ -7,12 +7,13 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from app.errors import UserError
-from app.outputs import check_output, check_output_folder, new_file, new_folder
+from app.outputs import LEFT_S, check_output, check_output_folder, new_file, new_folder
 
 OURS = re.compile(r"\d+\.txt")
 
@@ -135,6 +136,29 @@ def test_what_a_killed_program_left_goes_with_the_next(tmp_path: Path) -> None:
         assert unfinished.name == mine
         unfinished.write_text("whole")
     assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "b.csv", *others}
+
+
+def test_what_a_program_killed_long_ago_left_goes_with_whatever_is_written_there(
+    tmp_path: Path,
+) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    with new_file(tmp_path / "r.h5", overwrite=False) as unfinished:
+        mine = unfinished.name
+        unfinished.write_text("whole")
+    killed, living = mine.replace(str(os.getpid()), str(dead.pid)), f"x{mine}"
+    strangers = killed.replace("-", "x-", 1)  # of another computer
+    folder = killed.replace(".h5", "")
+    (tmp_path / folder).mkdir()
+    (tmp_path / folder / "1.png").touch()
+    long_ago = time.time() - LEFT_S - 60
+    for name in (killed, living, strangers, folder):
+        if name != folder:
+            (tmp_path / name).write_text("half")
+        os.utime(tmp_path / name, (long_ago, long_ago))
+    with new_file(tmp_path / "a.csv", overwrite=False) as unfinished:
+        unfinished.write_text("whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "r.h5", living, strangers}
 
 
 def test_a_share_that_knows_no_sync_of_folders_takes_files(

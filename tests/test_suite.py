@@ -1,5 +1,6 @@
 """A test that ends its process, or never comes back, fails by its name, and the others go on."""
 
+import json
 import os
 import re
 import subprocess
@@ -27,11 +28,10 @@ def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
     words = options["addopts"].replace("-n logical", "-n 2").split()
     kept = {name: options[name] for name in ("faulthandler_exit_on_timeout", "filterwarnings")}
     times = {"timeout": 3, "faulthandler_timeout": 4}
-    given = [f"{name} = {str(value).lower()}" for name, value in (kept | times).items()]
     assert 0 < options["timeout"] < options["faulthandler_timeout"]
-    (tmp_path / "pytest.ini").write_text(
-        "[pytest]\n" + "\n".join(given).replace("['error']", "error")
-    )
+    # what TOML and JSON write alike
+    given = [f"{name} = {json.dumps(value)}" for name, value in (kept | times).items()]
+    (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\n" + "\n".join(given))
     (tmp_path / "test_a_hostile.py").write_text(HOSTILE)
     (tmp_path / "test_b_quiet.py").write_text(QUIET)
     done = subprocess.run(

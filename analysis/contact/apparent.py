@@ -10,7 +10,8 @@ import numpy as np
 
 from analysis.arrays import F32, F64, Array, Bool
 from analysis.contact.disc import Disc, micro_contact_disc
-from analysis.contact.microcontacts import micro_contacts
+from analysis.contact.marks import Marks, marks
+from analysis.contact.microcontacts import far_from_dark_spots, micro_contacts
 from analysis.contact.registration import NotRegistered, rigid_shift, shifted
 from analysis.robust import robust_sd
 
@@ -20,6 +21,7 @@ DARK_RINGS = 3  # rings in a row below background + 3 sd that end the contact
 FEWEST_MICRO_CONTACTS = 12
 # by which the disc must explain the micro-contacts better than chance does, in log-likelihood
 LEAST_GAIN = 15.0
+NEAR_PX = 3.0  # a dark spot and its echo are the block's displacement apart, and that wide
 ROUNDING = 1e-6  # of a grey level, by single precision
 NOWHERE = (np.nan, np.nan)
 
@@ -47,6 +49,11 @@ class ApparentContact:
         contact.
     micro_contacts : int
         Number of micro-contacts that were found.
+    marks : Marks or None
+        That stay in the picture and were taken off both images before; None: there are none, or
+        they were not looked for.
+    difference : ndarray or None
+        Image less the moved background, 0 where that is not known; None without a contact.
     notes : tuple of str
     """
 
@@ -59,10 +66,14 @@ class ApparentContact:
     profile_radius_px: F64 = field(default_factory=lambda: np.empty(0))
     profile_grey: F64 = field(default_factory=lambda: np.empty(0))
     micro_contacts: int = 0
+    marks: Marks | None = None
+    difference: F32 | None = None
     notes: tuple[str, ...] = ()
 
 
-def apparent_contact(background: Array, image: Array) -> ApparentContact:
+def apparent_contact(
+    background: Array, image: Array, *, take_marks_off: bool = True
+) -> ApparentContact:
     """Centre, radius and profile of the apparent contact that `image` shows and `background`, the
     free block, does not.
 
@@ -70,6 +81,9 @@ def apparent_contact(background: Array, image: Array) -> ApparentContact:
     ----------
     background, image : ndarray, shape (rows, columns)
         Grey levels, same shape.
+    take_marks_off : bool
+        Whether marks that stay in the picture are looked for and taken off
+        (`analysis.contact.marks`).
 
     Notes
     -----
@@ -87,13 +101,19 @@ def apparent_contact(background: Array, image: Array) -> ApparentContact:
         shift = rigid_shift(background, image)
     except NotRegistered as error:
         return ApparentContact(notes=(str(error),))
+    stay = marks(background, image, shift) if take_marks_off else None
+    if stay is not None:
+        background, image = stay.taken_off(background), stay.taken_off(image)
     difference, known = background_difference(background, image, shift)
     x, y = micro_contacts(difference, ROUNDING * float(np.abs(image).max()))
     seen = known[y.astype(int), x.astype(int)]
+    if stay is not None:  # some are too faint to be found
+        seen &= far_from_dark_spots(difference, x, y, float(np.hypot(*shift)) + NEAR_PX)
     x, y = x[seen], y[seen]
 
     def unseen(reason: str) -> ApparentContact:
-        return ApparentContact(shift_px=shift, micro_contacts=len(x), notes=(f"contact: {reason}",))
+        notes = (f"contact: {reason}",)
+        return ApparentContact(shift_px=shift, micro_contacts=len(x), marks=stay, notes=notes)
 
     if len(x) < FEWEST_MICRO_CONTACTS:
         return unseen(
@@ -124,6 +144,8 @@ def apparent_contact(background: Array, image: Array) -> ApparentContact:
         profile_radius_px=radius,
         profile_grey=grey,
         micro_contacts=len(x),
+        marks=stay,
+        difference=difference,
     )
 
 

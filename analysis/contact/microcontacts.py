@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
-from analysis.arrays import F32, F64
+from analysis.arrays import F32, F64, Bool
 from analysis.robust import robust_sd
 
 # standard deviation of the matched filter; a micro-contact is about as wide as the resolution of
@@ -31,6 +33,20 @@ def micro_contacts(difference: F32, rounding: float = 0.0) -> tuple[F64, F64]:
     y, x = np.nonzero((filtered >= highest) & (filtered > threshold))
     inside = (x > 0) & (x < filtered.shape[1] - 1) & (y > 0) & (y < filtered.shape[0] - 1)
     return x[inside].astype(np.float64), y[inside].astype(np.float64)
+
+
+def far_from_dark_spots(difference: F32, x: F64, y: F64, distance: float) -> Bool:
+    """Which of the micro-contacts, shape (n,), have no dark spot within a distance (px): a contact
+    has none, so that what is bright beside one is the echo of a mark in the background.
+    """
+    cut = 2 * robust_sd(difference[::5, ::5])
+    light = cv2.blur(np.clip(difference, -cut, cut), (LIGHT_PX, LIGHT_PX))
+    filtered = cv2.GaussianBlur(difference, (0, 0), SPOT_PX) - light
+    dark = filtered < -SIGNIFICANT * _rim_noise(filtered)
+    side = 2 * math.ceil(distance) + 1
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    near = cv2.dilate(dark.view(np.uint8), around) > 0
+    return np.asarray(~near[y.astype(int), x.astype(int)])
 
 
 def _rim_noise(filtered: F32) -> float:

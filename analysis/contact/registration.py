@@ -58,7 +58,7 @@ def rigid_shift(background: Array, image: Array) -> tuple[float, float]:
             f"registration: two grey images of one shape, {SMALLEST_PX} px or more each way, are"
             f" needed, found {background.shape} and {image.shape}"
         )
-    first, second = _flattened(background), _flattened(image)
+    first, second = flattened(background), flattened(image)
     coarse = _coarse_shift(first, second)
     tiles = [_tile_shift(first, second, *corner, coarse) for corner in _rim(background.shape)]
     found = [shift for shift in tiles if shift is not None]
@@ -97,7 +97,7 @@ def _taps(fraction: float) -> F64:
     return np.asarray(taps / taps.sum())
 
 
-def _flattened(image: Array) -> F32:
+def flattened(image: Array) -> F32:
     """The image without the slow changes of its light: its local mean removed."""
     grey = np.asarray(image, dtype=np.float32)
     return np.asarray(grey - cv2.blur(grey, (31, 31)))

@@ -149,10 +149,13 @@ def compile_kernels(
     """
     rng = np.random.default_rng(0)
     images = rng.integers(0, 255, (2, 64, 64)).astype(dtype)
-    settings = replace(correlation or Correlation(), box=8, step=8, search=2, update="never")
+    asked = correlation or Correlation()
+    # what is asked of the pictures does not hold for these
+    asked = replace(asked, region=(), min_contrast=0.0, max_saturated=1.0, full_scale=0)
+    settings = replace(asked, box=8, step=8, search=2, update="never")
     nowhere = np.full((2, *Grid.cover(images[0].shape, 8, 8).shape), np.nan)
     if part == "search":
-        settings = replace(settings, method="direct", precision="single")
+        settings = replace(settings, method="direct", precision="single", quality="full")
     with closing(open_tracker(settings, images[0])) as tracker:
         if part == "field":
             tracker.start_from(*np.zeros_like(nowhere))

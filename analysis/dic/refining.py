@@ -28,6 +28,7 @@ from analysis.dic.status import (
 )
 from analysis.dic.tracker import Estimate, Reference
 from analysis.region import measured
+from analysis.saturation import end_of_scale
 from analysis.settings import Correlation
 
 # share of the points that were followed so far; if more are lost at once, they are searched for in
@@ -250,7 +251,8 @@ class Refinement:
         """Give OK points the status LOW_CONTRAST or SATURATED if their displaced boxes are."""
         left = np.rint(self._grid.left + u[0]).astype(np.int64)
         top = np.rint(self._grid.top[:, None] + u[1]).astype(np.int64)
-        box, limits = self._grid.box_px, (self._settings.min_contrast, self._full_scale)
+        box = self._grid.box_px
+        limits = self._settings.min_contrast, end_of_scale(image, self._full_scale)
         most = self._settings.max_saturated * box * box
         explain(image, left, top, box, *limits, most, status)
 

@@ -12,7 +12,12 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
 from analysis.inversion.conjugate import descend
-from analysis.inversion.problem import LARGEST_CHI2, InversionProblem, MeasuredField
+from analysis.inversion.problem import (
+    LARGEST_CHI2,
+    InversionProblem,
+    MeasuredField,
+    above_noise,
+)
 from analysis.inversion.result import NOT_COVERED, NOT_SEEN, Stopped
 from analysis.mechanics.half_space import SurfaceGreen
 
@@ -156,10 +161,7 @@ class CoupledProblem:
             stopped = Stopped.SILENT
             notes.append(NOT_SEEN)
         if chi2 > LARGEST_CHI2:
-            notes.append(
-                f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of"
-                f" {math.sqrt(chi2):.3g} times the noise; check the mask, D and the uncertainty"
-            )
+            notes.append(above_noise(stopped, iterations, chi2))
         Qx, Qy = (float(part.sum()) * one.pitch**2 for part in sigma)
         return CoupledInversion(
             sigma=sigma,

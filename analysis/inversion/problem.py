@@ -65,6 +65,15 @@ class MeasuredField:
         return float(np.vdot(self.weight * residual, residual)) / self.count
 
 
+def above_noise(stopped: Stopped, iterations: int, chi2: float) -> str:
+    """The note on a result whose residual is larger than the noise."""
+    after = f" after {iterations} iterations" if iterations else ""
+    return (
+        f"inversion: stopped ({stopped}){after} with a residual of {math.sqrt(chi2):.3g} times the"
+        " noise; check the mask, D and the uncertainty"
+    )
+
+
 class InversionProblem:
     """The inversion of u_x fields on one grid: the linear map from stress to displacement and the
     mask outside which the stress is 0.
@@ -224,10 +233,7 @@ class InversionProblem:
         if stopped is Stopped.SILENT:
             notes.append(NOT_SEEN)
         if chi2 > LARGEST_CHI2:
-            notes.append(
-                f"inversion: stopped ({stopped}) after {iterations} iterations with a residual of"
-                f" {math.sqrt(chi2):.3g} times the noise; check the mask, D and the uncertainty"
-            )
+            notes.append(above_noise(stopped, iterations, chi2))
         return Inversion(
             sigma=sigma,
             sigma_sd=np.full(sigma.shape, np.nan),

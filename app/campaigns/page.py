@@ -18,7 +18,7 @@ from app.campaigns.state import Found, State
 from app.config import values_of
 from app.errors import UserError
 from app.outputs import new_file
-from app.report.quantities import summary_quantities
+from app.quantities import summary_quantities
 from app.session.files import picture_of
 from app.summary import Summary
 
@@ -92,7 +92,7 @@ def _value(values: Mapping[str, Mapping[str, Any]], name: str) -> str:
 def _numbers(summary: Summary) -> list[str]:
     """Values with their uncertainties, in the units of the headings."""
     held = {q.symbol: q for q in summary_quantities(summary)}
-    return [" ".join(replace(held[s].combined, unit=SHOWN[s]).rounded).strip() for s in SHOWN]
+    return [" ".join(replace(held[s], unit=SHOWN[s]).rounded).strip() for s in SHOWN]
 
 
 # ---------------------------------------------------------------------- as a page

@@ -1,8 +1,36 @@
 """The command `slipscope`: names, arguments and help; what a command does is in `app.commands`.
 
-Nothing heavy is imported here, so that `slipscope --help` answers at once.
+Nothing heavy is imported here, so that `slipscope stop` stops and `slipscope --help` answers at
+once.
 """
 
-from app.cli.program import app, main
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from app.cli.program import app
 
 __all__ = ["app", "main"]
+
+
+def main() -> None:
+    """Read the command line, do it, and end the program with its exit code."""
+    if sys.argv[1:2] == ["stop"]:
+        from app.processes.urgent import at_once
+
+        if (code := at_once(sys.argv[1:])) is not None:
+            sys.exit(code)
+    from app.cli import program
+
+    program.main()
+
+
+def __getattr__(name: str) -> Any:
+    """`app`, the tree of all commands, which takes its time to import."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from app.cli.program import app
+
+    return app

@@ -19,12 +19,22 @@ app = typer.Typer()
 @command(app)
 def dic(
     reference: Annotated[
-        Path, typer.Argument(metavar="REFERENCE", help="The image before any displacement.")
+        Path,
+        typer.Argument(
+            metavar="REFERENCE",
+            help="The image before any displacement; the first of a folder, or of a TIFF of many"
+            " pages.",
+        ),
     ],
     images: Annotated[
-        list[Path],
-        typer.Argument(metavar="IMAGE...", help="Images to compare with it, in order."),
-    ],
+        list[Path] | None,
+        typer.Argument(
+            metavar="IMAGE...",
+            help="Images to compare with it, in order; folders and TIFFs of many pages, too.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
     fields: Annotated[Path, output("FIELDS.h5|.csv|.npz", "File for the fields.")],
     correlation: Correlation,
     mask: Annotated[
@@ -57,7 +67,7 @@ def dic(
 
     return files.dic(
         reference,
-        images,
+        images or [],
         fields,
         correlation,
         mask=mask,
@@ -322,14 +332,18 @@ def export(
 def import_(
     images: Annotated[
         list[Path],
-        typer.Argument(metavar="FOLDER|IMAGE...", help="Grey PNG or TIFF, 8 or 16 bit."),
+        typer.Argument(
+            metavar="FOLDER|IMAGE...",
+            help="Grey PNG or TIFF, 8 or 16 bit; a TIFF may hold many images.",
+        ),
     ],
     session: Annotated[Path, output("SESSION.h5", "Session to write.")],
     forces: Annotated[
         Path | None,
         typer.Option(
             metavar="FORCES.csv",
-            help="sample or time_s; P_N and Q_N, or normal_V and shear_V; stage_um.",
+            help="time_s or sample; P_N and Q_N, or normal_V and shear_V; stage_um; or what other"
+            " programs call them.",
         ),
     ] = None,
     metadata: Annotated[
@@ -348,16 +362,50 @@ def import_(
     pixel_um: Annotated[
         float | None, typer.Option("--pixel", metavar="UM", help="Size of a pixel.")
     ] = None,
+    frame_rate: Annotated[
+        float | None,
+        typer.Option("--frame-rate", metavar="HZ", min=1e-6, max=1e6, help="Images per second."),
+    ] = None,
     rate_hz: Annotated[
-        int | None, typer.Option("--rate", metavar="HZ", help="Force samples per second.")
+        int | None,
+        typer.Option("--rate", metavar="HZ", help="Force samples per second; else of the table."),
     ] = None,
     divisor: Annotated[int | None, typer.Option(help="Samples from one image to the next.")] = None,
+    offset_s: Annotated[
+        float | None,
+        typer.Option(
+            "--time-offset",
+            metavar="SECONDS",
+            help="Added to the times of the forces to have those of the images; else what the start"
+            " of the motion in both says.",
+        ),
+    ] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TEXT",
+            help='Which column is what, by its name or number: "time_s=Zeit, P_mN=Last, Q_mN=3".',
+        ),
+    ] = None,
+    delimiter: Annotated[
+        str | None,
+        typer.Option(metavar="SIGN", help="Between cells: , ; | tab space; else found."),
+    ] = None,
+    decimal: Annotated[
+        str | None, typer.Option(metavar="SIGN", help="In numbers: . or ,; else found.")
+    ] = None,
+    encoding: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the tables, such as latin-1; else found.")
+    ] = None,
     background: Annotated[
-        int | None, typer.Option(metavar="FRAME", help="Image of the free block; else none.")
+        int | None,
+        typer.Option(metavar="FRAME", help="Image of the free block; else the last with P near 0."),
     ] = None,
     reference: Annotated[
         int | None,
-        typer.Option(metavar="FRAME", help="Image at rest under load; else the first."),
+        typer.Option(
+            metavar="FRAME", help="Image at rest under load; else the last before the drive."
+        ),
     ] = None,
     drive: Annotated[
         int | None,
@@ -372,14 +420,16 @@ def import_(
 
     Images are taken in the order of the numbers in their names, frame 0 first; a missing number is
     a lost frame. In a folder metadata.csv, forces.csv and settings.toml are used if they are there.
-    Between the rows of a slower table forces are interpolated linearly; where rows are missing
-    there is a gap. Without --settings, --pixel, --rate and --divisor (or times in the metadata)
-    must be given, and the sample and the lens are those of `slipscope config`.
+    How a table is written, which image is the background and which the reference, where the drive
+    begins and whether both clocks are the same is found and told; options say otherwise. Between
+    the rows of a table forces are interpolated linearly; where rows are missing there is a gap.
+    What can not be found, such as the size of a pixel, is asked for at once. The exit code is 1 if
+    nothing could be measured.
 
-    Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --rate 1000
-    --divisor 100 --reference 12`
+    Example: `slipscope import images -o other.h5 --forces load.csv --pixel 5.2 --frame-rate 10`
     """
     from app.commands import files
+    from app.exchange.forms import Form
     from app.exchange.frames import Sources
 
     sources = Sources(
@@ -390,6 +440,9 @@ def import_(
         pixel_um=pixel_um,
         rate_hz=rate_hz,
         divisor=divisor,
+        frame_rate=frame_rate,
+        offset_s=offset_s,
+        form=Form.given(columns or (), delimiter, decimal, encoding),
         background=background,
         reference=reference,
         drive=drive,

@@ -218,7 +218,8 @@ def attach(
 
 @command(app)
 def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
-    """Stop the motion of the run that is under way on this computer, then end it in good order.
+    """Stop the motion of the run that is under way on this computer, then end it in good order;
+    without a name, of every run of yours.
 
     Example: `slipscope stop`
     """
@@ -329,7 +330,7 @@ def config(
     if name in campaign_names() and not overrides:
         text = campaign_text(name)
     elif name is not None and not overrides:
-        text = bench_text(name)
+        text = bench_text(name, campaign_names())
     else:
         text = to_toml(load(None if name is None else Path(name), overrides or ()))
     typer.echo(text, nl=False)

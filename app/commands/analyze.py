@@ -8,14 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from rich.table import Table
 
 from analysis.settings import PRESETS
-from app.commands.terminal import DONE, FAILED, Bar, console, output, print_json, say
+from app.commands.terminal import (
+    DONE,
+    FAILED,
+    Bar,
+    output,
+    print_json,
+    print_rows,
+    print_table,
+    say,
+)
 from app.errors import UserError
-from app.report.quantities import Measurement, summary_quantities
+from app.quantities import joint_quantities, summary_quantities
 from app.report.summary import plain
-from app.results import Joint
 from app.study.analyzing import Analysed, AnalysisFailed
 from app.study.analyzing import analyze as analyzed
 from app.study.joint import Reduced
@@ -23,7 +30,6 @@ from app.study.plan import RECORDED, Plan, planned
 from app.study.sweep import swept
 
 SHOWN = 40  # runs in the table
-WIDTH = 132  # columns that its rows take
 MEMORY_BYTES = 700 << 20  # of a process that analyses
 TABLES = (("a", "Q_s", "mu_s", "mu_d"), ("mu", "L", "E"))
 
@@ -116,52 +122,26 @@ def data_of(plan: Plan, found: Analysed) -> dict[str, Any]:
 
 
 def _print(plan: Plan, found: Analysed) -> None:
-    out = console()
-    out.width = max(out.width, WIDTH)  # wrapped rows can not be read
     for symbols in TABLES:
-        out.print(_table(found.runs[:SHOWN], symbols, "point" if plan.is_sweep else "session"))
-        out.print()
+        _print_runs(found.runs[:SHOWN], symbols, "point" if plan.is_sweep else "session")
+        output().print()
     if len(found.runs) > SHOWN:
-        out.print(f"... and {len(found.runs) - SHOWN} more runs")
-    out.print("value ± noise of images and forces ± what the operator gives", style="dim")
-    out.print()
-    rows = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    for one in joint_quantities(found.joint):
-        rows.add_row(one.name, one.symbol, str(one))
+        output().print(f"... and {len(found.runs) - SHOWN} more runs")
+    output().print("value ± uncertainty, by noise and by what the operator gives together")
+    output().print()
     if not plan.is_sweep:
-        out.print("All runs together", style="bold")
-        out.print(rows)
-        out.print()
+        together = joint_quantities(found.joint)
+        print_rows("All runs together", [(one.name, one.symbol, str(one)) for one in together])
     for note in found.joint.notes:
         output().print(f"note: {note}")
     output().print(f"results: {plan.output}")
 
 
-def joint_quantities(joint: Joint) -> tuple[Measurement, ...]:
-    """What the runs have in common, in the units of the paper; uncertainties of all kinds."""
-    j = joint
-    return (
-        Measurement("Young's modulus", "E", j.young_modulus_pa, j.young_modulus_sd_pa, "MPa"),
-        Measurement("friction at 1 N", "mu", j.mu, j.mu_sd),
-        Measurement("its fall with the load, P^-n", "n", j.decay, j.decay_sd),
-        Measurement("length of the local law", "L", j.length_m, j.length_sd_m, "um"),
-        Measurement(
-            "the same by stiffness", "p/k", j.stiffness_length_m, j.stiffness_length_sd_m, "um"
-        ),
-        Measurement(
-            "the same by roughness", "L(h)", j.roughness_length_m, j.roughness_length_sd_m, "um"
-        ),
-    )
-
-
-def _table(runs: Sequence[Reduced], symbols: Sequence[str], what: str) -> Table:
+def _print_runs(runs: Sequence[Reduced], symbols: Sequence[str], what: str) -> None:
     """Some quantities of each run, which is a session or a point of a sweep."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for heading in ("P (N)", *symbols, what):
-        table.add_column(heading, no_wrap=True)
+    rows = []
     for run in runs:
         held = {one.symbol: one for one in summary_quantities(run.summary)}
-        cells = [str(held[symbol]) for symbol in symbols]
         name = run.origin.note if what == "point" else run.origin.session
-        table.add_row(held["P"].rounded[0], *cells, name)
-    return table
+        rows.append([held["P"].rounded[0], *(str(held[symbol]) for symbol in symbols), name])
+    print_table(["P (N)", *symbols, what], rows, texts=(what,), numbers="left")

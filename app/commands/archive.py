@@ -59,6 +59,13 @@ class Archive:
         """See `app.gui.desk.Archive`."""
         return next_free(session.with_stem(f"{session.stem}-analysis"))
 
+    def repair(self, session: Path, on_progress: Callable[[float], None]) -> tuple[Path, str]:
+        """See `app.gui.desk.Archive`."""
+        from app.session.repair import repair
+
+        output = next_free(session.with_stem(f"{session.stem}-repaired"))
+        return output, str(repair(session, output, progress=on_progress))
+
     def reanalysis(self, session: Path, overrides: Sequence[str], output: Path) -> Any:
         """See `app.gui.desk.Archive`."""
         from app.offline.reanalysis import Reanalysis

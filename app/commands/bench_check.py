@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from analysis.options import UNITS, quantity
 from app.commands.bench_move import move
 from app.commands.doctor import Finding, problem
 from app.engine.setup import sensor_chain
+from app.engine.stage import unsupervised
 from app.settings import Config
 from app.steps import Approach
 from drivers.bench import Bench
@@ -37,6 +39,11 @@ Device = Actuator | Camera | ForceSource
 
 SECONDS = 2.0  # of data
 HOME_TIMEOUT_S = 120.0
+MAINS_HZ = (50.0, 60.0)
+HUM_SHARE, HUM_MN = (
+    0.5,
+    1.0,
+)  # of the noise, and least rms, of a hum that is told: the paper's noise
 READ_TIMEOUT_S = 3.0
 NOISES = 3  # standard deviations that have to fit in a tolerance
 NEVER_S = 3600.0
@@ -76,6 +83,8 @@ def check(
         yield finding
         if finding.is_fine:
             opened.add(label)
+    if warning := unsupervised(config):
+        yield problem("supervisor", warning, needed=False)
     parts: list[Callable[[Bench], Iterator[Finding]]] = []
     if "actuator" in opened and home:
         parts.append(partial(_homing, config, has_forces="forces" in opened))
@@ -259,9 +268,12 @@ def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[
             f" {unsteady:.2f} mN"
         )
         most = getattr(run, tolerances[i]) * load * 1e3 / NOISES
+        mains, hum = max((_hum(newtons[:, i], hz, config) for hz in MAINS_HZ), key=itemgetter(1))
         if not is_recorded:
             text += f", of the means of {block} samples {means[i]:.2f} mN (limit {most:.2g} mN)"
-        advice = ""
+            if math.isfinite(hum):
+                text += f", at {mains:g} Hz {hum * 1e3:.2f} mN rms"
+        advice, is_hum = "", False
         if used >= 0.98:
             advice = f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
             advice += " forces.range"
@@ -273,7 +285,27 @@ def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[
                 f" deviations are more than run.{tolerances[i]} of it; let the block hang free and"
                 " still, check shields, table and cables, or raise that tolerance"
             )
-        yield Finding(label, text, not advice, bool(advice), advice, symbol)
+        elif hum > HUM_SHARE * newtons[:, i].std() and hum * 1e3 > HUM_MN and not is_recorded:
+            is_hum = True
+            period = round(config.forces.sample_rate / mains)
+            advice = (
+                f"that is the mains: check shields and grounds; a block of {2 * period} samples"
+                " (forces.block) averages it out, an exposure of one period does in each frame"
+            )
+        yield Finding(label, text, not advice, bool(advice) and not is_hum, advice, symbol)
+
+
+def _hum(newtons: NDArray[np.float64], hz: float, config: Config) -> tuple[float, float]:
+    """A frequency of the mains, and the rms of a force at it; NaN where the samples do not reach
+    it.
+    """
+    rate = config.forces.sample_rate
+    whole = int(len(newtons) * hz / rate) * rate / hz  # of its periods
+    used = newtons[: round(whole)]
+    if rate <= 2 * hz or not len(used):
+        return hz, math.nan
+    turning = np.exp(-2j * math.pi * hz * np.arange(len(used)) / rate)
+    return hz, float(math.sqrt(2.0) * abs(np.mean((used - used.mean()) * turning)))
 
 
 def _picture(config: Config, image: NDArray[np.generic]) -> Finding:

@@ -11,14 +11,15 @@ from typing import Any
 from app.campaigns.page import PAGE, Progress, check_page, table, write_page
 from app.campaigns.plan import Campaign, PlannedRun, chosen, natures_of, planned
 from app.campaigns.state import Found, State, alone_in, copied, found_of, keep
+from app.commands.ending import draw
 from app.commands.experiment import Made, conducted, made_attached, made_run, window_problem
 from app.commands.names import parse_pace
-from app.commands.terminal import DONE, FAILED, Bar, output, print_json, print_table, say
+from app.commands.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
 from app.disk import free_bytes
 from app.errors import UserError
 from app.gui.campaign_lines import duration
 from app.live import check_run, expected_bytes, expected_seconds, make_bench
-from app.session.files import check_new_session
+from app.session.files import check_new_session, picture_of
 from app.settings import Config
 from drivers.errors import DeviceError
 
@@ -59,6 +60,7 @@ def campaign(
             if problem and not as_json:
                 say(f"{problem} (going on without a window)")
                 work.problem = ""
+            work.draw_missing(wanted)
             work.go_through(due)
         return _told(work, wanted, checks_only)
 
@@ -83,6 +85,13 @@ class _Work:
         """The runs that are to be done; failed ones only where they are to be tried again."""
         settled = (State.DONE,) if retry else (State.DONE, State.FAILED)
         return [run for run in wanted if self.found[run.number].state not in settled]
+
+    def draw_missing(self, wanted: Sequence[PlannedRun]) -> None:
+        """Draw the pictures of runs that are done but were left, by a kill, without one."""
+        for run in wanted:
+            is_done = self.found[run.number].state is State.DONE
+            if is_done and not picture_of(run.session).exists():
+                draw(run.session, self.as_json)
 
     def progress(self) -> Progress:
         """How far it is."""
@@ -187,7 +196,9 @@ class _Work:
         """Which of the keys the operator presses."""
         choice = "; ".join(f"{key or 'Enter'}: {meaning}" for key, meaning in keys.items())
         say(f"{what}. {choice}")
-        while line := sys.stdin.readline():
+        if sys.stdin is not None and sys.stdin.isatty():
+            TYPED.take()  # what was typed before is no answer
+        while line := TYPED.wait():
             answer = line.strip().lower()[:1]
             if answer in keys:
                 return answer

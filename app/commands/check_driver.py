@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
+from functools import partial
 from typing import Any
 
 from app.commands.doctor import Finding, as_data, problem
@@ -12,9 +13,19 @@ from app.commands.terminal import DONE, FAILED, output, print_json
 from app.config import load
 from app.errors import UserError
 from app.live import make_bench
+from app.processes.dying_move import MOVES
+from app.processes.starting import hello_of, started
 from app.settings import Config
 from drivers.clock import SampleClock
-from drivers.contracts import CONTRACTS, TRAIN, BrokenContract, Contract
+from drivers.contracts import (
+    CONTRACTS,
+    TRAIN,
+    BrokenContract,
+    Contract,
+    NotTried,
+    WrongScale,
+    cut_line,
+)
 from drivers.errors import DeviceError
 from drivers.sources import Driver, driver
 
@@ -77,29 +88,47 @@ def kind_of(source: str) -> str:
 
 
 def check(
-    kind: str, config: Config, *, move: bool, pass_time: Callable[[float], None]
+    kind: str,
+    config: Config,
+    *,
+    move: bool,
+    pass_time: Callable[[float], None],
+    only: Sequence[str] = (),
 ) -> Iterator[Finding]:
-    """A finding for each contract of the kind, as they are tried, each with a device of its own."""
+    """A finding for each contract of the kind, or for those that are named, as they are tried, each
+    with a device of its own.
+    """
     source = getattr(config, kind).source
     if (nature := driver(kind, source).nature) != "real":
         raise UserError(
             f"check-driver: '{source}' is {nature}, which can not be tried by itself; give the"
             " driver of a device"
         )
+    must_not = "" if move else "the stage would move by up to 1 mm both ways; allow it with --move"
     for contract in CONTRACTS[kind]:
-        if contract.moves and not move:
-            what = "not tried, the stage would move by up to 1 mm both ways; allow it with --move"
-            yield Finding(str(contract), what, False)
-        else:
-            yield _finding(contract, config, pass_time)
+        if only and str(contract) not in only:
+            continue
+        if contract.moves and must_not:
+            yield Finding(str(contract), f"not tried, {must_not}", False)
+            continue
+        means = {"pass_time": pass_time, "may_move": partial(bool, not must_not)}
+        try:
+            yield _finding(contract, config, means)
+        except WrongScale as error:
+            yield problem(str(contract), str(error), needed=True)
+            must_not = must_not or f"{contract} is broken; mend that first"
 
 
-def _finding(contract: Contract, config: Config, pass_time: Callable[[float], None]) -> Finding:
+def _finding(contract: Contract, config: Config, means: dict[str, Any]) -> Finding:
     with ExitStack() as stack:
         try:
-            device, means = _made(contract.kind, config, stack)
+            device, more = _made(contract.kind, config, stack)
             stack.callback(_let_go, device)
-            contract.check(device, pass_time=pass_time, **means)
+            contract.check(device, **means, **more)
+        except WrongScale:
+            raise
+        except NotTried as error:
+            return Finding(str(contract), f"not tried: {error}", False)
         except (BrokenContract, DeviceError) as error:
             return problem(str(contract), str(error), needed=True)
         except Exception as error:  # of a driver that is being written
@@ -113,7 +142,8 @@ def _made(kind: str, config: Config, stack: ExitStack) -> tuple[Any, dict[str, A
     if kind != "camera":
         settings = getattr(config, kind)
         clock = SampleClock(float(config.forces.sample_rate))
-        return driver(kind, settings.source).made(settings, clock), {}
+        device = driver(kind, settings.source).made(settings, clock)
+        return device, {"cut": lambda: cut_line(device), "dying_move": partial(_dying_move, config)}
     bench = make_bench(config, 1.0)
     stack.callback(_let_go, bench.forces)
     passed = 0
@@ -127,6 +157,20 @@ def _made(kind: str, config: Config, stack: ExitStack) -> tuple[Any, dict[str, A
             passed = bench.forces.read(READ_TIMEOUT_S).end
 
     return bench.camera, {"run_until": run_until, "end_clock": bench.forces.stop}
+
+
+def _dying_move(config: Config, target_m: float, velocity_m_s: float) -> None:
+    """Send the stage off from another process, and kill that while it moves."""
+    process = started("app.processes.dying_move", (config, target_m, velocity_m_s))
+    try:
+        if (hello := hello_of(process)) != MOVES:
+            raise BrokenContract(f"in a process of its own, {hello}")
+    finally:
+        process.kill()
+        process.wait()
+        for pipe in filter(None, (process.stdin, process.stdout)):
+            with suppress(OSError):
+                pipe.close()
 
 
 def _let_go(device: Any) -> None:

@@ -10,7 +10,11 @@ from dataclasses import dataclass
 from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import walk_packages
 from typing import Any
+
+import analysis
+import app
 
 DISTRIBUTION = "slipscope"
 VENDORS = {  # distribution -> what it drives, and our extra that installs it
@@ -79,6 +83,30 @@ def packages() -> list[Finding]:
         except metadata.PackageNotFoundError:
             found.append(problem(name, "missing", f'pip install "{requirement}"', needed=True))
     return found
+
+
+def modules() -> Finding:
+    """Whether what a run, a replay and an analysis consist of can be imported with these packages;
+    the window is another matter, see `display`.
+    """
+    parts = [
+        module.name
+        for package in (app, analysis)
+        for module in walk_packages(package.__path__, f"{package.__name__}.")
+        if not module.name.startswith("app.gui") and not module.name.endswith("__main__")
+    ]
+    for name in parts:
+        try:
+            import_module(name)
+        except Exception as error:  # whatever another package's release brings
+            kind = type(error).__name__
+            return problem(
+                "modules",
+                f"{name} can not be imported: {kind}: {error}",
+                "reinstall SlipScope with the packages that it names",
+                needed=True,
+            )
+    return Finding("modules", f"{len(parts)} can be imported")
 
 
 def vendor_packages() -> list[Finding]:
@@ -177,10 +205,10 @@ def kernel_cache() -> Finding:
         return problem(
             "compiled code", found, "set NUMBA_CACHE_DIR to a folder that can be written"
         )
-    functions = sum(1 for _ in Path(folder).parent.rglob("*.nbi"))
+    functions = sum(1 for _ in Path(folder).rglob("*.nbi"))
     if not functions:
         return Finding("compiled code", f"none yet in {folder}; the first start compiles")
-    return Finding("compiled code", f"{functions} functions kept in {Path(folder).parent}")
+    return Finding("compiled code", f"{functions} functions kept in {folder}")
 
 
 def examine() -> dict[str, list[Finding]]:
@@ -188,7 +216,7 @@ def examine() -> dict[str, list[Finding]]:
     build = f"({platform.python_implementation()}, {platform.machine()})"
     python = Finding("python", f"{platform.python_version()} {build}")
     return {
-        "program": [python, Finding("platform", platform.platform()), *packages()],
+        "program": [python, Finding("platform", platform.platform()), *packages(), modules()],
         "sources of devices": devices(),
         "vendors' packages": vendor_packages(),
         "connected devices": connected(),

@@ -5,6 +5,7 @@ session.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from analysis.options import as_written
 from app.commands.terminal import output, print_rows, say
 from app.errors import UserError
 from app.outputs import new_file
+from app.quantities import doubts
 from app.records import Outcome
 from app.session.files import picture_of
 from app.settings import AboutSettings
@@ -25,8 +27,18 @@ def report_run(
 
     `session` is None if nothing was recorded.
     """
-    picture = _draw(session, as_json) if session else None
+    picture = draw(session, as_json) if session else None
     return _report("run", outcome, about, session, picture, as_json, {})
+
+
+def tell_notes(notes: Sequence[str]) -> None:
+    """Print the notes of a summary: first those that put its numbers in doubt, in bold."""
+    warnings = doubts(notes)
+    for note in warnings:
+        output().print(f"WARNING: {note}", style="bold")
+    for note in notes:
+        if note not in warnings:
+            output().print(f"note: {note}")
 
 
 def about_rows(about: AboutSettings) -> list[tuple[str, str, str]]:
@@ -39,7 +51,7 @@ def report_replay(replay: Any, as_json: bool) -> dict[str, Any]:
     comparison, session = replay.comparison(), replay.path
     picture: Path | None = picture_of(session)
     if not picture_of(session).exists():
-        picture = None if replay.is_refused else _draw(session, as_json)
+        picture = None if replay.is_refused else draw(session, as_json)
     verdict, share = comparison.verdict, comparison.share
     data = {
         "verdict": verdict if comparison.frames else None,
@@ -65,7 +77,7 @@ def report_analysis(analysis: Any, as_json: bool) -> dict[str, Any]:
 
     outcome, before = analysis.outcome(), analysis.recorded_summary
     made = analysis.output if outcome.state == "done" else None
-    picture = _draw(made, as_json) if made else None
+    picture = draw(made, as_json) if made else None
     if not as_json and outcome.summary and before:
         title = f"{analysis.path.name} and {analysis.output.name}"
         print_rows(title, compared_rows(before, outcome.summary))
@@ -89,8 +101,7 @@ def _report(
     if not as_json:
         rows = [*about_rows(about), *outcome_rows(outcome)]
         print_rows(f"{what} {outcome.ended_as}: {outcome.reason}", rows)
-        for note in outcome.summary.notes if outcome.summary else ():
-            output().print(f"note: {note}")
+        tell_notes(outcome.summary.notes if outcome.summary else ())
         for name, path in files.items():
             if path:
                 output().print(f"{name}: {path}")
@@ -107,7 +118,7 @@ def _printable(name: str) -> str:
     return name.encode("utf-8", "backslashreplace").decode().replace("$", r"\$")
 
 
-def _draw(session: Path, as_json: bool) -> Path | None:
+def draw(session: Path, as_json: bool) -> Path | None:
     """Draw the picture of a session from what is on disk; None, with the reason on the terminal, if
     there is nothing to draw.
     """

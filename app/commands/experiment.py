@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 
 from app.commands.ending import report_analysis, report_replay, report_run
 from app.commands.names import mark_of, parse_pace
-from app.commands.terminal import BAD_INPUT, DONE, FAILED, Bar, print_json, say
+from app.commands.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
 from app.config import load
 from app.errors import UserError
 from app.records import Health, Outcome
@@ -25,7 +24,6 @@ from app.settings import Config
 from app.stopping import Stop, StopAnswer
 
 POLL_S = 0.1
-SETTLES_S = 8.0  # until the position of a stage that does not answer is given up
 LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
 
 
@@ -176,11 +174,14 @@ def made_run(
     UserError, DeviceError
         It can not be made.
     """
+    from app.engine.stage import unsupervised
     from app.live import check_run
     from app.processes.launch import launched_or_made
 
     check_new_session(path, overwrite)
     check_run(config, path, pace, overwrite)
+    if warning := unsupervised(config):
+        say(warning)
     source, before = launched_or_made(config, path, pace, overwrite), mark_of(path)
 
     def report() -> dict[str, Any]:
@@ -226,7 +227,7 @@ def answer(text: str, bench: str | None) -> int:
     """Answer the question of a run that is under way in another process; the exit code."""
     from app.processes.launch import attached
 
-    source = attached(bench)
+    source = attached(bench, "answer")
     question = source.health().question
     if not question:
         raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
@@ -236,27 +237,15 @@ def answer(text: str, bench: str | None) -> int:
 
 
 def stop(bench: str | None) -> int:
-    """Stop the motion of a run that is under way in another process, and say what became of the
-    stop; the exit code.
+    """Stop the motion of a run that is under way in another process, or of all of them if none is
+    named, and say what became of the stop; the exit code.
     """
-    from app.processes.launch import attached
+    from app.processes.urgent import stop as stop_at_once
 
-    source = attached(bench)
-    answer = settled(source, source.stop_motion())
-    say(answer.sentence)
-    if answer.kind is Stop.FAILED:
-        return FAILED
-    say(f"{source.title}: its run ends and saves {source.session.name}")
-    return DONE
-
-
-def settled(source: Source, answer: StopAnswer) -> StopAnswer:
-    """The last answer to a stop, once the position was read; the newest, if that takes too long."""
-    give_up = time.monotonic() + SETTLES_S
-    while not answer.is_final and time.monotonic() < give_up:
-        time.sleep(POLL_S)
-        answer = source.stop_answer() or answer
-    return answer
+    sentences, has_failed = stop_at_once(bench)
+    for sentence in sentences:
+        say(sentence)
+    return FAILED if has_failed else DONE
 
 
 def replay(
@@ -438,19 +427,21 @@ class _Operator:
     """Whoever sits at the terminal: is shown a question, and answers it with a line."""
 
     def __init__(self, source: Source) -> None:
-        self._source, self._asked = source, ""
+        self._source, self._asked, self._is_answered = source, "", True
 
     def ask(self, question: str) -> None:
-        """Show a question once, and pass the next line on; none takes the last one back."""
+        """Show a question once, and pass on the next line that is typed while it stands; what is
+        typed while none stands is for nobody.
+        """
+        line = TYPED.take()
+        if line and question and question == self._asked and not self._is_answered:
+            self._is_answered = True
+            self._source.answer(line.strip() or "yes")
         if question and question != self._asked and sys.stdin and sys.stdin.isatty():
             say(f"{question} (type an answer, or just Enter)")
-            threading.Thread(target=self._read, name="slipscope-answer", daemon=True).start()
+            self._is_answered = False
+            TYPED.ask()
         self._asked = question
-
-    def _read(self) -> None:
-        line = sys.stdin.readline()
-        if line:
-            self._source.answer(line.strip() or "yes")
 
 
 def _progress_text(health: Health) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.settings import Correlation
-from app.commands.terminal import DONE, FAILED, Bar, output, print_json, print_rows
+from app.commands.terminal import DONE, FAILED, Bar, output, print_json, print_rows, say
 
 if TYPE_CHECKING:
     from app.exchange.correlating import CorrelationSummary
@@ -60,6 +60,12 @@ def _report(summary: CorrelationSummary) -> None:
     output().print(
         f"{summary.points_per_s:,.0f} points/s" + (quality if summary.statuses["ok"] else "")
     )
+    if summary.full_scale:
+        output().print(
+            f"{summary.saturated:.2%} of the pixels of the reference share the grey level"
+            f" {summary.full_scale}, at which the grey scale seems to end: they count as saturated;"
+            " --full-scale says where it ends"
+        )
     if summary.aligned:
         output().print(
             f"{summary.aligned} images were turned back first, as features that they share with the"
@@ -99,14 +105,30 @@ def import_(sources: Sources, session: Path, *, overwrite: bool, as_json: bool) 
     with Bar("importing", quiet=as_json) as bar:
         imported = import_files(sources, session, overwrite=overwrite, on_progress=bar.show)
     outcome = imported.outcome
+    failed = imported.shortcoming
     if as_json:
-        print_json({"session": str(session), "remarks": imported.remarks, **outcome_data(outcome)})
-        return DONE
-    print_rows(outcome.reason, outcome_rows(outcome))
+        told = {"remarks": imported.remarks, "samples_outside": imported.samples_outside}
+        data = {"session": str(session), **told, "failure": failed, **outcome_data(outcome)}
+        print_json(data)
+        return FAILED if failed else DONE
+    counts, outside = outcome.counts, imported.samples_outside
+    rows = [
+        row
+        if row.label != "force samples"
+        else row._replace(
+            value=f"{counts.samples} recorded, {counts.samples_lost - outside} lost"
+            + (f", {outside} before or after the table" if outside else "")
+        )
+        for row in outcome_rows(outcome)
+    ]
+    print_rows(outcome.reason, rows)
     notes = [f"note: {note}" for note in (outcome.summary.notes if outcome.summary else ())]
     for sentence in (*imported.remarks, *notes):
         output().print(sentence)
     output().print(f"session: {session}; `slipscope replay {session}` analyses it again")
+    if failed:
+        say(failed)
+        return FAILED
     return DONE
 
 
@@ -116,6 +138,7 @@ def repair(session: Path, destination: Path, overwrite: bool, as_json: bool) -> 
     """
     from app.report.summary import plain
     from app.session import repair as sessions
+    from app.session.files import images_of
 
     with Bar("reading what is left", quiet=as_json) as bar:
         repaired = sessions.repair(
@@ -124,8 +147,16 @@ def repair(session: Path, destination: Path, overwrite: bool, as_json: bool) -> 
             overwrite=overwrite,
             progress=lambda share: bar.show("bringing back the frames", share),
         )
+    found = repaired.found
+    if not found.is_whole:
+        where = f" (the file of images is {images_of(session).name})"
+        say(
+            f"{session}: not all of it is left: {found}"
+            f"{where if found.torn and repaired.source == 'journal' else ''}; nothing of it was"
+            " changed: if there is a copy of its files, repair that"
+        )
     if as_json:
         print_json(plain(repaired))
     else:
         output().print(str(repaired))
-    return DONE if repaired.found.is_whole else FAILED
+    return DONE if found.is_whole else FAILED

@@ -6,7 +6,7 @@ from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.commands.ending import about_rows
+from app.commands.ending import about_rows, tell_notes
 from app.commands.terminal import DONE, FAILED, output, print_json, print_rows, say
 from app.config import from_record, own_options, values_of
 from app.plain import STEPS
@@ -91,8 +91,7 @@ def info(session: Path, as_json: bool, verify: bool = False) -> int:
     else:
         told.append(Row("summary", "", "none: the run did not come to its end"))
     print_rows(str(session), told + resources_rows(outcome.resources))
-    for note in outcome.summary.notes if outcome.summary else ():
-        output().print(f"note: {note}")
+    tell_notes(outcome.summary.notes if outcome.summary else ())
     print_rows(
         "settings other than the defaults",
         [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")],

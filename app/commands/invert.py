@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from analysis.options import SettingError, options
-from app.commands.terminal import DONE, Bar, console, output, print_json
+from app.commands.terminal import DONE, Bar, output, print_json, print_table
 from app.errors import UserError
 from app.exchange.fields import FieldSeries, read_fields
 from app.exchange.inverting import (
@@ -23,11 +23,12 @@ from app.exchange.inverting import (
     write_tractions,
 )
 from app.outputs import check_output
-from app.report.quantities import measured_text
+from app.quantities import measured_text
 from app.report.summary import plain
 from app.settings import ContactSettings, InversionSettings, flag
 
 SHOWN = 40  # lines of the table
+FRAMES_TOLD = 12  # that have a note
 
 
 def invert(
@@ -91,6 +92,28 @@ def _settings(known: dict[str, Any]) -> InversionSettings:
         raise UserError(f"invert: {error}") from None
 
 
+def notes_once(results: list[Inverted]) -> list[str]:
+    """The notes on the fields, those that differ in their numbers once, with the frames that have
+    them.
+    """
+    alike: dict[str, dict[int, str]] = {}
+    for one in results:
+        for note in one.result.notes:
+            alike.setdefault(re.sub(r"\d[\d.e+-]*", "", note), {})[one.number] = note
+    said = []
+    for notes in alike.values():
+        first = next(iter(notes.values()))
+        if len(results) == 1 or (len(notes) == len(results) and set(notes.values()) == {first}):
+            said.append(first)
+            continue
+        frames = ", ".join(map(str, list(notes)[:FRAMES_TOLD]))
+        more = f" and {len(notes) - FRAMES_TOLD} more" if len(notes) > FRAMES_TOLD else ""
+        which = f"frame{'s' if len(notes) > 1 else ''} {frames}{more}"
+        told = f"{which}, the first: " if len(set(notes.values())) > 1 else f"{which}: "
+        said.append(f"{told}{first}")
+    return said
+
+
 def _data(one: Inverted) -> dict[str, Any]:
     found = one.result
     return {
@@ -120,13 +143,11 @@ def _tell(
     failures: list[str],
 ) -> None:
     x, y = series.centre_m or (math.nan, math.nan)
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for name in ("frame", "Q (N)", "D (um)", "max (kPa)", "r (mm)", "residual", "stopped"):
-        table.add_column(name, no_wrap=True)
     step = max(1, math.ceil(len(results) / SHOWN))
+    rows = []
     for one in islice(results, 0, None, step):
         found = one.result
-        table.add_row(
+        row = (
             str(one.number),
             measured_text(found.Q, found.Q_sd),
             measured_text(found.D * 1e6, found.D_sd * 1e6),
@@ -137,22 +158,20 @@ def _tell(
             + ("" if found.is_converged else ", not converged")
             + ("" if found.is_covered else ", not covered"),
         )
+        rows.append(row)
     output().print(
         f"{method}: {len(results)} fields, contact's centre at x = {x * 1e3:.3f} mm, y ="
         f" {y * 1e3:.3f} mm"
     )
-    out = console()
-    out.width = max(out.width, 110)
-    out.print(table)
+    headings = ("frame", "Q (N)", "D (um)", "max (kPa)", "r (mm)", "residual", "stopped")
+    print_table(headings, rows, texts=("stopped",), numbers="left")
     output().print(
         "Q: integral of sigma; max: the largest sigma of the profile, and where; residual: in units"
         " of the noise"
     )
     if step > 1:
         output().print(f"every {step}th field shown")
-    for note in dict.fromkeys(
-        [*series.notes, *(note for one in results for note in one.result.notes), *failures[:3]]
-    ):
+    for note in dict.fromkeys([*series.notes, *notes_once(results), *failures[:3]]):
         output().print(f"note: {note}")
     if len(failures) > 3:
         output().print(f"note: {len(failures)} fields could not be inverted")

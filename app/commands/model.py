@@ -74,18 +74,17 @@ def _shear_force(system: ModelSettings, shear_force: float | None, share: float 
 
 
 def _write_table(path: Path, contact: ShearedContact, numbers: list[Quantity]) -> None:
-    lines = [f"# {q.label}{f' {q.symbol}' if q.symbol else ''}: {q.text}" for q in numbers]
-    lines += [
-        "# over r: pressure p (Hertz; rough: Greenwood-Tripp, exponential heights), shear traction"
-        " sigma, and displacement seen from the",
-        "# sphere, u_x = ux + ux_cos2 cos(2 theta), u_y = ux_cos2 sin(2 theta); over the"
-        " displacement delta of the block: shear force Q",
-        "# cm: Cattaneo-Mindlin, on a half-space",
-    ]
-    curves = contact.curves()
-    lines.append(",".join(curves))
+    """Write the curves, and beside them the numbers, in SI units, the same in all rows.
+
+    Over r: pressure p (Hertz; rough: Greenwood and Tripp), traction sigma, and the displacement
+    seen from the sphere, u_x = ux + ux_cos2 cos(2 theta), u_y = ux_cos2 sin(2 theta); over the
+    displacement delta of the block: Q. cm: Cattaneo and Mindlin, on a half-space.
+    """
+    curves = dict(contact.curves())
+    rows = len(next(iter(curves.values())))
+    curves |= {one.key: np.full(rows, one.value) for one in numbers}
     with path.open("x", encoding="utf-8", newline="\n") as table:
-        table.write("\n".join(lines) + "\n")
+        table.write(",".join(curves) + "\n")
         np.savetxt(table, np.column_stack(list(curves.values())), "%.9g", ",")
 
 

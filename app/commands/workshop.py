@@ -11,10 +11,11 @@ from typing import Any
 from app.bench_view import BenchPreview
 from app.commands.archive import Archive
 from app.commands.ending import report_replay
-from app.commands.experiment import Made, made_run
+from app.commands.experiment import Made, made_attached, made_run
 from app.config import from_record
 from app.session.files import new_session_name, next_free
 from app.settings import Config
+from app.stopping import StopAnswer, of_all
 
 
 class Workshop:
@@ -62,6 +63,26 @@ class Workshop:
 
         source = Replay(session, pace=1.0)
         return self._kept(Made(source, lambda: report_replay(source, self._as_json)))
+
+    def runs_under_way(self) -> list[tuple[str, str]]:
+        """See `app.gui.desk.Workshop`."""
+        from app.processes.launch import under_way
+
+        return [
+            (bench.name, f"{bench.title}, which records {bench.session}") for bench in under_way()
+        ]
+
+    def attach(self, name: str) -> Any:
+        """See `app.gui.desk.Workshop`."""
+        return self._kept(made_attached(name, self._as_json))
+
+    def stop_others(self, own: Any) -> StopAnswer | None:
+        """See `app.gui.desk.Workshop`."""
+        from app.processes.launch import stopped_but
+
+        mine = getattr(own, "bench", None)  # of a run in another process
+        answers = stopped_but(mine and mine.name)
+        return of_all(answers) if answers else None
 
     def settings_of(self, session: Path) -> Config:
         """See `app.gui.desk.Workshop`."""

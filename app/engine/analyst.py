@@ -65,6 +65,8 @@ class Analysis:
     history : History
         What the bench has measured so far.
     pipeline : FrameAnalysis
+    reference_image : ndarray or None
+        From which displacements are measured.
     series : Series
         One snapshot per analysed frame.
     uncertain : set of int
@@ -79,8 +81,10 @@ class Analysis:
             float(config.forces.sample_rate), config.exposure_samples, config.run.direction
         )
         self.pipeline = pipeline
+        self.reference_image: NDArray[np.generic] | None = None
         self.series = Series()
         self.uncertain: set[int] = set()
+        self._revoked_from: int | None = None
         self.damage = Damage()
 
     def step(
@@ -106,6 +110,7 @@ class Analysis:
             effort = replace(effort, took_s=time.perf_counter() - began, waited_s=waited_s)
             snapshot = replace(snapshot, effort=effort)
         if self.pipeline.reference_frame == index:
+            self.reference_image = image
             append(Event(sample, "reference", f"frame {index}"))
         has_fields = self.config.recording.results == "fields"
         append(snapshot if has_fields else replace(snapshot, field=None))
@@ -114,6 +119,15 @@ class Analysis:
         self.series.append(snapshot)
         self.damage = self.damage.after(snapshot)
         return effort
+
+    def revoke(self, first: int | None) -> None:
+        """No frame from `first` on is of a certain trigger: the account of the run does not hold;
+        None if it does. To be called when all frames are analysed.
+        """
+        if first is None:
+            return
+        self._revoked_from = first
+        self.uncertain |= {one.frame for one in self.series.since(0) if one.frame >= first}
 
     def close(self) -> None:
         """Let the threads of the correlation go. May be called twice."""
@@ -129,10 +143,13 @@ class Analysis:
             return None
         used, notes = snapshots, []
         if doubtful:
+            why = ""
+            if self._revoked_from is not None:
+                why = f", from frame {self._revoked_from} on because the account does not hold"
             many = 2 * doubtful > len(snapshots)
             used = snapshots if many else [s for s in snapshots if s.frame not in self.uncertain]
             notes.append(
-                f"camera: the trigger of {doubtful} of {len(snapshots)} frames is uncertain; "
+                f"camera: the trigger of {doubtful} of {len(snapshots)} frames is uncertain{why}; "
                 + ("the results rest on them too" if many else "the results do without them")
             )
         summary = self.pipeline.summary(used)
@@ -165,19 +182,23 @@ class Analyst:
         self._frames = frames
         self._failures = 0
 
+    def is_behind(self, received: int) -> bool:
+        """Whether one of so many frames is neither analysed nor skipped."""
+        return received > len(self._analysis.series) + self._frames.skipped
+
     def work(self) -> None:
         """Analyse until the frames end; everything else that needs the processor goes first.
 
         A frame whose analysis fails is tried once more after a restart, then left out: what is
         measured goes on all the same. Before there is a reference, three such frames end the run.
         """
-        give_way(10)
         try:
+            give_way(10)
             while not self._frames.is_drained:
                 frame = self._frames.get(POLL_S)
                 if frame is not None:
                     self._analyse(frame)
-        except Exception:
+        except BaseException:
             self._frames.skipped += 1  # the current frame
             raise
         finally:

@@ -88,11 +88,15 @@ class LosslessChannel(Generic[T]):
             self._ended = True
             self._changed.notify_all()
 
-    def break_off(self) -> None:
-        """The receiver can take no more: senders get `ChannelClosed`."""
+    def break_off(self) -> list[T]:
+        """The receiver can take no more: senders get `ChannelClosed`. What it has not taken."""
         with self._changed:
             self._broken = True
+            left = [item for item, _ in self._items]
+            self._items.clear()
+            self._bytes = 0
             self._changed.notify_all()
+        return left
 
     @property
     def is_drained(self) -> bool:

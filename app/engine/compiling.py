@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from analysis import dic
-from analysis.contact.rings import ring_means
+from analysis.contact.marks import compile_marks
+from analysis.contact.rings import central_value, ring_means
 from app.settings import Config
 
 
 def compile_analysis(config: Config) -> None:
-    """Compile the correlation of these settings, and the means over rings."""
+    """Compile the correlation of these settings, the means over rings, the search for marks."""
     compile_correlation(config.correlation, config.camera.dtype)
-    _compile_rings()
+    _compile_contact()
 
 
 def compile_correlation(correlation: dic.Correlation, dtype: Any) -> None:
@@ -39,8 +40,8 @@ def compile_correlation(correlation: dic.Correlation, dtype: Any) -> None:
 
 @contextmanager
 def _compiling_search(correlation: dic.Correlation, dtype: Any) -> Iterator[None]:
-    """Meanwhile another process compiles the search and the rings. Should it fail, they are
-    compiled here.
+    """Meanwhile another process compiles the search and what the contact needs. Should it fail,
+    they are compiled here.
     """
     paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
     other = subprocess.Popen(  # no multiprocessing, which runs the main script of the caller again
@@ -63,11 +64,14 @@ def _compile_search() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the process that waits for it
     correlation, dtype = pickle.load(sys.stdin.buffer)
     dic.compile_kernels(correlation, dtype, "search")
-    _compile_rings()
+    _compile_contact()
 
 
-def _compile_rings() -> None:
-    ring_means(np.ones(8), np.ones(8), 1.0, theta=np.ones(8))
+def _compile_contact() -> None:
+    r, ones = np.linspace(0.0, 1.0, 8), np.ones(8)
+    ring_means(ones, ones, 1.0, theta=ones)
+    central_value(r, ones, ones, 2.0)
+    compile_marks()
 
 
 if __name__ == "__main__":

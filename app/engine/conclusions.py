@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from analysis.dic.fixed_pattern import Pull
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.onset import Onset, sliding_onset
 from analysis.friction.pressure import check_pressure
@@ -17,6 +19,7 @@ from analysis.mechanics.interface import elastic_length
 from app.engine.budget import Budget, Measured, Values, budget
 from app.engine.law import inverted
 from app.engine.loops import local_results
+from app.engine.readings import NOTHING_SEEN, readings
 from app.engine.setup import sensor_chain
 from app.engine.slides import slide_results
 from app.engine.tractions import PEAK_REACH
@@ -95,13 +98,15 @@ def onset_on_the_way(config: Config, frames: list[Snapshot]) -> float:
     return found.time + float(time[0])
 
 
-def results_of(measured: Measured) -> Values:
-    """The results that have a budget, by their names in the session, without uncertainties."""
+def results_of(measured: Measured, most_frames: int | None = None) -> Values:
+    """The results that have a budget, by their names in the session, without uncertainties; those
+    of the law from `most_frames` at most.
+    """
     config, contact = measured.config, measured.contact
     normal = series_of(measured.drive, "normal_force_n")
     force, sample = float(normal.mean()), config.sample
     hertz_m = hertz_radius_m(config, force)
-    frames = inverted(measured, hertz_m, BUDGET_FRAMES)
+    frames = inverted(measured, hertz_m, most_frames)
     law = frames.law(draws=0) if frames else LocalLaw()
     onset = onset_of(measured, law)
     results = {
@@ -140,18 +145,26 @@ class Conclusion(NamedTuple):
 
 
 def conclude(
-    config: Config, snapshots: list[Snapshot], contact: ContactResult | None, notes: list[str]
+    config: Config,
+    snapshots: list[Snapshot],
+    contact: ContactResult | None,
+    notes: list[str],
+    pull: Pull | None = None,
 ) -> Conclusion:
     """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
-    drive.
+    drive; `pull` is that of a fixed pattern, which they are corrected for.
     """
     drive = along_the_drive([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
     whole = Measured(config, drive, contact)
     measured = Measured(config, first_loading(drive), contact)
+    notes = list(notes)
+    seen = attempt(
+        notes, "readings", lambda: readings(config, snapshots, measured.drive), NOTHING_SEEN
+    )
+    measured = replace(measured, seen=seen, pull=pull)
     normal = series_of(measured.drive, "normal_force_n")
     force = float(normal.mean()) if drive else math.nan
     hertz_m = hertz_radius_m(config, force)
-    notes = list(notes)
 
     frames = attempt(notes, "local law", lambda: inverted(measured, hertz_m), None)
     law = LocalLaw()
@@ -161,7 +174,7 @@ def conclude(
     nothing = Budget()
     spent = nothing
     if math.isfinite(onset.time) or law.sliding:
-        spent = attempt(notes, "budget", lambda: budget(measured, results_of), nothing)
+        spent = attempt(notes, "budget", lambda: _spent(measured, law), nothing)
     calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
     sample, agreement = config.sample, spent.relative_sd(AGREEMENT)
     told = (force, sample.poisson, sample.lens_radius, sample.roughness)
@@ -194,7 +207,7 @@ def conclude(
         mu_d_sd=onset.mu_d_sd,
         mu_d_range=onset.mu_d_range,
         sliding_velocity_m_s=onset.velocity,
-        notes=(*notes, *onset.notes, *law.notes, *disagreement),
+        notes=(*notes, *seen.notes, *onset.notes, *law.notes, *disagreement, *spent.notes),
         law_chi2=law.reduced_chi2,
         pressure_radius_m=tuple(law.radius.tolist()),
         pressure_pa=tuple(law.pressure.tolist()),
@@ -212,6 +225,17 @@ def conclude(
         **local,
     )
     return Conclusion(summary, law, tuple(s.frame for s in frames.frames) if frames else ())
+
+
+def _spent(measured: Measured, law: LocalLaw) -> Budget:
+    """The budget from some frames, or from all where some do not tell the law."""
+    some = results_of(measured, BUDGET_FRAMES)
+    is_told = all(
+        math.isfinite(some[name]) or not math.isfinite(value)
+        for name, value in (("law_mu", law.mu), ("law_length", law.L), ("young_modulus", law.E))
+    )
+    most = BUDGET_FRAMES if is_told else None
+    return budget(measured, lambda now: results_of(now, most))
 
 
 def slip_scale(config: Config, law: LocalLaw, shear: F64, normal: F64) -> float:

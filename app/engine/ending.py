@@ -16,7 +16,7 @@ from drivers.errors import DeviceError
 LOG = logging.getLogger(__name__)
 
 
-def sentence(who: str, error: Exception) -> str:
+def sentence(who: str, error: BaseException) -> str:
     """The reason a run ends with: what was meant for people as it is, anything else with its
     kind.
     """
@@ -59,16 +59,16 @@ class Ending:
         self._note(reason, failed=failed)
         try:
             self._stop_actuator()
-        except Exception as error:  # the run must end whatever the actuator says
+        except BaseException as error:  # the run must end whatever the actuator says
             self._note(f"the actuator did not confirm its stop: {error}", failed=True)
 
     def attempt(self, who: str, step: Callable[[], None]) -> None:
-        """Take one step of the ending; its failure is noted and the next step can still be
-        taken.
+        """Take one step of the ending; its failure, whatever it is, is noted and the next step can
+        still be taken.
         """
         try:
             step()
-        except Exception as error:
+        except BaseException as error:  # a thread that is gone can name nothing
             LOG.debug("%s: the end of the run is called for", who, exc_info=error)
             self.call(sentence(who, error), failed=True)
 

@@ -260,7 +260,8 @@ class Experiment:
 
     def _check_limits(self, now: Measured) -> None:
         limits = self.config.limits
-        normal, shear = float(now.forces[:, 0].max()), float(np.abs(now.forces[:, 1]).max())
+        normal = float(now.forces[np.abs(now.forces[:, 0]).argmax(), 0])
+        shear = float(np.abs(now.forces[:, 1]).max())
         if not np.isfinite(now.forces).all():
             raise ExperimentFailed("forces: a reading is not a number; check the sensors")
         for name, used, volts in zip(
@@ -272,10 +273,11 @@ class Experiment:
                     " force is not known;"
                     " check the sensor and its gap, or raise forces.range"
                 )
-        if normal > limits.normal_force:
+        if abs(normal) > limits.normal_force:
+            wrong = "; if the block is pressed, forces.sign is wrong" * (normal < 0)
             raise ExperimentFailed(
                 f"limit: the normal force reached {normal:.3f} N, limits.normal_force is"
-                f" {quantity(limits, 'normal_force')}"
+                f" {quantity(limits, 'normal_force')}{wrong}"
             )
         if shear > limits.shear_force:
             raise ExperimentFailed(

@@ -21,7 +21,14 @@ from app.engine.watchdog import Watchdog
 from app.records import Gap, Position, Record, Samples
 from app.settings import Config
 from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
-from drivers.protocols import Actuator, Camera, ForceSource, LostSamples, SampleBlock
+from drivers.protocols import (
+    Actuator,
+    Camera,
+    ForceSource,
+    LostSamples,
+    SampleBlock,
+    TriggerTrain,
+)
 
 READ_TIMEOUT_S = 2.0
 PATIENT_READS = 30
@@ -164,6 +171,26 @@ class Intake:
             age_s,
             volts=volts,
         )
+
+    def read_on(self, recorder: Takes, stood: int, train: TriggerTrain) -> None:
+        """Read what was sampled until `stood`, and on until no exposure is open, so that the last
+        trigger can have its frame; the first error of a device is raised once all is read.
+        """
+        problem, exposure = None, self._config.exposure_samples
+        while self._history.end < stood:
+            before = self._history.end
+            try:
+                self.take(recorder)
+            except DeviceError as error:
+                problem = problem or error
+                if self._history.end == before:
+                    break
+        if problem:
+            raise problem
+        for _ in range(train.divisor):
+            if (self._history.end - 1 - train.first) % train.divisor + 1 >= exposure:
+                return
+            self.take(recorder)
 
     def _look(self, look: _Look) -> None:
         watchdog, forces = self._watchdog, self._bench.forces.name

@@ -24,6 +24,7 @@ PATIENCE_S = 3.0  # for a device that does not return from a call
 STANDS_WITHIN_S = 1.5  # the fastest moves need a second to decelerate
 APART_S = 0.1  # two readings of the position
 STEADY_M = 0.1e-6  # of a stage that stands
+AGAIN_S = 0.2  # until a stop that was not taken is tried again
 NO_WAY_M = 1e-6  # less is no move
 MORE_SHEAR = 0.05  # of its limit, by which |Q| may grow on the way back from beyond it
 
@@ -70,7 +71,7 @@ class JoggedStage:
     said : str
         Why it was stopped the last time other than by letting go.
     failure : StopAnswer or None
-        Of a stop that nobody asked for, and that failed.
+        Of a stop that has failed and is tried again, until one is taken.
     """
 
     def __init__(
@@ -91,6 +92,10 @@ class JoggedStage:
         self._holding = threading.Lock()
         self._held_until = -math.inf
         self._under_way: tuple[int, float] | None = None  # direction and velocity
+        self._is_unstopped = False  # a stop was asked for, and none has been taken since
+        self._again_at = -math.inf  # when the next one is tried
+        self._refused = ""  # what the newest one that failed has said
+        self._trying: threading.Thread | None = None
         self._target_m = math.nan
         self._shear_n = 0.0  # |Q| when the move began
         self._stops = 0
@@ -102,8 +107,8 @@ class JoggedStage:
 
     @property
     def is_driven(self) -> bool:
-        """Whether a jog is under way."""
-        return self._under_way is not None
+        """Whether a jog is under way, or could not be stopped."""
+        return self._under_way is not None or self._is_unstopped
 
     def poll(self) -> None:
         """Read the position, and whether the stage moves."""
@@ -139,11 +144,15 @@ class JoggedStage:
         with self._holding:
             if not self.is_connected:
                 raise DeviceFault("jog: no actuator is connected; see its line")
+            if self._is_unstopped:
+                if self.said:
+                    raise DeviceFault(self.said)
+                return  # a stop is on its way
             wanted = direction, velocity_m_s
             if self._under_way is None:
                 self._begin(direction, velocity_m_s)
             elif self._under_way != wanted:
-                self.stop_now()
+                self._stop_or_raise()
                 return
             self._go_on(wanted, stops)
 
@@ -185,13 +194,17 @@ class JoggedStage:
         try:
             actuator.move_to(self._target_m)
         except DeviceError:
-            self._under_way = None
+            self._held_until = -math.inf  # it may have been taken all the same, so it is stopped
             raise
         if stops != self._stops:  # a stop that came between the lines above wins
-            self.stop_now()
+            self._stop_or_raise()
 
     def check(self) -> None:
         """Stop the stage if nobody holds it, or if it must not go on; called often."""
+        if self._is_unstopped:
+            if time.monotonic() >= self._again_at and not self._is_being_stopped():
+                self._stop_within()
+            return
         if self._under_way is None:
             return
         problem = self._must_stop()
@@ -199,17 +212,52 @@ class JoggedStage:
             return
         if problem:
             self.said = f"jog: it was stopped: {problem}"
+        self._stop_within()
+
+    def _is_being_stopped(self) -> bool:
+        """Whether an earlier stop has not returned yet: the next one would wait behind it."""
+        return self._trying is not None and self._trying.is_alive()
+
+    def _stop_within(self) -> StopAnswer | None:
+        """Send the stop; the answer if it has failed."""
+
+        def stop() -> None:
+            self._trying = threading.current_thread()
+            self.stop_now()
+
         try:
-            within(self._actuator.name, self.stop_now)
+            within(self._actuator.name, stop)
         except Exception as error:
-            self.failure = failed(error)
-            self.said = self.failure.sentence
+            if self._is_unstopped:  # no other has been taken meanwhile
+                self._has_refused(str(error))
+            return failed(error)
+        return None
+
+    def _stop_or_raise(self) -> None:
+        try:
+            self.stop_now()
+        except Exception as error:
+            self._has_refused(str(error))
+            raise
+
+    def _has_refused(self, why: str) -> StopAnswer:
+        self._is_unstopped, self._refused = True, why
+        self.failure = answer = failed(why)
+        self.said = answer.sentence
+        return answer
 
     def stop_now(self) -> None:
-        """Send the stop in the calling thread."""
+        """Send the stop in the calling thread; the stage counts as driven until it is taken."""
+        # in this order: who holds the stage moving sees either that a stop is on its way, or
+        # afterwards that one has come
+        self._is_unstopped, self._again_at = True, time.monotonic() + AGAIN_S
         self._stops += 1
-        self._under_way, self._held_until = None, -math.inf
+        self._held_until = -math.inf
         self._actuator.stop()
+        self._is_unstopped, self._under_way = False, None
+        if self.failure is not None:
+            self.failure = None
+            self.said = f"jog: it was stopped, but not at once: {self._refused}"
 
     def let_go(self) -> StopAnswer:
         """Stop the stage; what became of that. What forbade a jog is forgotten."""
@@ -217,11 +265,7 @@ class JoggedStage:
         if not self.is_connected:
             return not_connected("no actuator is connected")
         name = self._actuator.name
-        try:
-            within(name, self.stop_now)
-        except Exception as error:
-            return failed(error)
-        return self._confirmed(name, self._stops)
+        return self._stop_within() or self._confirmed(name, self._stops)
 
     def _confirmed(self, name: str, stops: int) -> StopAnswer:
         """Whether the stage was read at rest."""
@@ -237,7 +281,7 @@ class JoggedStage:
                 if not moves and abs(place - before) <= STEADY_M:
                     return at_rest(name, place)
                 if time.monotonic() > give_up:
-                    return failed(
+                    return self._has_refused(
                         f"{name}: {STANDS_WITHIN_S:g} s after the stop it was read at"
                         f" {before * 1e3:.4f} and {place * 1e3:.4f} mm"
                     )
@@ -280,6 +324,12 @@ class JoggedStage:
 
     def _must_stop(self) -> str:
         """Why the move under way must end; empty if it may go on."""
+        try:
+            return self._broken_limit()
+        except Exception as error:  # what can not be judged is stopped
+            return f"{type(error).__name__}: {error}"
+
+    def _broken_limit(self) -> str:
         newest = self._forces()
         if newest is None or newest.age_s > self._limits.age:
             return f"no force came for {quantity(self._limits, 'age')} (limits.age)"
@@ -300,9 +350,10 @@ class JoggedStage:
                     f"the {sensor} sensor is at the end of its range, so that the force is not"
                     " known; lift the block, and check forces.range"
                 )
-        if newest.normal_n > self._limits.normal_force:
+        if abs(newest.normal_n) > self._limits.normal_force:
+            wrong = "; if it is pressed, forces.sign is wrong" * (newest.normal_n < 0)
             return (
                 f"P is {newest.normal_n:.3f} N, beyond limits.normal_force ="
-                f" {quantity(self._limits, 'normal_force')}; lift the block"
+                f" {quantity(self._limits, 'normal_force')}; lift the block{wrong}"
             )
         return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from app.engine.budget import Measured
 from app.engine.setup import grid_of, places_m
 from app.engine.tractions import largest_traction, radial_inversion
 from app.numbers import series_of
-from app.records import ContactResult, RingProfile, Snapshot
+from app.records import RingProfile, Snapshot
 from app.settings import Config
 
 FORCE_NOISE_N = 1e-3  # of the mean over an exposure, where the record is too short to tell
@@ -60,9 +61,7 @@ def inverted(measured: Measured, hertz_m: float, most_frames: int | None = None)
     if most_frames and len(frames) > most_frames:
         chosen = np.linspace(0, len(frames) - 1, most_frames).round().astype(int)
         frames = [frames[i] for i in chosen]
-    inversion = radial_inversion(
-        config, *_places(config, contact), hertz_m, averaging=measured.averaging
-    )
+    inversion = _inversion(config, contact.centre_px, hertz_m, measured.averaging)
     rings = [_counted(s.rings, inversion) for s in frames if s.rings is not None]
     P, Q = (series_of(frames, name) for name in ("normal_force_n", "shear_force_n"))
     return Inverted(inversion, frames, rings, P, Q)
@@ -76,12 +75,14 @@ def force_noise(Q: np.ndarray) -> float:
     return max(noise, 0.01 * FORCE_NOISE_N)
 
 
-def _places(config: Config, contact: ContactResult) -> tuple[np.ndarray, np.ndarray]:
-    """Grid points from the contact's centre, metres, shape (ny, nx)."""
+@lru_cache(maxsize=1)  # the last one serves all inputs of a budget that do not change it
+def _inversion(
+    config: Config, centre_px: tuple[float, float], hertz_m: float, averaging: float
+) -> AxisymmetricInversion:
     grid = grid_of(config)
     x, y = places_m(config, *np.meshgrid(grid.x_px, grid.y_px))
-    centre_x, centre_y = places_m(config, *contact.centre_px)
-    return x - centre_x, y - centre_y
+    centre_x, centre_y = places_m(config, *centre_px)
+    return radial_inversion(config, x - centre_x, y - centre_y, hertz_m, averaging)
 
 
 def _counted(rings: RingProfile, inversion: AxisymmetricInversion) -> Rings:

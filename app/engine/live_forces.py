@@ -11,6 +11,7 @@ import numpy as np
 
 from app.bench_view import F64, ForcesView
 from app.engine.setup import sensor_chain
+from app.errors import UnderLoad
 from app.settings import Config
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import LostSamples, SampleBlock
@@ -21,6 +22,8 @@ NOISE_S = 1.0
 POINTS = 120  # of the history that is shown
 ZERO_S = 1.0  # of the mean that is taken for zero, as that of the step `zero`
 LATE_S = 2.0
+# a force of more than so many standard deviations, and such a share of the wanted load, is one
+SIGMAS, FREE_SHARE = 5.0, 0.005
 END_OF_RANGE = 0.98  # share of a sensor's range beyond which a reading says nothing
 
 
@@ -48,6 +51,7 @@ class LiveForces:
         self._name = config.forces.source
         self._rate = config.forces.sample_rate
         self._range = np.asarray(config.forces.range)
+        self._free_n = FREE_SHARE * config.run.normal_force
         self._chain = sensor_chain(config)
         self._volts = np.full((round(HISTORY_S * self._rate), 2), np.nan)
         self._came_at = -math.inf
@@ -93,12 +97,15 @@ class LiveForces:
             now.age_s,
         )
 
-    def zero(self) -> tuple[float, float]:
+    def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """The readings without a force in volts, the mean over the next second; from now on those
         of this object.
 
         Raises
         ------
+        UnderLoad
+            A force is read that is neither noise nor a small part of the wanted load, and
+            `under_load` does not say that it is none; the zero stays as it was.
         DeviceTimeout
             No readings came.
         DeviceFault
@@ -125,9 +132,26 @@ class LiveForces:
                     f" {self._range[i]:g} V and has no zero there; let the block hang free, and"
                     " check its gap"
                 )
+        if not under_load:
+            self._check_free(self._chain.forces(volts))
         normal, shear = (float(v) for v in volts.mean(axis=0))
-        self._chain = replace(self._chain, zero_v=(normal, shear))
+        self.set_zero((normal, shear))
         return normal, shear
+
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """Take these readings for those without a force from now on."""
+        self._chain = replace(self._chain, zero_v=volts)
+
+    def _check_free(self, forces: F64) -> None:
+        """Refuse a zero while these forces, in newtons, are clearly not zero; UnderLoad."""
+        normal, shear = (float(f) for f in forces.mean(axis=0))
+        most = np.fmax(SIGMAS * np.array(self._noise(forces)), self._free_n)
+        if (np.abs((normal, shear)) > most).any():
+            raise UnderLoad(
+                f"zero: P reads {normal:.3f} N and Q {shear:.3f} N, more than their noise, so that"
+                " the block may be pressed; let it hang free and zero again, or say that nothing"
+                " touches it"
+            )
 
     def _last(self, seconds: float) -> tuple[F64, float]:
         """The volts of that time, or of what there is of it, and how long ago they came."""

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.saturation import end_of_scale
 from app.bench_view import PictureView
 
 WIDTH = 640  # of a thinned picture at most, pixels
@@ -40,7 +41,8 @@ def picture_of(number: int, image: NDArray[Any], full_scale: int, lost: int = 0)
     """An image of grey levels up to `full_scale`, as it is shown."""
     rows, columns = image.shape
     counts = np.bincount(image.ravel(), minlength=full_scale + 1)
-    at_end = int(counts[full_scale:].sum())
+    end = int(end_of_scale(image, full_scale))
+    at_end = int(counts[end:].sum())
     edges = np.linspace(0, full_scale + 1, BINS + 1).round().astype(int)[:-1]
     histogram = np.add.reduceat(counts[: full_scale + 1].astype(float), edges)
     histogram[-1] += counts[full_scale + 1 :].sum()
@@ -50,7 +52,7 @@ def picture_of(number: int, image: NDArray[Any], full_scale: int, lost: int = 0)
     levels = np.clip(grey * (255.0 / full_scale), 0, 255).astype(np.uint8)
     rgb = np.repeat(levels[:, :, None], 3, axis=2)
     if at_end:
-        mask = (image >= full_scale).astype(np.float32)
+        mask = (image >= end).astype(np.float32)
         rgb[cv2.resize(mask, size, interpolation=cv2.INTER_AREA) > 0] = RED
     return PictureView(
         number=number,

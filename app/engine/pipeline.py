@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.contact.apparent import ApparentContact, apparent_contact
+from analysis.contact.marks import Marks
 from analysis.contact.orientation import Direction, drive_direction
 from analysis.contact.rings import Rings, central_value, ring_means
 from analysis.dic import Tracker, open_tracker
 from analysis.dic.field import Field
+from analysis.dic.fixed_pattern import Pull, fixed_pattern, pull_of
 from analysis.dic.threads import together
 from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
@@ -49,6 +51,7 @@ OUTER_RINGS = 4  # outside that radius, that an inversion needs to tell D
 SPARE_RINGS = 2  # further ones that are measured, as the block moves out of their places
 OUTSIDE = 1.3  # in contact radii: there the block moves as the drive does
 MOVED_PX = 0.1  # from which its direction is that of the block's motion, within a degree or so
+UNDO = "--set camera.fixed_pattern=undo"
 TURNED = math.radians(5.0)  # from which the angle of the drive is told
 
 
@@ -85,6 +88,9 @@ class Pipeline:
         self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
         self._reference_shear_n = 0.0
         self._tractions: Tractions | None = None
+        self._difference: NDArray[np.float32] | None = None  # until the pull is known
+        self._pull: Pull | None = None
+        self._marks: Marks | None = None
         self._nominal = Direction.at(config.camera.angle)
         if config.run.direction < 0:
             self._nominal = self._nominal.reversed
@@ -109,6 +115,11 @@ class Pipeline:
     def _ring_m(self) -> float:
         """Width of a ring."""
         return self.config.dic.step * self._pixel_m
+
+    @property
+    def _undoes(self) -> bool:
+        """Whether what stays in the picture is undone."""
+        return self.config.camera.fixed_pattern == "undo"
 
     @property
     def _centre_m(self) -> tuple[float, float]:
@@ -142,6 +153,7 @@ class Pipeline:
         if self._tracker is not None:
             self._tracker.close()
         self._tracker = self._tractions = self.contact = self.reference_frame = None
+        self._difference = self._pull = self._marks = None
         self._direction = self._nominal
         self.notes.clear()
         if self._reference is not None:
@@ -156,7 +168,7 @@ class Pipeline:
 
     def summary(self, snapshots: list[Snapshot]) -> Summary:
         """What the experiment comes down to, from all its snapshots; once it is closed."""
-        self.conclusion = conclude(self.config, snapshots, self.contact, self.notes)
+        self.conclusion = conclude(self.config, snapshots, self.contact, self.notes, self._pull)
         return self.conclusion.summary
 
     def step(
@@ -185,7 +197,7 @@ class Pipeline:
         return self._measure(measured, image)
 
     def _open_tracker(self, reference: NDArray[np.generic]) -> None:
-        self._tracker = open_tracker(self.config.correlation, reference)
+        self._tracker = open_tracker(self.config.correlation, self._correlated(reference))
         at_rest = np.zeros(self.grid.shape)
         self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
 
@@ -196,8 +208,10 @@ class Pipeline:
         works = [partial(self._find_contact, image)]
         if effort.products & Product.CONTACT:
             works.append(partial(self._open_tracker, image))
-        together(works, min(2, self.config.dic.threads))
+        # marks that are undone must be known before the reference is correlated
+        together(works, 1 if self._undoes else min(2, self.config.dic.threads))
         assert self.contact is not None
+        attempt(self.notes, "fixed pattern", lambda: self._find_pattern(image), None)
         x, y = self._centre_m
         held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
         radius = next((a for a in held if math.isfinite(a)), 0.0)
@@ -229,8 +243,22 @@ class Pipeline:
             return
         background = self._background
         found = attempt(
-            self.notes, "contact", lambda: apparent_contact(background, image), ApparentContact()
+            self.notes,
+            "contact",
+            lambda: apparent_contact(
+                background, image, take_marks_off=self.config.camera.fixed_pattern != "ignore"
+            ),
+            ApparentContact(),
         )
+        self._difference, self._marks = found.difference, found.marks
+        if (marks := found.marks) is not None:
+            off = "every image" if self._undoes else "the images in which the contact is looked for"
+            more = "" if self._undoes else "; for the others replay with " + UNDO
+            self.notes.append(
+                f"picture: {marks.count} marks (dust) stay while the block moves, in"
+                f" {100 * marks.covered:.2g} % of the picture; the darkest lets"
+                f" {marks.darkest:.0%} of the light pass. They are taken off {off}{more}"
+            )
         centre = found.centre_px
         if not all(map(math.isfinite, centre)):
             self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
@@ -242,6 +270,47 @@ class Pipeline:
             found.shift_px,
             found.profile_radius_px,
             found.profile_grey,
+        )
+
+    def _without_marks(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
+        return image if self._marks is None else self._marks.taken_off(image)
+
+    def _correlated(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
+        """The image as it is correlated: without marks where what stays is undone."""
+        return self._without_marks(image) if self._undoes else image
+
+    def _find_pattern(self, reference: NDArray[np.generic]) -> None:
+        """What stays in the picture while the block moves, by the background, and how it pulls."""
+        difference, self._difference = self._difference, None
+        correlation = self.config.correlation
+        asked = self.config.camera.fixed_pattern
+        is_asked = asked != "ignore" and correlation.update == "never"
+        if difference is None or self._background is None or not is_asked:
+            return
+        assert self.contact is not None
+        rows, columns = (np.arange(n) for n in reference.shape)
+        x, y = self.contact.centre_px
+        outside = OUTSIDE * self.contact.apparent_radius_m / self._pixel_m
+        usable = (difference != 0) & (np.hypot(columns - x, rows[:, None] - y) > outside)
+        background = self._without_marks(self._background)
+        if self._marks is not None:
+            usable.reshape(-1)[self._marks.where] = False
+        found = fixed_pattern(background, difference, usable, self.contact.shift_px)
+        if found is None or not found.is_certain:
+            return
+        told = (
+            f"picture: {100 * found.share:.2f} +- {100 * found.share_sd:.2g} % of its grey levels"
+            " stay while the block moves (unequal pixels, dirt), which pulls displacements towards"
+            " zero"
+        )
+        if asked == "tell":
+            self.notes.append(f"{told} and makes L too small; replay with {UNDO}")
+            return
+        reference = self._without_marks(reference)
+        pull = self._pull = pull_of(found, correlation, reference, difference)
+        self.notes.append(
+            f"{told} by up to {pull.largest_px:.3f} px; u_x(r) and what follows from it are"
+            f" corrected, to {100 * pull.relative_sd:.0f} % of that, fields are not"
         )
 
     def _prepare_tractions(self, now: Conditions) -> None:
@@ -263,7 +332,8 @@ class Pipeline:
         products, points = snapshot.effort.products, None
         if not products & Product.PICTURE and self.config.dic.update == "never":
             points = self._region
-        field = self._tracker.track(image, points, 0 if products & Product.SETTLED else 1)
+        seen = self._correlated(image)
+        field = self._tracker.track(seen, points, 0 if products & Product.SETTLED else 1)
         here: Any = slice(None) if points is None else points
         drive = self._direction = self._drive_in(field, here, now)
         compliance = self.config.sample.lens_compliance
@@ -308,7 +378,7 @@ class Pipeline:
             sliding_ux,
             inner_m,
             box=dic.averaging_box_px * self._pixel_m,
-            shared=max(1.0, (dic.noise_box_px / dic.step) ** 2),
+            noise_box=dic.noise_box_px * self._pixel_m,
         )
         return replace(
             snapshot,
@@ -335,8 +405,11 @@ class Pipeline:
         return out
 
     def _ideal(self, field: Field) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Displacements in pixels, the lens's distortion undone."""
-        camera, u = self.config.camera, (field.ux_px, field.uy_px)
+        """Displacements in pixels, the pull of a fixed pattern and the lens's distortion undone."""
+        camera = self.config.camera
+        u: tuple[NDArray[Any], NDArray[Any]] = (field.ux_px, field.uy_px)
+        if self._pull is not None:
+            u = self._pull.corrected(*u)
         if not camera.distortion:
             return u
         return ideal_displacement(self._x_px, self._y_px, *u, camera.distortion, camera.shape)

@@ -157,13 +157,17 @@ class Preview:
         """Stop the stage; what became of that."""
         return self._stage.let_go()
 
-    def zero(self) -> tuple[float, float]:
+    def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """See `LiveForces.zero`; refused while the stage is jogged."""
         if self._stage.is_driven:
             raise DeviceFault("zero: the stage moves; let go of it first")
         if not self._sampling.is_set():
             raise DeviceFault("zero: no forces are read; see the line of the forces")
-        return self._forces.zero()
+        return self._forces.zero(under_load=under_load)
+
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """See `LiveForces.set_zero`."""
+        self._forces.set_zero(volts)
 
     def close(self) -> None:
         """Stop the stage and let go of every device, as far as they answer.
@@ -191,7 +195,10 @@ class Preview:
 
     def _check(self) -> None:
         while not self._closing.wait(CHECK_S):
-            self._stage.check()
+            try:
+                self._stage.check()
+            except BaseException as error:  # a stage that nobody looks after would go on
+                LOG.error("jog: %s", sentence("jog", error), exc_info=error)
 
     def _follow_stage(self) -> None:
         me = self._devices["actuator"]

@@ -17,12 +17,13 @@ from app.engine.history import History
 from app.engine.losses import Losses
 from app.engine.recorder import Recorder
 from app.priority import give_way
-from app.records import Event, LostTrigger, ReceivedFrame
+from app.records import REVOKED, Event, LostTrigger, ReceivedFrame
 from app.settings import Config, Limits
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
 
 POLL_S = 0.1
+PAUSE_S = 0.02
 PATIENCE_S = 3.0  # without an answer to a trigger that is past, then the camera is given up
 LEAST_PATIENCE_S = 0.3  # while the stage moves
 JUDGED_FROM = 20  # triggers, the share that was lost
@@ -41,6 +42,8 @@ class Receiver:
         The newest frame's image, not to be written to.
     latest_sample : int
         The sample of its trigger.
+    revoked_from : int or None
+        The frame from which on nothing is certain, because the account at the end does not hold.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class Receiver:
         self.lost, self.losses = 0, Losses()
         self.latest_image: NDArray[Any] | None = None
         self.latest_sample = 0
+        self.revoked_from: int | None = None
         self._camera = camera
         self._train = train
         self._history = history
@@ -67,7 +71,8 @@ class Receiver:
         self._answering = threading.Lock()
         self._asked_at = math.inf  # since then a call of the camera lasts
         self._is_over = False  # every trigger is accounted for, or the camera was given up
-        self._awaited = (0, time.monotonic())  # the trigger whose answer is awaited, and since when
+        self._heard = (0, 0)  # triggers answered and images delivered by the camera
+        self._heard_at = time.monotonic()  # when that changed last
         self._doubt = ""  # about the trigger of the newest frame
         self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
 
@@ -82,7 +87,8 @@ class Receiver:
         Raises
         ------
         DeviceTimeout
-            It has had none for too long: the camera is silent.
+            Nothing has come from the camera for too long. An image that was delivered, and waits
+            for what tells its trigger, is no silence.
         """
         now = time.monotonic()
         late = 2 * self._train.divisor + self._history.exposure_samples
@@ -92,22 +98,23 @@ class Receiver:
             # the camera may have fallen silent a period before
             left_s = self._limits.age - (late + self._train.divisor) / self._history.sample_rate_hz
             patience_s = min(PATIENCE_S, max(LEAST_PATIENCE_S, left_s))
-        if not overdue or self._hands_over or self.answered != self._awaited[0]:
-            self._awaited = (self.answered, now)
-        elif now - self._awaited[1] > patience_s:
+        heard = (self.answered, getattr(self._camera, "delivered", 0))
+        if not overdue or self._hands_over or heard != self._heard:
+            self._heard, self._heard_at = heard, now
+        elif now - self._heard_at > patience_s:
             raise DeviceTimeout(
-                f"{self._camera.name}: trigger {self.answered} had no answer for"
-                f" {patience_s:.2g} s; check the trigger line and the camera"
+                f"{self._camera.name}: no image came for {patience_s:.2g} s, trigger"
+                f" {self.answered} has had no answer; check the trigger line and the camera"
             )
         return overdue
 
     def work(self) -> None:
         """Receive until the end; then every trigger without an answer is a named loss."""
-        if getattr(self._camera, "draws", False):  # a simulated one
-            give_way(5)
         try:
+            if getattr(self._camera, "draws", False):  # a simulated one
+                give_way(5)
             self._receive()
-        except Exception as error:
+        except BaseException as error:  # every trigger has its fate all the same
             self._ending.call(sentence("camera", error), failed=True)
         self._history.wait_for_end()
         self._account()
@@ -133,23 +140,32 @@ class Receiver:
 
     def _account(self) -> None:
         """Every trigger without an answer is a named loss, and no answer counts any more."""
-        with self._answering:
-            for missing in range(self.answered, self._train.count_before(self._history.end)):
-                self._deliver(
-                    LostFrame(
-                        missing,
-                        self._train.sample(missing),
-                        f"no image came before the run ended: {self._ending.reason}",
+        try:
+            with self._answering:
+                for missing in range(self.answered, self._train.count_before(self._history.end)):
+                    self._deliver(
+                        LostFrame(
+                            missing,
+                            self._train.sample(missing),
+                            f"no image came before the run ended: {self._ending.reason}",
+                        )
                     )
-                )
-            self._is_over = True
-        self._to_analysis.end()
+                self._is_over = True
+        finally:  # nobody waits for more
+            self._to_analysis.end()
 
     def _close_account(self) -> None:
-        """Record what the camera's driver says of all triggers, if it does."""
+        """Record what the camera's driver says of all triggers, if it does, and from which frame on
+        nothing is certain, if its account does not hold.
+        """
         balance = getattr(self._camera, "balance", None)
         if balance is not None and (text := balance()):
             self._recorder.append(Event(self._history.end, "camera", text))
+        uncertain_from = getattr(self._camera, "uncertain_from", None)
+        if uncertain_from is not None and (first := uncertain_from()) is not None:
+            self.revoked_from = first
+            text = f"{first}: from this frame on nothing is certain, the account does not hold"
+            self._recorder.append(Event(self._history.end, REVOKED, text))
 
     def _receive(self) -> None:
         answered_at = time.monotonic()
@@ -168,8 +184,10 @@ class Receiver:
                 self._check_losses()
             except DeviceTimeout:
                 self._asked_at = math.inf
-                if self._history.has_ended and time.monotonic() - answered_at > PATIENCE_S:
-                    return
+                if self._history.has_ended:
+                    if time.monotonic() - answered_at > PATIENCE_S:
+                        return
+                    time.sleep(PAUSE_S)  # a camera without a board answers at once
 
     def _check_losses(self) -> None:
         share, is_judged = self.lost / self.answered, self.answered >= JUDGED_FROM
@@ -192,15 +210,17 @@ class Receiver:
         self.received += 1
         self.latest_image, self.latest_sample = answer.image, answer.sample
         self._hands_over = True
-        if answer.doubt != self._doubt:
-            self._doubt = answer.doubt
-            text = f"from frame {answer.index} on: {answer.doubt or 'no more doubt'}"
-            self._recorder.append(Event(answer.sample, "camera", text))
-        self._recorder.append(
-            ReceivedFrame(answer.index, answer.sample, answer.image, span=_span(answer))
-        )
-        self._to_analysis.put(answer)
-        self._hands_over = False
+        try:
+            if answer.doubt != self._doubt:
+                self._doubt = answer.doubt
+                text = f"from frame {answer.index} on: {answer.doubt or 'no more doubt'}"
+                self._recorder.append(Event(answer.sample, "camera", text))
+            self._recorder.append(
+                ReceivedFrame(answer.index, answer.sample, answer.image, span=_span(answer))
+            )
+            self._to_analysis.put(answer)
+        finally:
+            self._hands_over = False
 
 
 def _span(answer: Frame | LostFrame) -> tuple[int, int] | None:

@@ -138,7 +138,7 @@ class Recorder:
         if isinstance(record, Event | Gap | LostTrigger):
             LOG.info("%s", record)
         queue = self._images if isinstance(record, WITH_IMAGES) else self._small
-        with contextlib.suppress(ChannelClosed):  # its failure was reported; the run is ending
+        try:
             try:
                 queue.put(record, held_bytes(record))
             except ChannelFull:
@@ -149,6 +149,8 @@ class Recorder:
                 )
                 queue.sender_waits = True
                 queue.put(record, held_bytes(record))
+        except ChannelClosed:  # its failure was reported; the run is ending
+            self.frames_refused += isinstance(record, ReceivedFrame)
 
     def works(self) -> Iterator[tuple[str, Callable[[], None]]]:
         """What the recorder does, by name, each for a thread of its own; all of it returns when
@@ -166,19 +168,25 @@ class Recorder:
         self._is_over.set()
 
     def _write_images(self) -> None:
-        give_way(3)  # its queue can wait, a stop can not
-        process = psutil.Process()
+        try:
+            give_way(3)  # its queue can wait, a stop can not
+            self._take_images()
+        finally:  # whatever happened, nobody waits for this thread
+            left = self._images.break_off()
+            self.frames_refused += sum(isinstance(record, ReceivedFrame) for record in left)
+
+    def _take_images(self) -> None:
         has_failed, is_refused, due = False, False, 0.0
         while not self._images.is_drained:
             record = self._images.get(POLL_S)
             if record is None:
                 continue
-            is_frame = isinstance(record, ReceivedFrame)
+            is_frame, is_taken = isinstance(record, ReceivedFrame), False
             try:
                 if isinstance(record, ReceivedFrame) and is_refused:
                     record = _refused(record)
                 self._sink.append(record)
-                self.frames_recorded += isinstance(record, ReceivedFrame)
+                is_taken = isinstance(record, ReceivedFrame)
             except Exception as error:
                 if not has_failed:
                     self._fail(error)
@@ -187,9 +195,13 @@ class Recorder:
                     is_refused = True  # so are all after it; results that fail cost no image
                     with contextlib.suppress(Exception):
                         self._sink.append(_refused(record))
-            self.frames_refused += is_frame and is_refused
+            finally:
+                self.frames_recorded += is_taken
+                self.frames_refused += is_frame and not is_taken
             if time.monotonic() >= due:
-                self.peak_memory_bytes = max(self.peak_memory_bytes, process.memory_info().rss)
+                with contextlib.suppress(psutil.Error):
+                    used = psutil.Process().memory_info().rss
+                    self.peak_memory_bytes = max(self.peak_memory_bytes, used)
                 due = time.monotonic() + self._flush_interval_s
 
     def _write_small(self) -> None:
@@ -199,15 +211,16 @@ class Recorder:
                 if record is not None:
                     self._sink.append(record)
         except Exception as error:
-            self._small.break_off()
             self._fail(error)
+        finally:
+            self._small.break_off()
 
     def _sync(self, sync: Callable[[], None]) -> None:
         """Sync at the interval, from the beginning of one to that of the next, so that a slow disk
         costs no safety; a failure is reported once.
         """
-        give_way(3)
         try:
+            give_way(3)
             while not self._is_over.is_set():
                 began = time.monotonic()
                 sync()

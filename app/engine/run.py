@@ -36,17 +36,18 @@ from app.engine.intake import BenchDevices, Intake
 from app.engine.quality import Quality
 from app.engine.receiver import Receiver, check_camera
 from app.engine.recorder import Recorder, SessionSink
+from app.engine.setup import bytes_per_s
 from app.engine.sight import Sight
-from app.engine.stage import Stage
+from app.engine.stage import Stage, unsupervised
 from app.engine.stops import Stops
 from app.engine.usage import Usage
 from app.engine.watchdog import Watchdog
-from app.engine.watched import Watched
-from app.records import Counts, Event, Health, Outcome, Phase
+from app.engine.watched import Watched, not_begun
+from app.records import SUPERVISOR, Counts, Event, Health, Outcome, Phase
 from app.settings import Config
 from app.stopping import StopAnswer
 from app.summary import Summary
-from drivers.errors import DeviceError
+from drivers.errors import DeviceTimeout
 from drivers.protocols import Frame, TriggerTrain
 
 LOG = logging.getLogger(__name__)
@@ -54,11 +55,9 @@ LOG = logging.getLogger(__name__)
 START_S = 10.0  # that a device has to start
 PAUSE_S = 0.001  # until the next look at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
-# of frames kept for the analysis during the drive: one that takes a little longer than a frame
-# loses none
+# of frames kept for the analysis during the drive: one that takes longer than a frame loses none
 HURRIED_S = 0.6
 FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
-FIELD_BYTES, SAMPLE_BYTES = 21, 32  # of a grid point's results, and of a sample's forces and volts
 # of frames kept for the analysis before the drive: taking the reference takes longer than a frame
 UNHURRIED_S = 1.5
 
@@ -116,16 +115,16 @@ class Run(Watched):
         self._prepare = prepare
         self._preparing = ""
         self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
-        self._exposure = config.exposure_samples
         self._queue_s = max(
             config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
         )
         self._experiment = Experiment(config)
         self._history = self._analysis.history
-        self._ending = Ending(self._stop_actuator)
+        self._ending = Ending(lambda: self._stops.send())  # noqa: PLW0108 - made below
         self._watchdog = Watchdog(self._ending, config.limits.age, is_direct=pace is None)
         self._ask = self._watchdog.ask
         self._stage = Stage(config, bench)
+        self._unsupervised = unsupervised(config)
         self._stops = Stops(self._stage, self._watchdog)
         self._intake = Intake(config, bench, self._stage, self._history, self._watchdog, pace=pace)
         self._unhurried_depth = math.ceil(UNHURRIED_S * config.frame_rate_hz)
@@ -238,8 +237,15 @@ class Run(Watched):
     # ------------------------------------------------------- the life of the run, in its thread
 
     def _control(self) -> None:
-        with logs.beside(self.output):
-            self._live()
+        try:
+            with logs.beside(self.output):
+                self._live()
+        except BaseException as error:
+            LOG.debug("the run does not end in good order", exc_info=error)
+            self._ending.call(sentence("control", error), failed=True)
+        finally:
+            if not self._ended.is_set():  # whatever happened, somebody waits for the end
+                self._end(Outcome("failed", self._ending.reason, self._count(), None))
 
     def _live(self) -> None:
         """From the opening of the bench to the publishing of the outcome."""
@@ -247,19 +253,15 @@ class Run(Watched):
         sink: SessionSink | None = None
         LOG.info("run on the %s, session %s", self.title, self.output.name)
         try:
-            self._prepare(self._say_preparing)
-            self._ask("bench", self._bench.open, math.inf)
-            self._stops.is_connected = True
-            check_camera(self._bench.camera, self.config)
-            self._ask(self._stage.name, self._stage.arm)
-            sink = self._create_sink()
-            self._record_run(sink)
-        except Exception as error:
+            if self._is_made_ready():
+                sink = self._create_sink()
+                self._record_run(sink)
+        except BaseException as error:  # whatever it is, the session is closed
             LOG.debug("the run can not begin", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
         self._stops.confirm()
         self._stops.is_connected = False
-        self._ending.attempt("bench", lambda: self._ask("bench", self._bench.close))
+        self._wind_down_device("bench", self._bench.close)
         self._watchdog.close()
         self._analysis.close()
         resources = usage.resources(
@@ -278,6 +280,40 @@ class Run(Watched):
         LOG.info("%s; %s; %s", ended.ended_as, ended.counts, resources)
         self._end(ended)
 
+    def _is_made_ready(self) -> bool:
+        """Prepare, open the bench and see that the drive can be done; False where the run was
+        stopped before: then nothing is started, and nothing written.
+        """
+        steps: list[Callable[[], None]] = [
+            lambda: self._prepare(self._say_preparing),
+            self._open,
+            lambda: check_camera(self._bench.camera, self.config),
+            lambda: self._ask(self._stage.name, self._stage.arm),
+        ]
+        for step in steps:
+            if not self._ending.is_called.is_set():
+                step()
+        if self._ending.is_called.is_set():
+            self._ending.reason = not_begun("run", self._ending.reason)
+            return False
+        return True
+
+    def _open(self) -> None:
+        def work() -> None:
+            self._bench.open()
+            if "bench" in self._watchdog.given_up:  # nobody waits for it any more
+                self._bench.close()
+
+        try:
+            self._ask("bench", work, math.inf)
+            self._stops.is_connected = True
+            if self._unsupervised:
+                LOG.warning("%s", self._unsupervised)
+        except DeviceTimeout:
+            if "bench" not in self._watchdog.given_up or self._ending.failed:
+                raise
+            LOG.warning("the bench did not open before the run was stopped, and was given up")
+
     def _say_preparing(self, what: str) -> None:
         LOG.info("%s", what)
         self._preparing = what
@@ -290,7 +326,7 @@ class Run(Watched):
         """What the run comes down to; None where no frame was analysed."""
         try:
             return self._analysis.summary()
-        except Exception as error:
+        except BaseException as error:
             LOG.debug("there is no summary", exc_info=error)
             self._ending.call(sentence("summary", error), failed=True)
             return None
@@ -300,22 +336,12 @@ class Run(Watched):
         state = "failed" if self._ending.failed else "done"
         return Outcome(state, self._ending.reason, self._count(), summary, resources)
 
-    def _bytes_per_s(self) -> float:
-        """What a second of the run is for the disk at most: images, forces and volts, and the
-        results of every frame.
-        """
-        frame = (
-            self.config.camera.width * self.config.camera.height * self._bench.camera.dtype.itemsize
-        )
-        results = FIELD_BYTES * len(self.grid_x_px) * len(self.grid_y_px)
-        return self.sample_rate_hz * ((frame + results) / self._train.divisor + SAMPLE_BYTES)
-
     def _record_run(self, sink: SessionSink) -> None:
         """From the first sample to the last byte on disk."""
         recorder = Recorder(
             sink,
             self._queue_s,
-            self._bytes_per_s(),
+            bytes_per_s(self.config),
             self.config.recording.flush_interval,
             sender_waits=self._free_running,
             on_failure=lambda reason: self._ending.call(reason, failed=True),
@@ -331,23 +357,29 @@ class Run(Watched):
         )
         analyst = Analyst(self._analysis, recorder, self._to_analysis, self._quality)
         self._workers = workers = _Workers(recorder, receiver, analyst)
-        recording = [self._ending.spawn(name, work) for name, work in recorder.works()]
+        recording: list[threading.Thread] = []
         others: list[threading.Thread] = []
         try:
+            for name, work in recorder.works():
+                recording.append(self._ending.spawn(name, work))
+            if self._unsupervised:
+                recorder.append(Event(0, SUPERVISOR, self._unsupervised))
             self._conduct.carry_out(recorder, 0)
             for device in (self._bench.camera, self._bench.forces):
                 self._ask(device.name, partial(device.start, self._train), START_S)
             self._state = "running"
-            others = [
-                self._ending.spawn("camera", receiver.work),
-                self._ending.spawn("analysis", analyst.work),
-            ]
+            others.append(self._ending.spawn("camera", receiver.work))
+            others.append(self._ending.spawn("analysis", analyst.work))
             self._measure(workers)
-        except Exception as error:
+        except BaseException as error:
             LOG.debug("the measurement can not go on", exc_info=error)
             self._ending.call(sentence("control", error), failed=True)
-        finally:
+        if len(others) < 2:
+            self._to_analysis.abandon()  # nobody takes what is put there
+        try:
             self._wind_down(workers, others)
+        finally:
+            self._history.finish()
             recorder.end()
             for thread in recording:
                 thread.join()
@@ -384,16 +416,11 @@ class Run(Watched):
         """Wait until the frames that have come are analysed: a step looks at what they show."""
         give_up = time.monotonic() + REFERENCE_WAIT_S
         while (
-            self._is_analysing(workers)
+            workers.analyst.is_behind(workers.receiver.received)
             and not self._ending.is_called.is_set()
             and time.monotonic() < give_up
         ):
             time.sleep(PAUSE_S)
-
-    def _is_analysing(self, workers: _Workers) -> bool:
-        """Whether a frame has come that is neither analysed nor skipped."""
-        analysed = len(self._analysis.series) + self._to_analysis.skipped
-        return workers.receiver.received > analysed
 
     def _hurry(self) -> None:
         """Keep fewer frames for the analysis from now on, as the stage is to move."""
@@ -409,11 +436,11 @@ class Run(Watched):
         meanwhile, and a frame that has come may become it.
         """
         give_up = time.monotonic() + REFERENCE_WAIT_S
-        due = self._train.count_before(self._history.end - self._exposure)
+        due = self._train.count_before(self._history.end - self.config.exposure_samples)
         while not workers.analyst.reference_taken.wait(0.01):
             is_in_vain = (
                 workers.receiver.answered >= due
-                and not self._is_analysing(workers)
+                and not workers.analyst.is_behind(workers.receiver.received)
                 and self._analysis.pipeline.reference_frame is None
             )
             if (
@@ -428,9 +455,6 @@ class Run(Watched):
 
     # ------------------------------------------------------------------ the end
 
-    def _stop_actuator(self) -> None:
-        self._stops.send()
-
     def _wind_down(self, workers: _Workers, others: list[threading.Thread]) -> None:
         """Actuator, last samples and exposure, forces, whether the stage stands, camera, analysis,
         last events: in this order. A device that was given up is left alone.
@@ -439,11 +463,13 @@ class Run(Watched):
         self._state = "stopping"
         self._wind_down_device(self._stage.name, self._stops.send_now)
         if self._bench.forces.name not in self._watchdog.given_up:
-            attempt("forces", lambda: self._read_on(workers))
+            read_on, stood = self._intake.read_on, self._conduct.now
+            attempt("forces", lambda: read_on(workers.recorder, stood(), self._train))
         self._wind_down_device(self._bench.forces.name, self._bench.forces.stop)
         self._stops.confirm()
         self._history.finish()
         workers.receiver.join(*others)
+        self._analysis.revoke(workers.receiver.revoked_from)
         self._wind_down_device(self._bench.camera.name, self._bench.camera.stop)
         if self._experiment.phase is not Phase.END:
             begin, end = self._conduct.begin_phase, self._history.end
@@ -459,28 +485,6 @@ class Run(Watched):
     def _wind_down_device(self, name: str, step: Callable[[], None]) -> None:
         if name not in self._watchdog.given_up:
             self._ending.attempt(name, lambda: self._ask(name, step))
-
-    def _read_on(self, workers: _Workers) -> None:
-        """Read what was sampled until now, and on until no exposure is open, so that the last
-        trigger can have its frame.
-        """
-        stood, problem = self._conduct.now(), None
-        while self._history.end < stood:
-            before = self._history.end
-            try:
-                self._intake.take(workers.recorder)
-            except DeviceError as error:
-                problem = problem or error
-                if self._history.end == before:
-                    break
-        if problem:
-            raise problem
-        for _ in range(self._train.divisor):
-            if (
-                self._history.end - 1 - self._train.first
-            ) % self._train.divisor + 1 >= self._exposure:
-                return
-            self._intake.take(workers.recorder)
 
     def _count(self) -> Counts:
         workers = self._workers

@@ -50,6 +50,15 @@ def forces_of(config: Config, volts: F64, events: Iterable[Event]) -> F64:
     return forces
 
 
+def bytes_per_s(config: Config) -> float:
+    """What a second of a run of these settings takes on the disk."""
+    camera = config.camera
+    points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
+    frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
+    samples = config.forces.sample_rate * (32 + 8 * len(config.forces.auxiliary))
+    return config.frame_rate_hz * frame + samples
+
+
 def zeroed(chain: SensorChain, event: Event) -> SensorChain:
     """The chain with the zeros of an event of the kind `ZERO`; UserError if that has none."""
     try:

@@ -13,8 +13,23 @@ from app.settings import Config
 from app.steps import ROUNDING_M, Motion, Velocity, legs
 from drivers.errors import DeviceError, DeviceFault, OutOfLimits
 from drivers.protocols import Actuator
+from drivers.sources import driver
 
 AGREE_M = 3e-6  # two readings of a stage at rest differ by less
+
+
+def unsupervised(config: Config) -> str:
+    """What a run must say before it begins, if no other process can stop its stage; empty if one
+    can, or if the stage is none that moves.
+    """
+    found = driver("actuator", config.actuator.source)
+    if found.nature != "real" or hasattr(found.made, "stopper"):
+        return ""
+    return (
+        f"actuator: no supervisor can stop the stage of '{config.actuator.source}', whose driver"
+        " has no stopper(); should this program die or hang, a move ends at its target only: keep"
+        " the switch of its power at hand"
+    )
 
 
 class HasActuator(Protocol):
@@ -38,11 +53,13 @@ class Stage:
     has_failed : bool
         Whether it has failed or fallen silent: it is asked nothing more but to stop, so that it
         costs no time for the samples.
+    may_move : bool
+        Whether a motion was asked of it, or it was found moving.
     """
 
     def __init__(self, config: Config, bench: HasActuator) -> None:
         self.start_m = self.travel_m = 0.0
-        self.has_failed = False
+        self.has_failed = self.may_move = False
         self.velocity_m_s = math.nan
         self._config, self._bench = config, bench
 
@@ -63,6 +80,7 @@ class Stage:
         """
         actuator = self._bench.actuator
         if actuator.is_moving():
+            self.may_move = True
             raise DeviceFault(
                 f"{actuator.name}: the stage moves already; stop it, or wait until it stands, then"
                 " start again"
@@ -109,6 +127,7 @@ class Stage:
         first_motion = next(s for s in self._config.run.protocol if isinstance(s, Motion))
         self._set_velocity(first_motion.velocity)
         first, moves, second = actuator.position_m(), actuator.is_moving(), actuator.position_m()
+        self.may_move = self.may_move or moves
         if moves or not abs(second - first) <= AGREE_M:
             raise DeviceFault(
                 f"{actuator.name}: the drive was to begin where the stage stands, it was read at"
@@ -119,6 +138,7 @@ class Stage:
 
     def drive(self) -> None:
         """Set the stage in motion, by ``run.travel`` from where `aim` has read it."""
+        self.may_move = True
         self._bench.actuator.move_to(self.start_m + self._config.run.travel)
 
     def go(self, order: Go) -> None:
@@ -136,6 +156,7 @@ class Stage:
                 f" asked, limits.travel is {quantity(limits, 'travel')}"
             )
         self._set_velocity(order.velocity_m_s)
+        self.may_move = True
         actuator.move_to(self.start_m + order.target_m)
 
     def _set_velocity(self, velocity_m_s: float) -> None:

@@ -13,6 +13,7 @@ from app.stopping import (
     StopAnswer,
     at_rest,
     failed,
+    never_moved,
     not_connected,
     sent_to,
     unread,
@@ -53,7 +54,7 @@ class Stops:
             return
         name = self._stage.name
         if name in self._watchdog.given_up:
-            self._note(failed(f"{name}: it does not return from its calls", is_final=False))
+            self._refused(f"{name}: it does not return from its calls")
             threading.Thread(target=self.send_now, name="slipscope-stop", daemon=True).start()
         else:
             self.send_now()
@@ -70,7 +71,7 @@ class Stops:
             self._stage.stop()
         except Exception as error:
             self._refusal = str(error)
-            self._note(failed(error, is_final=False))
+            self._refused(error)
             raise
         self._refusal = ""
         self._note(sent_to(self._stage.name))
@@ -98,6 +99,12 @@ class Stops:
             return answer
         ended = "the run has ended and its bench is closed"
         return not_connected(_NOT_BEFORE.get(state, ended))
+
+    def _refused(self, problem: object) -> None:
+        if self._stage.may_move:
+            self._note(failed(problem, is_final=False))
+        else:
+            self._note(never_moved(self._stage.name, problem))
 
     def _note(self, answer: StopAnswer) -> None:
         """A stage that was read at rest stays so: nothing moves it after the end was called for."""

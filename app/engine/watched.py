@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,11 @@ from app.engine.setup import grid_of
 from app.records import ContactResult, Counts, Outcome, Snapshot
 from app.settings import Config
 from app.stopping import StopAnswer
+
+
+def not_begun(what: str, reason: str) -> str:
+    """Why something that was stopped before it began has ended."""
+    return f"the {what} was stopped before it began: {reason}"
 
 
 class Watched:
@@ -71,6 +77,10 @@ class Watched:
         """The apparent contact, once the reference was taken."""
         return self._analysis.pipeline.contact
 
+    def reference_image(self) -> NDArray[Any] | None:
+        """The image from which displacements are measured; None before it was taken."""
+        return self._analysis.reference_image
+
     def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
         """The snapshots after the first `n`; only the newest holds all its parts
         (`app.engine.series`). `is_shown` says that a window shows them.
@@ -91,7 +101,7 @@ class Watched:
             if self._state != "idle":
                 return None
             self._is_called_off = True
-            why = f"the {what} was stopped before it began: {reason}"
+            why = not_begun(what, reason)
             outcome = Outcome("done", why, Counts(), None)
             self._end(outcome)
         return outcome

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,12 @@ from analysis.dic import Field, Grid, Status, Tracker, open_tracker
 from analysis.dic.aligned import alignment, track_aligned
 from analysis.dic.updating import UpdatingTracker
 from analysis.options import as_written, options
+from analysis.saturation import END_OF_16_BIT, end_of_scale
 from analysis.settings import Correlation
 from app.engine.compiling import compile_correlation
 from app.errors import UserError
 from app.exchange.fields import FieldTable
-from app.exchange.images import read_image, size_text
+from app.exchange.images import Picture, pictures_of, read_image, size_text
 from app.outputs import check_output, new_file
 from app.session.fields import FieldsWriter
 
@@ -59,6 +60,10 @@ class CorrelationSummary:
     aligned : int
         Images that were turned back by the features that they share with the reference, since most
         points were lost without that.
+    full_scale : int
+        Grey level at which pixels of the reference are cut off although its type goes on; else 0.
+    saturated : float
+        Share of its pixels that are.
     """
 
     output: Path
@@ -72,6 +77,8 @@ class CorrelationSummary:
     updates: int
     drift_px: float
     aligned: int = 0
+    full_scale: int = 0
+    saturated: float = 0.0
 
 
 def correlate_files(
@@ -89,6 +96,11 @@ def correlate_files(
 
     Parameters
     ----------
+    reference : Path
+        An image; of a folder, or of a file of many pages, the first one, and the others come before
+        the images.
+    images : sequence of Path
+        Files, some of which may hold many images, and folders.
     output : Path
         ``.csv``: one line per point, see `app.exchange.fields.FieldTable`; ``.h5``: see
         `app.session.fields`; ``.npz``: x_px, y_px, `PLANES`, each (frames, ny, nx), and the texts
@@ -106,15 +118,17 @@ def correlate_files(
     UserError
         A file or an option can not be used; nothing was written.
     """
-    if not images:
-        raise UserError(f"{reference}: there are no images to correlate with it; name at least one")
     inputs = [reference, *images, *([mask] if mask else [])]
     check_output(output, overwrite, endings=ENDINGS, inputs={"image": inputs})
     for path in inputs:
-        if not path.is_file():
+        if not (path.is_file() or path.is_dir()):
             raise UserError(f"{path}: there is no such file; check the name")
-    first = read_image(reference)
-    usable = None if mask is None else _read_like(mask, first, reference, is_mask=True) != 0
+    begin, *later = pictures_of([reference])
+    pictures = [*later, *pictures_of(images)]
+    if not pictures:
+        raise UserError(f"{reference}: there are no images to correlate with it; name at least one")
+    first = read_image(begin)
+    usable = None if mask is None else _read_like(Picture(mask), first, begin, is_mask=True) != 0
     _check_region(roi, first, reference)
     on_progress("preparing the correlation", 0.0)
     try:
@@ -122,21 +136,29 @@ def correlate_files(
     except ValueError as error:
         raise UserError(f"{reference}: {error}") from None
     record = {
-        "reference": str(reference),
+        "reference": str(begin),
         "mask": str(mask or ""),
         "roi": " ".join(map(str, roi or ())),
         **as_written(correlation),
     }
-    names = [str(path) for path in images]
-    account = _Account(partial(open_tracker, correlation, usable=usable, roi=roi), first)
+    names = [str(picture) for picture in pictures]
+    end = correlation.full_scale
+    if first.dtype in (np.uint8, np.uint16):
+        end = int(end_of_scale(first, end or int(np.iinfo(first.dtype).max)))
+    # an image that is turned back has other pixels, whose type does not say where its scale ends
+    held = replace(correlation, full_scale=end)
+    account = _Account(partial(open_tracker, held, usable=usable, roi=roi), first)
     with closing(tracker), new_file(output, overwrite) as unfinished:
         compile_correlation(correlation, first.dtype)
         with _writer(unfinished, names, tracker.grid, record) as append:
-            for n, path in enumerate(images):
-                on_progress(path.name, n / len(images))
-                append(account.timed(tracker, _read_like(path, first, reference)))
+            for n, picture in enumerate(pictures):
+                on_progress(picture.name, n / len(pictures))
+                append(account.timed(tracker, _read_like(picture, first, begin)))
     on_progress("done", 1.0)
-    return account.summary(output, len(images), tracker)
+    found = account.summary(output, len(pictures), tracker)
+    if first.dtype == np.uint16 and end < (correlation.full_scale or END_OF_16_BIT):
+        found = replace(found, full_scale=end, saturated=float((first >= end).mean()))
+    return found
 
 
 class _Account:
@@ -201,7 +223,7 @@ class _Account:
 
 
 def _read_like(
-    path: Path, first: NDArray[Any], reference: Path, *, is_mask: bool = False
+    path: Picture, first: NDArray[Any], reference: Picture, *, is_mask: bool = False
 ) -> NDArray[Any]:
     """The image in a file, if it has the size and, unless it is a mask, the pixels of the
     reference.

@@ -33,12 +33,16 @@ from app.records import (
     Event,
     Snapshot,
 )
+from app.session.datasets import as_certain_as_told
 from app.session.fields import is_results
 from app.session.reader import SessionReader
 from app.session.result_tables import TABLES, results_table
 from app.session.results import ResultsReader
 from app.session.tables import SESSION, force_columns, session_table, stage_um
 
+# of an image: the sample of the forces on which its exposure began, its time from sample 0, the
+# sample on which its phase did; P_N, Q_N: means over the exposure; stage_um: in its middle; first,
+# last: triggers that may have taken it; step, step_sample: of the protocol, and where it began
 FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last,"
 FRAMES += "step,step_sample"
 # what an export writes into a folder
@@ -150,19 +154,17 @@ class _Chosen:
     ) -> None:
         self.reader, self.header, self.tell, self.frames = reader, reader.header, tell, frames
         wanted = frame_range("") if frames is None else frames
-        triggers = reader.triggers()
+        triggers = as_certain_as_told(reader.triggers(), reader.events())
         self.triggers = triggers[[int(index) in wanted for index in triggers["index"]]]
         # rows of results, and those of them that have a displacement field
         self.rows = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]
         has_field = reader.have_fields()
         self.measured = [i for i in self.rows if has_field[i]]
-        rate = f"{self.header.sample_rate_hz:.9g} samples a second"
         self.tables = Tables(
             tuple(SESSION),
             lambda what: session_table(reader, what, frames),
             tell,
             frames is not None,
-            {"forces": f"{rate}; cells of missing samples are empty"},
         )
 
     def fields(self) -> Iterator[tuple[Snapshot, DisplacementField]]:
@@ -209,13 +211,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     with new_folder(output, overwrite, _OURS) as folder:
         exposures = _Exposures(reader)
         with _text(folder / "metadata.csv") as table:
-            table.write(
-                "# sample: that of the forces on which the exposure began; time_s: from sample 0;"
-                " phase_sample: on which its phase did; first, last: triggers that may have taken"
-                " it;\n# step, step_sample: of the protocol, and where it began;"
-                "# P_N, Q_N: means over the exposure; stage_um: in its middle. A pixel is"
-                f" {header.pixel_m * 1e6:.9g} um\n{FRAMES}\n"
-            )
+            table.write(f"{FRAMES}\n")
             cells = csv.writer(table, lineterminator="\n")
             for n, (index, sample, is_there, _, reason, *span) in enumerate(triggers.tolist()):
                 name = f"{index:06d}.tiff" if is_there else ""
@@ -279,12 +275,8 @@ def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     x_px, y_px = chosen.header.grid_x_px, chosen.header.grid_y_px
     dic = from_record(chosen.header.config_toml, f"{chosen.reader.path}: settings").dic
     with new_file(output, overwrite) as path, _text(path) as file:
-        file.write(
-            f"# {stated(chosen.header.pixel_m, dic.averaging_box_px, dic.noise_box_px)}; (0, 0) is"
-            " the centre of the top-left pixel, y points down; ux_px holds the motion of the lens,"
-            " which is lens_px\n"
-        )
-        table = FieldTable(file, x_px, y_px, has_lens=True)
+        measured_in = stated(chosen.header.pixel_m, dic.averaging_box_px, dic.noise_box_px)
+        table = FieldTable(file, x_px, y_px, has_lens=True, constants=measured_in)
         for snapshot, field in chosen.fields():
             table.append(snapshot.frame, field, _lens_px(snapshot, chosen.header.pixel_m))
     return f"{output}: {len(chosen.measured)} fields of {len(x_px) * len(y_px)} points"

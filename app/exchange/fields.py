@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
+from types import MappingProxyType
 from typing import TextIO
 
 import numpy as np
@@ -30,12 +31,16 @@ F64 = NDArray[np.float64]
 COLUMNS = "frame,x_px,y_px,ux_px,uy_px,status,zncc,ux_sd_px,uy_sd_px"
 UNEVEN = 1e-3  # of a pitch: points of a regular grid may lie off by this
 
+STATED = ("pixel", "box", "noise_box")
 _PLACE = LENGTH | {"px": 1.0}
 _QUANTITIES = {
     "frame": NUMBER,
     **dict.fromkeys(("x", "y", "ux", "u", "ux_std", "ux_sd", "lens"), _PLACE),
+    "pixel": LENGTH,
+    **{key: {"px": 1.0} for key in STATED[1:]},
 }
 _ALIASES = {"u": "ux", "ux_sd": "ux_std"}
+# how older tables state it, in a line above the header
 _STATED = re.compile(
     r"# a pixel is (\S+) um, a displacement the mean over (\S+) px, its noise (\S+)"
 )
@@ -142,7 +147,7 @@ def read_fields(path: Path, pixel_m: float | None, box_m: float | None = None) -
         The file can not be read, or is not what it should be.
     """
     if path.suffix.lower() == ".csv":
-        found = _from_table(read_table(path, _QUANTITIES), pixel_m, _stated_in(path))
+        found = _from_table(read_table(path, _QUANTITIES), pixel_m)
     elif is_session(path):
         found = _from_session(path, pixel_m)
     else:
@@ -228,19 +233,21 @@ def _known_pixel(path: Path, pixel_m: float | None) -> float:
     return pixel_m
 
 
-def stated(pixel_m: float, box_px: float, noise_box_px: float) -> str:
-    """What the fields of a session are measured in, as its table of fields says above them."""
-    return (
-        f"a pixel is {pixel_m * 1e6:.9g} um, a displacement the mean over {box_px:.9g} px, its"
-        f" noise {noise_box_px:.9g}"
-    )
+def stated(pixel_m: float, box_px: float, noise_box_px: float) -> dict[str, float]:
+    """What the fields of a session are measured in, as each row of its table of fields says: the
+    size of a pixel, the box over which a displacement is the mean, and that of its noise.
+    """
+    return {"pixel_um": pixel_m * 1e6, "box_px": box_px, "noise_box_px": noise_box_px}
 
 
-def _stated_in(path: Path) -> tuple[float, ...]:
+def _stated_in(table: Table) -> tuple[float, ...]:
     """The size of a pixel in metres and, of newer tables, of the two boxes in pixels; nothing where
     a table does not state them.
     """
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    if "pixel" in table.numbers:
+        held = [float(table.numbers[name][0]) for name in STATED if name in table.numbers]
+        return tuple(held) if len(held) == len(STATED) and held[0] > 0 else ()
+    with table.path.open(encoding="utf-8-sig", errors="replace") as file:
         first = file.readline(1000)
     found = _STATED.match(first) or _STATED_BEFORE.match(first)
     try:
@@ -250,9 +257,9 @@ def _stated_in(path: Path) -> tuple[float, ...]:
     return (pixel_um * 1e-6, *boxes) if 0 < pixel_um < math.inf else ()
 
 
-def _from_table(table: Table, pixel_m: float | None, known: tuple[float, ...]) -> FieldSeries:
-    """The points of a table on the grid on which they lie; `known` is what it states."""
-    path, notes = table.path, []
+def _from_table(table: Table, pixel_m: float | None) -> FieldSeries:
+    """The points of a table on the grid on which they lie."""
+    path, notes, known = table.path, [], _stated_in(table)
     if pixel_m is None and known and "px" in table.units.values():
         pixel_m = known[0]
         notes.append(f"a pixel is {pixel_m * 1e6:.6g} um, as {path.name} states")
@@ -260,6 +267,7 @@ def _from_table(table: Table, pixel_m: float | None, known: tuple[float, ...]) -
         _ALIASES.get(name, name): values
         * (_known_pixel(path, pixel_m) if table.units[name] == "px" else 1.0)
         for name, values in table.numbers.items()
+        if name not in STATED
     }
     bare = [name for name in table.header if name.lower() in _QUANTITIES and name != "frame"]
     if bare:
@@ -330,6 +338,9 @@ class FieldTable:
         Further whole numbers that a field has for each point, such as "iterations".
     has_lens : bool
         Whether the motion of the lens under each field is written beside it.
+    constants : mapping
+        Further columns that are the same in all rows, so that the table has one line of names above
+        its numbers and states what they are measured in.
     """
 
     def __init__(
@@ -340,17 +351,20 @@ class FieldTable:
         more: Sequence[str] = (),
         *,
         has_lens: bool = False,
+        constants: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         self._file, self._more, self._has_lens = file, more, has_lens
+        self._constants = [f"{value:.9g}" for value in constants.values()]
         self._labels = [status.label for status in Status]
         self._places = [f"{x:.1f},{y:.1f}" for y in y_px for x in x_px]
-        file.write(",".join([COLUMNS, *more, *["lens_px"] * has_lens]) + "\n")
+        file.write(",".join([COLUMNS, *more, *["lens_px"] * has_lens, *constants]) + "\n")
 
     def append(
         self, frame: int, field: Field | DisplacementField, lens_px: float = math.nan
     ) -> None:
         """Write the field of a frame; the cell of a motion of the lens that is NaN is empty."""
         ends = [f"{lens_px:.6f}" if math.isfinite(lens_px) else ""] * self._has_lens
+        ends += self._constants
         planes = (field.ux_px, field.uy_px, field.status, field.zncc, field.ux_std_px)
         numbers = [plane.ravel().tolist() for plane in (*planes, field.uy_std_px)]
         more = [getattr(field, name).ravel().tolist() for name in self._more]

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
-from app.exchange.images import read_image, size_text
-from app.exchange.tables import Table
-from drivers.camera_folder import SUFFIXES, images_of, in_order_of_numbers
+from app.exchange.forms import Form
+from app.exchange.images import Picture, pictures_of, read_image, size_text
+from app.exchange.tables import ANY_FORM, Table
+from drivers.camera_folder import in_order_of_numbers
 
 # times as many frames as there are images: more, and their numbers count something else
 MOST_LOST = 10
@@ -28,8 +29,17 @@ LIKE_THE_FIRST = 8  # times the bytes of the first image that another can take
 class Sources:
     """What is to be imported, see ``slipscope import --help``; None: not given.
 
-    `images` are files or one folder; metadata.csv, forces.csv and settings.toml in a folder are
-    used unless others are given.
+    `images` are files, some of which may hold many images, or one folder; metadata.csv, forces.csv
+    and settings.toml in a folder are used unless others are given.
+
+    Attributes
+    ----------
+    frame_rate : float
+        Images per second.
+    offset_s : float
+        What is to be added to the times of the forces to have those of the images.
+    form : Form
+        How the tables are written.
     """
 
     images: Sequence[Path]
@@ -39,6 +49,9 @@ class Sources:
     pixel_um: float | None = None
     rate_hz: int | None = None
     divisor: int | None = None
+    frame_rate: float | None = None
+    offset_s: float | None = None
+    form: Form = ANY_FORM
     background: int | None = None
     reference: int | None = None
     drive: int | None = None
@@ -47,14 +60,14 @@ class Sources:
 
 @dataclass(slots=True)
 class ImportedTrigger:
-    """A trigger of the camera: the file of its image, or the reason why there is none.
+    """A trigger of the camera: its image in a file, or the reason why there is none.
 
     `sample`, `phase_sample` and `step_sample` are -1 until they are known.
     """
 
     index: int
     sample: int = -1
-    path: Path | None = None
+    path: Picture | None = None
     reason: str = ""
     phase: str = ""
     phase_sample: int = -1
@@ -62,9 +75,9 @@ class ImportedTrigger:
     step_sample: int = -1
 
 
-def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]:
-    """The sources with those that lie in the folder, and the image files in the order of their
-    numbers.
+def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Picture]]:
+    """The sources with those that lie in the folder, and the images in the order of the numbers in
+    the names of their files.
     """
     files = in_order_of_numbers(sources.images)
     if len(files) == 1 and files[0].is_dir():
@@ -75,19 +88,16 @@ def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[Path]]
                 _check_inside(folder / file, folder)
                 sources = replace(sources, **{name: folder / file})  # type: ignore[arg-type]
                 remarks.append(f"{folder / file} is used")
-        files = images_of(folder)
-        if not files:
-            raise UserError(
-                f"{folder}: no image ({', '.join(SUFFIXES)}) in this folder; check the name"
-            )
-        for path in files:
-            _check_inside(path, folder)
+        pictures = pictures_of([folder])
+        for picture in pictures:
+            _check_inside(picture.path, folder)
+        return sources, pictures
     for path in files:
         if not path.is_file():
             raise UserError(
                 f"{path}: there is no such file; give image files, or one folder of them"
             )
-    return sources, files
+    return sources, pictures_of(files)
 
 
 def _check_inside(path: Path, folder: Path) -> None:
@@ -98,14 +108,18 @@ def _check_inside(path: Path, folder: Path) -> None:
         raise UserError(f"{path}: it is not in the folder {folder}; copy it into that folder")
 
 
-def numbered(files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
-    """A trigger for each file, by the last number in its name if these numbers count the images."""
-    found = [re.search(r"(\d+)\D*$", path.stem) for path in files]
+def numbered(files: list[Picture], remarks: list[str]) -> list[ImportedTrigger]:
+    """A trigger for each image, by the last number in the name of its file if these numbers count
+    the images; the pages of a file follow each other.
+    """
+    if any(picture.page is not None for picture in files):
+        if len({picture.path for picture in files}) > 1:
+            remarks.append("the images of each file are taken to follow those of the one before")
+        return [ImportedTrigger(index, path=picture) for index, picture in enumerate(files)]
+    found = [re.search(r"(\d+)\D*$", picture.path.stem) for picture in files]
     steps = [int(b[1]) - int(a[1]) for a, b in pairwise(found) if a and b]
-    step = Counter(steps).most_common(1)[0][0] if steps and all(found) else 1
-    counts = (
-        len(steps) == len(files) - 1 and step > 0 and all(s > 0 and s % step == 0 for s in steps)
-    )
+    step = Counter(steps).most_common(1)[0][0] if steps else 1
+    counts = all(found) and step > 0 and all(s > 0 and s % step == 0 for s in steps)
     if counts and sum(steps) // step < (MOST_LOST + 1) * len(files):
         numbers = [int(name[1]) for name in found if name]
         return [
@@ -120,7 +134,7 @@ def numbered(files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
     return [ImportedTrigger(index, path=path) for index, path in enumerate(files)]
 
 
-def listed(table: Table, files: list[Path], remarks: list[str]) -> list[ImportedTrigger]:
+def listed(table: Table, files: list[Picture], remarks: list[str]) -> list[ImportedTrigger]:
     """A trigger for each row of the metadata."""
     numbers = table.numbers.get("frame", np.arange(table.rows, dtype=np.float64))
     if not (
@@ -137,7 +151,7 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Imported
             f"{table.path}: frames up to {numbers[-1]:.0f} in {table.rows} rows; number the frames"
             " by the camera's triggers"
         )
-    names = table.texts.get("file") or [path.name for path in files]
+    names = table.texts.get("file") or [picture.name for picture in files]
     if len(names) != table.rows:
         raise UserError(
             f"{table.path}: {table.rows} rows for {len(files)} images; add a column file, empty"
@@ -149,7 +163,7 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Imported
         np.nan_to_num(table.numbers.get(name, np.full(table.rows, -1.0)), nan=-1.0).tolist()
         for name in ("phase_sample", "step", "step_sample")
     )
-    by_name = {path.name: path for path in files}
+    by_name = {picture.name: picture for picture in files}
     triggers = []
     for number, name, reason, phase, *begun in zip(
         numbers, names, reasons, phases, begins, steps, step_begins, strict=True
@@ -174,7 +188,7 @@ def listed(table: Table, files: list[Path], remarks: list[str]) -> list[Imported
     return triggers
 
 
-def _named_beside(table: Path, name: str) -> Path | None:
+def _named_beside(table: Path, name: str) -> Picture | None:
     """The file that a table names, in its own folder or below; None if it is not there."""
     path = table.parent / name
     if Path(name).anchor or ".." in Path(name).parts:
@@ -184,7 +198,7 @@ def _named_beside(table: Path, name: str) -> Path | None:
     if not name or not os.path.isfile(path):  # False also for a name that no disk can hold
         return None
     _check_inside(path, table.parent)
-    return path
+    return Picture(path)
 
 
 def with_lost(triggers: list[ImportedTrigger]) -> list[ImportedTrigger]:

@@ -7,8 +7,9 @@ from __future__ import annotations
 import csv
 import math
 from array import array
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -16,17 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import UserError
+from app.exchange.forms import Form, layout_of, name_and_unit, quoted
+from app.inputs import check_ends
 from app.outputs import cell_of, text_of
 
 F64 = NDArray[np.float64]
 
 # unit in small letters -> what a number in this unit is multiplied by
-TIME = {"s": 1.0, "ms": 1e-3}
+TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-FORCE = {"n": 1.0, "mn": 1e-3}
-VOLTAGE = {"v": 1.0}
+FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6}
+VOLTAGE = {"v": 1.0, "mv": 1e-3}
 NUMBER = {"": 1.0}
 TEXT: dict[str, float] = {}
+ANY_FORM = Form()
 
 _ON_THE_CLOCK = {"sample": NUMBER, "time": TIME, "stage": LENGTH}
 FORCES = _ON_THE_CLOCK | {"p": FORCE, "q": FORCE, "normal": VOLTAGE, "shear": VOLTAGE}
@@ -38,6 +42,23 @@ FRAMES = _ON_THE_CLOCK | {
     "phase": TEXT,
     "file": TEXT,
     "reason": TEXT,
+}
+
+_NORMAL = ("normal", "normal force", "fn", "f n", "fz", "load", "normalkraft", "force normale")
+_SHEAR = (
+    *("shear", "shear force", "ft", "f t", "fx", "tangential force", "friction force"),
+    *("tangentialkraft", "querkraft", "scherkraft", "reibkraft", "force tangentielle"),
+)
+# quantity -> what other programs call it, in small letters; its unit must stand beside
+WORDS = {
+    "time": ("t", "time", "elapsed time", "zeit", "temps", "tiempo"),
+    "stage": ("position", "stage position"),
+    "p": _NORMAL,
+    "q": _SHEAR,
+    "normal": _NORMAL,
+    "shear": _SHEAR,
+    "frame": ("image", "image number", "frame number", "bild", "bildnummer"),
+    "file": ("filename", "file name", "image file", "datei", "dateiname"),
 }
 
 ROUNDING = 0.01  # of a sample: a time that is this close to a sample is that sample's
@@ -95,6 +116,10 @@ class Table:
     header : tuple of str
         All names in the header.
     rows : int
+    columns : dict of str to str
+        The name in the header of each quantity.
+    layout : str
+        How it is written.
     """
 
     path: Path
@@ -103,23 +128,47 @@ class Table:
     units: dict[str, str]
     header: tuple[str, ...]
     rows: int
+    columns: dict[str, str]
+    layout: str
 
     def has(self, *names: str) -> bool:
         """Whether these columns of numbers are all there."""
         return all(name in self.numbers for name in names)
 
+    def shifted(self, seconds: float, rate_hz: float) -> Table:
+        """The same with its clock moved."""
+        by = {"time": seconds, "sample": seconds * rate_hz}
+        moved = {name: values + by.get(name, 0.0) for name, values in self.numbers.items()}
+        return replace(self, numbers=moved)
 
-def read_table(path: Path, quantities: Mapping[str, Mapping[str, float]]) -> Table:
-    """The columns of a text file whose names are a quantity and its unit, such as ``P_mN``.
+    @property
+    def told(self) -> str:
+        """What was read, for people."""
+        named = ", ".join(
+            f"{quantity}{f'_{unit}' if (unit := self.units[quantity]) else ''} from '{name[:60]}'"
+            for quantity, name in self.columns.items()
+        )
+        rest = [name for name in self.header if name not in self.columns.values()]
+        beside = f"; not used: {quoted(rest)}" if rest else ""
+        return f"{self.path}: {self.rows} rows, {self.layout}: {named or 'no column'}{beside}"
 
-    Commas, semicolons or tabs separate the cells; unless commas do, numbers may have a decimal
-    comma. Lines that begin with # are comments. Columns with other names are left out.
+
+def read_table(
+    path: Path, quantities: Mapping[str, Mapping[str, float]], form: Form = ANY_FORM
+) -> Table:
+    """The columns of a text file whose names are a quantity and its unit, such as ``P_mN``, or what
+    other programs call it, such as ``Normal force [mN]`` (`WORDS`).
+
+    Encoding, separator and decimal sign are found unless the form gives them. Lines that begin with
+    # are comments. Columns with other names are left out.
 
     Parameters
     ----------
     quantities : mapping
         Quantity in small letters -> unit in small letters -> factor to SI; `NUMBER` for a quantity
         without unit, `TEXT` for words.
+    form : Form, optional
+        What the user knows of it. Columns that it names and this table lacks are left out.
 
     Raises
     ------
@@ -134,46 +183,41 @@ def read_table(path: Path, quantities: Mapping[str, Mapping[str, float]]) -> Tab
     texts: dict[str, list[str]] = {}
     numbers: dict[str, array[float]] = {}
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = (line for line in file if line.strip() and not line.lstrip().startswith("#"))
-            head = next(lines, "")
-            separator = max(",;\t", key=head.count)
-            header = tuple(name.strip() for name in head.split(separator))
-            found = {
-                i: known[name.lower()] for i, name in enumerate(header) if name.lower() in known
-            }
-            if len({quantity for quantity, *_ in found.values()}) < len(found):
+        check_ends(path)
+        layout = layout_of(path, form, lambda name: name.lower() in known)
+        header = layout.header
+        found = _columns(path, header, quantities, known, form)
+        for quantity, *_ in found.values():
+            if quantities[quantity]:
+                numbers[quantity] = array("d")
+            else:
+                texts[quantity] = []
+        count = 0
+        for count, row in enumerate(layout.rows(path), start=1):
+            if len(row) != len(header):
                 raise UserError(
-                    f"{path}: the header names a quantity twice: {', '.join(header)}; leave one out"
+                    f"{path}: row {count} has {len(row)} cells, the header {len(header)}; correct"
+                    f" the table, or give --delimiter (read with {layout})"
                 )
-            for quantity, *_ in found.values():
-                if quantities[quantity]:
-                    numbers[quantity] = array("d")
-                else:
-                    texts[quantity] = []
-            count = 0
-            for count, row in enumerate(csv.reader(lines, delimiter=separator), start=1):
-                if len(row) != len(header):
+            for i, (quantity, _, factor) in found.items():
+                cell = row[i].strip()
+                if quantity in texts:
+                    texts[quantity].append(text_of(cell))
+                    continue
+                value = layout.number(cell) if cell else np.nan
+                if value in (np.inf, -np.inf):
                     raise UserError(
-                        f"{path}: row {count} has {len(row)} cells, the header {len(header)};"
-                        " correct the table"
+                        f"{path}: '{cell[:40]}' in column {header[i]}, row {count}, is no number"
+                        f" (read with {layout}); write numbers, nothing where there is none, or"
+                        " give --decimal"
                     )
-                for i, (quantity, _, factor) in found.items():
-                    if quantity in texts:
-                        texts[quantity].append(text_of(row[i].strip()))
-                        continue
-                    cell = row[i].strip()
-                    try:
-                        value = float(cell) if cell else np.nan
-                    except ValueError:
-                        value = _with_decimal_comma(cell, separator)
-                    if value in (np.inf, -np.inf):
-                        raise UserError(
-                            f"{path}: '{cell[:40]}' in column {header[i]}, row {count}, is no"
-                            " number; write numbers, nothing where there is none"
-                        )
-                    numbers[quantity].append(value * factor)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+                numbers[quantity].append(value * factor)
+    except UnicodeError as error:
+        raise UserError(
+            f"{path}: can not be read as text: {error}; give --encoding, such as latin-1, or a"
+            " table in UTF-8 text"
+        ) from None
+    except (OSError, csv.Error) as error:
         raise UserError(f"{path}: can not be read: {error}; give a table in UTF-8 text") from None
     if not count:
         raise UserError(f"{path}: it has no rows; give a table with a header")
@@ -184,15 +228,73 @@ def read_table(path: Path, quantities: Mapping[str, Mapping[str, float]]) -> Tab
         {quantity: unit for quantity, unit, _ in found.values()},
         header,
         count,
+        {quantity: header[i] for i, (quantity, *_) in found.items()},
+        str(layout),
     )
 
 
-def _with_decimal_comma(cell: str, separator: str) -> float:
-    """The number in a cell; infinity where there is none."""
-    try:
-        return float(cell.replace(",", ".")) if separator != "," else np.inf
-    except ValueError:
-        return np.inf
+_Column = tuple[str, str, float]  # quantity, unit, factor to SI
+
+
+def _columns(
+    path: Path,
+    header: tuple[str, ...],
+    quantities: Mapping[str, Mapping[str, float]],
+    known: Mapping[str, _Column],
+    form: Form,
+) -> dict[int, _Column]:
+    """What the columns hold that the form names, else those of a known name, else those that are
+    called so by other programs.
+    """
+    found: dict[int, _Column] = {}
+    lower = [name.lower() for name in header]
+    for given, name in form.columns.items():
+        place = _place(name, header)
+        column = known.get(given.lower())
+        if column is None and given.lower() in quantities and place is not None:
+            quantity, unit = given.lower(), name_and_unit(header[place])[1]
+            column = known.get(f"{quantity}_{unit}")
+            if column is None:
+                raise UserError(
+                    f"--columns: '{given}={name}' names no unit that is known; write"
+                    f" {quantity}_{next(iter(quantities[quantity]))}={name}, for example"
+                )
+        if column is not None and place is not None:
+            found[place] = column
+    taken = {quantity for quantity, *_ in found.values()}
+    exact = {
+        i: known[name]
+        for i, name in enumerate(lower)
+        if i not in found and name in known and known[name][0] not in taken
+    }
+    found |= exact
+    if len({quantity for quantity, *_ in found.values()}) < len(found):
+        raise UserError(
+            f"{path}: the header names a quantity twice: {', '.join(header)}; leave one out"
+        )
+    taken = {quantity for quantity, *_ in found.values()}
+    called: dict[int, _Column] = {}
+    for i, name in enumerate(header):
+        word, unit = name_and_unit(name)
+        for quantity, units in quantities.items():
+            if quantity in taken or i in found or word not in (quantity, *WORDS.get(quantity, ())):
+                continue
+            if unit in units or (not units and not unit):
+                called[i] = (quantity, unit, units.get(unit, 1.0))
+    times = Counter(quantity for quantity, *_ in called.values())
+    found |= {i: column for i, column in called.items() if times[column[0]] == 1}
+    return dict(sorted(found.items()))
+
+
+def _place(name: str, header: tuple[str, ...]) -> int | None:
+    """The column of a name, or of a number from 1 on; None if the header has neither."""
+    for alike in (str, str.lower):
+        for i, one in enumerate(header):
+            if alike(one) == alike(name):
+                return i
+    if name.isdecimal() and 0 < int(name) <= len(header):
+        return int(name) - 1
+    return None
 
 
 def clock_samples(table: Table, rate_hz: float) -> F64 | None:

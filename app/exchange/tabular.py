@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import UserError
@@ -26,15 +26,12 @@ class Tables:
         Told what is being written, and the share of it that is done.
     of_frames : bool
         Whether only some frames were chosen, so that a table without frames is refused.
-    heads : mapping
-        Comment in the first line of some tables, by their names.
     """
 
     names: Sequence[str]
     make: Callable[[str], Columns]
     tell: Callable[[str, float], None]
     of_frames: bool = False
-    heads: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, what: str, output: Path, overwrite: bool) -> str:
         """Write one table; a sentence about it.
@@ -53,8 +50,6 @@ class Tables:
     def write_to(self, path: Path, what: str, columns: Columns) -> int:
         """Write the columns of a table to a new file; the number of its rows."""
         with path.open("x", encoding="utf-8", newline="\n") as file:
-            if what in self.heads:
-                file.write(f"# {self.heads[what]}\n")
             return write_table(file, columns, lambda share: self.tell(what, share))
 
     def write_all(self, output: Path, overwrite: bool) -> str:

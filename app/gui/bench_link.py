@@ -15,6 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.bench_view import BenchPreview, BenchView, PictureView
+from app.errors import UnderLoad
 from app.settings import Config
 from app.stopping import StopAnswer
 
@@ -47,7 +48,14 @@ class Zeroed:
     before_n: tuple[float, float]
 
 
-News = Said | Zeroed | StopAnswer
+@dataclass(frozen=True, slots=True)
+class ZeroDoubt:
+    """The sensors were not zeroed, because they read a force; why, for the operator to decide."""
+
+    sentence: str
+
+
+News = Said | Zeroed | ZeroDoubt | StopAnswer
 
 
 class Errand:
@@ -213,11 +221,24 @@ class BenchLink:
         """Stop the stage; also while the last stop is still being confirmed."""
         self._order(Errand("stop"), lambda preview: self._news.put(preview.stop_motion()))
 
-    def zero(self) -> None:
-        """Zero the sensors."""
+    def zero(self, *, under_load: bool = False) -> None:
+        """Zero the sensors; a force that they read is told first, unless `under_load`."""
         forces = self.view.forces if self.view else None
         before = forces.newest if forces else (0.0, 0.0)
-        self._order(self._zero, lambda preview: self._news.put(Zeroed(preview.zero(), before)))
+
+        def step(preview: BenchPreview) -> None:
+            try:
+                volts = preview.zero(under_load=under_load)
+            except UnderLoad as doubt:
+                self._news.put(ZeroDoubt(str(doubt)))
+            else:
+                self._news.put(Zeroed(volts, before))
+
+        self._order(self._zero, step)
+
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """Show the forces with these readings without a force."""
+        self._order(Errand("set-zero"), lambda preview: preview.set_zero(volts))
 
     @property
     def is_zeroing(self) -> bool:

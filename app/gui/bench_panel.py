@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, Qt, QTimer, Signal
 from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
@@ -20,6 +22,7 @@ from PySide6.QtWidgets import (
 from app.bench_view import BenchPreview
 from app.config import bench_names, load
 from app.gui import theme
+from app.gui.background import Background
 from app.gui.bench_cells import (
     device_lines,
     disk_text,
@@ -33,18 +36,19 @@ from app.gui.bench_cells import (
     zeroed_text,
 )
 from app.gui.bench_draw import DeviceLineView, GaugeView, PictureBox, framed, words
-from app.gui.bench_link import BenchLink, Link, News, Said, Zeroed
+from app.gui.bench_link import BenchLink, Link, News, Said, ZeroDoubt, Zeroed
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.form import proper
 from app.gui.memory import Memory
 from app.gui.panels import CellRow
-from app.gui.widgets import STRETCH, Part, column, label, row
+from app.gui.widgets import STRETCH, Part, by_pointer_only, column, label, row
 from app.settings import Config
 from app.stopping import Stop, StopAnswer
 
 LOOK_MS, HOLD_MS = 100, 100
+TAKEN = "A run has the bench."
 AS_SET, FILE = "as set up", "open a file …"
 
 
@@ -59,14 +63,15 @@ class BenchPanel(QScrollArea):
     """
 
     name, title = "bench", "Bench"
-    keys = (("Space, held", "moves the stage while a jog button has the focus"),)
     seen = Signal(object, object)  # a live PictureView, and the Config of the connected bench
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
-        self._desk, self._memory = desk, Memory()
+        self._desk, self._memory, self._background = desk, Memory(), Background(self)
         self.link = BenchLink(desk.workshop.preview)
         self._connected: Config | None = None  # settings with which the bench was connected
+        self._zero_v: tuple[float, float] | None = None  # that the connected bench has
+        self._on_zero_act: Callable[[], object] = lambda: None
         self._held: tuple[int, float] | None = None
         self._failure: StopAnswer | None = None  # that was told
         self._seen: object = None  # the picture that was told of
@@ -92,6 +97,8 @@ class BenchPanel(QScrollArea):
     def connect_bench(self) -> None:
         """Connect the bench that the settings of the next run name."""
         self._connected = self._desk.config
+        self._zero_v = self._connected.forces.zero
+        self._offer_zero_act("", "", lambda: None)
         self.link.connect(self._desk.config)
         self._say("", Tone.NEUTRAL)
         self._tick()
@@ -128,18 +135,21 @@ class BenchPanel(QScrollArea):
 
     def pick(self, path: Path) -> None:
         """Take the settings of that file, or of the bench of that name, for the next run."""
-        try:
-            config = load(path)
-        except Exception as error:
-            self._say(str(error), Tone.BAD)
+
+        def failed(why: str) -> None:
+            self._say(why, Tone.BAD)
             self.bench.setCurrentIndex(0)
-            return
-        if path.exists():
-            self._memory.remember("bench", path)
-        self._desk.set_config(config)
-        self._list_benches()
-        self.bench.setCurrentText(path.name)
-        self._say(f"The next run uses the settings of {path.name}.", Tone.NEUTRAL)
+
+        def take(found: tuple[Config, bool]) -> None:
+            config, is_file = found
+            if is_file:
+                self._memory.remember("bench", path)
+            self._desk.set_config(config)
+            self._list_benches()
+            self.bench.setCurrentText(path.name)
+            self._say(f"The next run uses the settings of {path.name}.", Tone.NEUTRAL)
+
+        self._background.start_anew(lambda: (load(path), path.exists()), take, failed)
 
     # ------------------------------------------------------------------ orders
 
@@ -164,6 +174,46 @@ class BenchPanel(QScrollArea):
         self._held = None
         self.link.let_go()
 
+    def _offer_zero_act(self, note: str, act: str, do: Callable[[], object]) -> None:
+        """Say something beside Zero, and offer an act; nothing about it changes its place."""
+        self.zero_note.setText(note)
+        self.zero_note.setToolTip(note)
+        self.zero_act.setText(act)
+        self.zero_act.setVisible(bool(act))
+        self._on_zero_act = do
+
+    def _do_zero_act(self) -> None:
+        do = self._on_zero_act
+        self._offer_zero_act("", "", lambda: None)
+        do()
+
+    def _zero_sensors(self) -> None:
+        self._offer_zero_act("", "", lambda: None)
+        self.link.zero()
+
+    def _zero_under_load(self) -> None:
+        self._desk.noted.emit(
+            "Bench: the operator says that the block is free; zeroed all the same"
+        )
+        self.link.zero(under_load=True)
+
+    def _give_back_zero(self, volts: tuple[float, float]) -> None:
+        config = self._desk.config
+        self._desk.set_config(replace(config, forces=replace(config.forces, zero=volts)))
+        normal, shear = volts
+        sentence = f"The zero before is back: {normal:+.4f} V and {shear:+.4f} V."
+        self._say(sentence, Tone.NEUTRAL)
+        self._desk.noted.emit(f"Bench: {sentence}")
+
+    def _keep_zero(self) -> None:
+        """Let the connected bench have the zero of the next run, if it was changed elsewhere."""
+        config = self._desk.config
+        if self._connected is None or self.preview is None or config.forces.zero == self._zero_v:
+            return
+        if not is_outdated(self._connected, config):
+            self._zero_v = config.forces.zero
+            self.link.set_zero(config.forces.zero)
+
     def _expose(self) -> None:
         """Take exposure and gain for the next run, and for the picture if there is one."""
         config = self._desk.config
@@ -185,7 +235,9 @@ class BenchPanel(QScrollArea):
     def _make_way(self, is_busy: bool) -> None:
         """A run needs the devices."""
         if is_busy and self.link.phase is not Link.OFF:
-            self.disconnect_bench("A run has the bench.")
+            self.disconnect_bench(TAKEN)
+        if not is_busy and self.link.problem == TAKEN:
+            self.link.problem = ""
         self._tick()
 
     # ------------------------------------------------------------------ showing
@@ -198,6 +250,7 @@ class BenchPanel(QScrollArea):
         if failure is not None and failure != self._failure:
             self._tell(failure)
         self._failure = failure
+        self._keep_zero()
         if self.isVisible():
             session = self._desk.session
             self.link.look(session.parent if session else Path())
@@ -207,9 +260,21 @@ class BenchPanel(QScrollArea):
         match news:
             case Zeroed():
                 config = self._desk.config
-                forces = replace(config.forces, zero=news.volts)
+                forces, before = replace(config.forces, zero=news.volts), config.forces.zero
+                self._zero_v = news.volts
                 self._desk.set_config(replace(config, forces=forces))
-                self._say(*zeroed_text(news, config))
+                sentence, tone = zeroed_text(news, config)
+                self._say(sentence, tone)
+                self._offer_zero_act("", "Undo", partial(self._give_back_zero, before))
+                self._desk.noted.emit(f"Bench: {sentence}")
+            case ZeroDoubt():
+                self._say(news.sentence, Tone.WARN)
+                self._desk.noted.emit(f"Bench: {news.sentence}")
+                self._offer_zero_act(
+                    "A force is read: is the block free?",
+                    "It is free, zero",
+                    self._zero_under_load,
+                )
             case StopAnswer():
                 if news.kind is Stop.FAILED:
                     self._say(news.sentence, Tone.BAD)
@@ -248,6 +313,7 @@ class BenchPanel(QScrollArea):
             button.setEnabled(stage is not None)
         self.zero.setEnabled(view is not None and view.forces is not None and not link.is_zeroing)
         self.zero.setText("Zeroing …" if link.is_zeroing else "Zero")
+        self.zero_act.setEnabled(self.zero.isEnabled())
         text, tone = disk_text(view.bytes_per_s if view else 0.0, link.free_bytes)
         self.disk.setText(text)
         self.disk.setStyleSheet("" if tone is Tone.NEUTRAL else f"color: {theme.TONES[tone]};")
@@ -258,7 +324,7 @@ class BenchPanel(QScrollArea):
         if link.phase is Link.OFF:
             if link.problem:
                 return proper(link.problem)
-            return "A run has the bench." if self._desk.is_busy else "Not connected."
+            return TAKEN if self._desk.is_busy else "Not connected."
         if link.phase is Link.CONNECTING:
             return "Connecting …"
         if link.phase is Link.LEAVING:
@@ -304,6 +370,15 @@ class BenchPanel(QScrollArea):
         self._list_benches()
         self._tick()
 
+    def changeEvent(self, event: QEvent) -> None:
+        """Let go when another window comes to the front: it may get the word that the button was
+        let go of.
+        """
+        super().changeEvent(event)
+        is_left = event.type() == QEvent.Type.ActivationChange and not self.isActiveWindow()
+        if is_left and self._held is not None:
+            self._let_go()
+
     def hideEvent(self, event: QHideEvent) -> None:
         """Nobody holds a button that nobody sees."""
         if self._held is not None:
@@ -331,7 +406,7 @@ class BenchPanel(QScrollArea):
         self.normal, self.shear = GaugeView("normal force P"), GaugeView("shear force Q")
         parts: list[QWidget] = [
             framed(head, *self._lines.values()),
-            framed(self.normal, self.shear, row(STRETCH, self._zero_button())),
+            framed(self.normal, self.shear, self._zero_row()),
             # below the buttons: a sentence that comes moves none from under the mouse
             framed(*self._stage_parts(), self.said),
             framed(self.picture, self.cells, self._camera_row()),
@@ -347,18 +422,24 @@ class BenchPanel(QScrollArea):
         self.setMinimumWidth(300)
         self._say("", Tone.NEUTRAL)
 
-    def _zero_button(self) -> QPushButton:
-        self.zero = QPushButton("Zero")
+    def _zero_row(self) -> Part:
+        self.zero, self.zero_act = QPushButton("Zero"), QPushButton("")
+        self.zero_note = words("detail")
+        self.zero_note.setFixedHeight(2 * self.zero_note.fontMetrics().lineSpacing())
         self.zero.setToolTip(
             "Takes the readings of the next second for those without a force; the block must hang"
             " free. The next run begins with them (forces.zero)"
         )
-        self.zero.clicked.connect(self.link.zero)
-        return self.zero
+        by_pointer_only(self.zero, self.zero_act)
+        self.zero.clicked.connect(self._zero_sensors)
+        self.zero_act.clicked.connect(self._do_zero_act)
+        self._offer_zero_act("", "", lambda: None)
+        return row((self.zero_note, 1), self.zero_act, self.zero, spacing=6)
 
     def _stage_parts(self) -> tuple[Part, ...]:
         self.place, self.room = label("–", "count"), label("", "detail")
         self.jogs = [QPushButton() for _ in range(4)]
+        by_pointer_only(*self.jogs)
         for button, direction, is_fast in zip(
             self.jogs, (-1, -1, 1, 1), (True, False, False, True), strict=True
         ):

@@ -22,7 +22,7 @@ from app.gui.campaign_lines import CampaignLines, CampaignRun, duration
 from app.gui.desk import Desk
 from app.gui.file_question import ask_file
 from app.gui.form import proper
-from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
+from app.gui.widgets import STRETCH, EmptyNote, Panel, by_pointer_only, column, label, row
 
 CAMPAIGN_FILES = "Campaigns (*.toml);;All files (*)"
 NUMBER, RUN, STATE, TIME = range(4)
@@ -186,7 +186,7 @@ class CampaignPanel(Panel):
         self.open_button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self.menu.aboutToShow.connect(self._fill_menu)
         self.next = QPushButton("Next run")
-        self.next.setAutoDefault(True)
+        by_pointer_only(self.next)
         self.next.setToolTip("Puts settings and file of the next run on the desk, then starts it")
         self.next.clicked.connect(self._go_on)
         self.list = QTreeWidget()

@@ -17,7 +17,7 @@ from app.settings import Config
 
 DASH = "–"  # stands for a value that is not known
 QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use
-DISK_WARNS_S, DISK_ALARMS_S = 600.0, 60.0  # seconds of 8-bit images for which there is room
+DISK_WARNS_S, DISK_ALARMS_S = 600.0, 60.0  # seconds of images for which there is room
 LEAST_LOAD_N = 0.02  # a ratio Q/P of less is noise
 
 NAN = math.nan
@@ -246,7 +246,8 @@ def disk_cell(health: Health, config: Config) -> Cell:
     if free < 0:
         return Cell("disk left", DASH)
     scale, unit = (1e12, "TB") if free >= 1e12 else (1e9, "GB") if free >= 1e9 else (1e6, "MB")
-    left_s = free / (camera.width * camera.height * config.frame_rate_hz)
+    image = camera.width * camera.height * camera.dtype.itemsize
+    left_s = free / (image * config.frame_rate_hz)
     tone = Tone.BAD if left_s < DISK_ALARMS_S else Tone.WARN if left_s < DISK_WARNS_S else None
     text = f"{free / scale:.0f}" if unit == "MB" else f"{free / scale:.3g}"
     return Cell("disk left", f"{text} {unit}", tone=tone or Tone.NEUTRAL)

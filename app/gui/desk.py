@@ -16,6 +16,7 @@ from app.gui.source import RunSource, Setup
 from app.gui.view_state import ViewState
 from app.report.side_by_side import Entry, Recorded
 from app.settings import Config
+from app.stopping import StopAnswer
 
 
 class ExportKind(NamedTuple):
@@ -48,6 +49,11 @@ class Archive(Protocol):
     def analysis_of(self, session: Path) -> Path:
         """A free name for a further analysis of a session."""
 
+    def repair(self, session: Path, on_progress: Callable[[float], None]) -> tuple[Path, str]:
+        """Bring back what there is of a session that was cut short: a new file, and a sentence
+        about it.
+        """
+
     def reanalysis(self, session: Path, overrides: Sequence[str], output: Path) -> RunSource:
         """A further analysis with other settings, ``table.key=value``, not yet begun."""
 
@@ -76,6 +82,17 @@ class Workshop(Protocol):
 
     def replay(self, session: Path) -> RunSource:
         """A recorded run, to be played."""
+
+    def runs_under_way(self) -> list[tuple[str, str]]:
+        """Name and words of each run of this user that goes on, whoever has begun it."""
+
+    def attach(self, name: str) -> RunSource:
+        """A run that is under way, to be shown."""
+
+    def stop_others(self, own: RunSource | None) -> StopAnswer | None:
+        """Stop the motion of every run of this user but `own`; what became of that, None where
+        there is no other.
+        """
 
     def settings_of(self, session: Path) -> Config:
         """The settings of a recorded run."""
@@ -138,6 +155,7 @@ class Desk(QObject):
     settings_changed = Signal()  # config or session is another
     busy_changed = Signal(bool)
     said = Signal(str, bool)  # a sentence for the line under the controls; whether it is an alarm
+    noted = Signal(str)  # a sentence for the log
     begin_asked = Signal()
     answer_asked = Signal(str)  # to the question of the step under way
     shown = Signal(object)  # show this RunSource from now on, in place of what is shown

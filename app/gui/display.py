@@ -35,8 +35,10 @@ def display_problem() -> str | None:
     Windows and macOS always have a display. On Linux a display must be named and reachable
     (``QT_QPA_PLATFORM=offscreen`` counts as one), and the libraries that Qt expects must load.
     """
-    if not sys.platform.startswith("linux"):
-        return None
+    return _problem_on_linux() if sys.platform.startswith("linux") else None
+
+
+def _problem_on_linux() -> str | None:
     platform = _platform()
     if not platform:
         return (

@@ -161,6 +161,11 @@ class FieldRow(QWidget):
         self.reset = QToolButton()
         self._build()
 
+    @property
+    def title(self) -> str:
+        """What the setting is called in this row."""
+        return self._title
+
     def show_value(self, value: Any, base: Any, base_name: str, refused: Refused | None) -> None:
         """Show a value, whether it differs from that of the base, or what was refused."""
         told = (value, base, base_name, refused)
@@ -176,7 +181,7 @@ class FieldRow(QWidget):
         tint(self.name, Tone.WARN if is_changed else None)
         there = f"{self.field.text(base)} {self.field.unit}".strip() if base is not None else "none"
         self.reset.setToolTip(f"{base_name}: {there}. Takes that again (Ctrl+R).")
-        self.reset.setVisible(is_changed)
+        self.reset.setVisible(is_changed or refused is not None)
         changed = f"\nNot as in {base_name}: {there}" if is_changed else ""
         tip = f"{self.field.key}: {self.field.help}{changed}"
         for widget in (self.name, self.editor):

@@ -22,7 +22,7 @@ from app.gui.desk import Desk
 from app.gui.run_steps import TONES, Act, Band, RunSteps, Standing, StepLine, planned
 from app.gui.source import Kind, Setup
 from app.gui.view_state import ViewState
-from app.gui.widgets import STRETCH, Panel, column, label, restyle, row, tint
+from app.gui.widgets import STRETCH, Panel, by_pointer_only, column, label, restyle, row, tint
 
 MARKS = {
     Standing.TO_COME: "○",
@@ -33,6 +33,7 @@ MARKS = {
 }
 KEYS = {Act.BEGIN: "  F5", Act.ANSWER: "  F8 or Enter", Act.WAIT: ""}
 BAR_HEIGHT = 22
+CONNECT_PX = 64  # from the top of a dock to below the button that connects a bench
 SMALL_N = 0.1  # a band below this is told in mN
 
 
@@ -135,7 +136,7 @@ class ExperimentPanel(Panel):
 
     name = "experiment"
     title = "Experiment"
-    keys = (("Enter", "Answers the question of the step under way, or does what the button says."),)
+    keys = (("Enter", "Answers the question of the step under way, from the line of the answer."),)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -225,7 +226,7 @@ class ExperimentPanel(Panel):
         self.answer.setToolTip("The answer that goes into the session; empty: yes")
         self.answer.returnPressed.connect(self.go_on)
         self.button.setMinimumHeight(48)
-        self.button.setAutoDefault(True)  # so that Enter presses it
+        by_pointer_only(self.button)
         self.button.clicked.connect(self.go_on)
         self.grid = QGridLayout()
         self.grid.setColumnStretch(1, 1)
@@ -233,5 +234,8 @@ class ExperimentPanel(Panel):
         self.grid.setVerticalSpacing(2)
         asks = column(self.button, self.question, self.answer, spacing=8)
         bands = column(*self.bands, spacing=4)
-        parts = (asks, bands, self.sentence, self.grid, self.left, STRETCH)
+        # the button begins below the place of Connect, which is in a dock that this one may cover
+        self.sentence.setMinimumHeight(CONNECT_PX)
+        self.sentence.setAlignment(Qt.AlignmentFlag.AlignTop)
+        parts = (self.sentence, asks, bands, self.grid, self.left, STRETCH)
         self.setLayout(column(*parts, spacing=8, margins=(10, 8, 10, 8)))

@@ -49,6 +49,7 @@ PROPER = {
     "delta": "δ",
     "J/m2": "J/m²",
 }
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 _WORD = re.compile(r"(?<![\w/'.])(" + "|".join(sorted(PROPER, key=len, reverse=True)) + r")(?!\w)")
 
 
@@ -295,6 +296,8 @@ class Form:
                     self.config = self._with({key: value})
                 except ConfigError as error:
                     sentence = str(error).removeprefix(f"{WHERE}: ")
+                    if isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value.strip()):
+                        sentence += f"; write it with a point: {value.strip().replace(',', '.')}"
                     self.refused[key] = Refused(self._typed(key, value), proper(sentence))
                 else:
                     self.drop(key)

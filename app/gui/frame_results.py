@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mechanics import cattaneo_mindlin, hertz
+from analysis.saturation import end_of_scale
 from app.gui.cells import number, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
 from app.gui.source import Image, Rect, Setup
+from app.quantities import measured_text
 from app.records import F32, F64, ContactResult, Snapshot
-from app.report.quantities import measured_text
 from app.settings import Config
 
 LARGEST_DISPLAY_PX = 1000  # of wider images every second, third ... pixel is shown
@@ -56,8 +57,9 @@ def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
     rows, cols = pixels.shape
     rect = (-every / 2, -every / 2, float(every * cols), float(every * rows))
     caption = "display 1:1" if every == 1 else f"display 1:{every}, data full"
-    if full.max() >= full_scale:
-        found = np.flatnonzero(full >= full_scale)
+    end = end_of_scale(full, full_scale)
+    if full.max() >= end:
+        found = np.flatnonzero(full >= end)
         row, column = np.divmod(found, full.shape[1])
         pixels[row // every, column // every] = 255
         caption += f", {100 * len(found) / full.size:.2g} % saturated"

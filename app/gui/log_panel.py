@@ -12,6 +12,7 @@ from PySide6.QtGui import QFontDatabase, QGuiApplication
 from PySide6.QtWidgets import QCheckBox, QPlainTextEdit, QPushButton
 
 from app import logs
+from app.gui.background import Background
 from app.gui.widgets import STRETCH, Panel, column, row
 
 MOST_LINES = 2000
@@ -46,6 +47,14 @@ class LogStore(logging.Handler):
         return taken
 
 
+def _whole_lines(file: Path, start: int) -> bytes:
+    """What a file has from there on, as far as its lines are whole."""
+    with file.open("rb") as opened:
+        opened.seek(start)
+        new = opened.read(MOST_READ)
+    return new[: new.rfind(b"\n") + 1]
+
+
 class LogPanel(Panel):
     """The log of this window and of the run that it shows."""
 
@@ -56,6 +65,7 @@ class LogPanel(Panel):
         self._store = store
         self._file: Path | None = None
         self._read = 0
+        self._background, self._is_reading = Background(self), False
         self._lines: deque[tuple[bool, str]] = deque(maxlen=MOST_LINES)
         self.text = QPlainTextEdit()
         self.text.setReadOnly(True)
@@ -75,27 +85,33 @@ class LogPanel(Panel):
     def follow(self, session: Path | None) -> None:
         """Show also the log beside this session from now on; None: beside none."""
         self._file, self._read = session and session.with_name(f"{session.name}.log"), 0
+        self._is_reading = False  # what is still read is of the last session
 
     def refresh(self) -> None:
-        """Show what came since the last call."""
-        for is_trouble, text in (*self._store.take(), *self._new_of_file()):
+        """Show what came since the last call; what the session's log has got once it was read,
+        beside the window.
+        """
+        self._append(self._store.take())
+        if self._file is None or self._is_reading:
+            return
+        self._is_reading = True
+        file, start = self._file, self._read
+
+        def take(whole: bytes) -> None:
+            if file != self._file:
+                return
+            self._is_reading = False
+            self._read = start + len(whole)
+            lines = whole.decode("utf-8", "replace").splitlines()
+            self._append([(" WARNING " in line or " ERROR " in line, line) for line in lines])
+
+        self._background.start_anew(lambda: _whole_lines(file, start), take, lambda _: take(b""))
+
+    def _append(self, lines: list[tuple[bool, str]]) -> None:
+        for is_trouble, text in lines:
             self._lines.append((is_trouble, text))
             if is_trouble or not self.troubles.isChecked():
                 self.text.appendPlainText(text)
-
-    def _new_of_file(self) -> list[tuple[bool, str]]:
-        if self._file is None:
-            return []
-        try:
-            with self._file.open("rb") as file:
-                file.seek(self._read)
-                new = file.read(MOST_READ)
-        except OSError:
-            return []  # there is none yet, or no longer
-        whole = new[: new.rfind(b"\n") + 1]
-        self._read += len(whole)
-        lines = whole.decode("utf-8", "replace").splitlines()
-        return [(" WARNING " in line or " ERROR " in line, line) for line in lines]
 
     def _show_all(self) -> None:
         wanted = [t for is_bad, t in self._lines if is_bad or not self.troubles.isChecked()]

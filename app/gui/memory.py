@@ -22,13 +22,15 @@ class Memory:
         )
 
     def recent(self, kind: str) -> list[Path]:
-        """Files of a kind ("bench", "session", "campaign") that still exist, the newest first."""
-        paths = map(Path, self._texts(f"recent/{kind}"))
-        return [path for path in paths if path.exists()]
+        """Files of a kind ("bench", "session", "campaign"), the newest first.
+
+        Whether they are still there is not looked at: a folder may take long to answer.
+        """
+        return list(map(Path, self._texts(f"recent/{kind}")))
 
     def remember(self, kind: str, path: Path) -> None:
         """Put a file at the head of those of its kind."""
-        name = str(path.resolve())
+        name = str(path.absolute())
         others = [text for text in self._texts(f"recent/{kind}") if text != name]
         self._settings.setValue(f"recent/{kind}", [name, *others][:MOST_RECENT])
 

@@ -25,6 +25,8 @@ class Notice(Panel):
         self.yes, self.no = QPushButton(""), QPushButton("Dismiss")
         self.is_alarm = self.is_question = self.is_of_stop = False
         self._on_yes: Callable[[], object] = self.clear
+        self._tone = Tone.NEUTRAL
+        self._beside = ("", Tone.NEUTRAL, False, False)  # what stood where a question is asked
         self.yes.clicked.connect(self._agree)
         self.no.clicked.connect(self.clear)
         self.setLayout(row((self.text, 1), self.yes, self.no, margins=(14, 4, 10, 4)))
@@ -50,15 +52,20 @@ class Notice(Panel):
         """Whether what it shows stays until it is dismissed."""
         return self.is_alarm or self.is_of_stop
 
-    def ask(self, sentence: str, yes: str, on_yes: Callable[[], object]) -> None:
+    def ask(
+        self, sentence: str, yes: str, on_yes: Callable[[], object], no: str = "Keep running"
+    ) -> None:
         """Ask for a decision, beside an alarm that stands; the window stays in use meanwhile."""
-        alarm = f"{self.text.text()}  " if self.stays else ""
+        if not self.is_question:
+            text = self.text.text() if self.stays else ""
+            self._beside = text, self._tone, self.is_alarm, self.is_of_stop
+        alarm = f"{self._beside[0]}  " if self._beside[0] else ""
         self._show(alarm + sentence, Tone.BAD if self.is_alarm else Tone.WARN)
         self.is_question = True
         self._on_yes = on_yes
         self.yes.setText(yes)
         self.yes.show()
-        self.no.setText("Keep running")
+        self.no.setText(no)
         self.no.setFocus()  # the keys are at the answers
 
     def clear(self) -> None:
@@ -66,6 +73,17 @@ class Notice(Panel):
         self._show("", Tone.NEUTRAL)
         self.is_alarm = False
         self.hide()
+
+    def take_back_question(self) -> None:
+        """Ask no more, because nothing is left to decide; an alarm, or the answer to a stop, beside
+        which it was asked, stays.
+        """
+        if self.is_question:
+            text, tone, is_alarm, is_of_stop = self._beside
+            self.clear()
+            if text:
+                self._show(text, tone)
+                self.is_alarm, self.is_of_stop = is_alarm, is_of_stop
 
     def retract(self) -> None:
         """Take the sentence back, unless it stays or is a question."""
@@ -77,6 +95,7 @@ class Notice(Panel):
 
     def _show(self, sentence: str, tone: Tone) -> None:
         self.is_question = self.is_of_stop = False
+        self._tone = tone
         self.yes.hide()
         self.no.setText("Dismiss")
         self.text.setText(sentence)

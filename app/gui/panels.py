@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QLabel, QPushButton, QSizePolicy, QWidget
 from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, with_subscript
 from app.gui.result_panel import ResultPanel
-from app.gui.widgets import Panel, column, label, row, tint
+from app.gui.widgets import Panel, by_pointer_only, column, label, row, tint
 from app.records import Phase
 
 __all__ = ["CellRow", "CellView", "ResultPanel", "TopBar"]
@@ -112,4 +112,5 @@ class TopBar(Panel):
 def _button(text: str, style: str) -> QPushButton:
     button = QPushButton(text)
     button.setObjectName(style)
+    by_pointer_only(button)
     return button

@@ -32,6 +32,7 @@ class Shown:
     earlier: deque[dict[str, tuple[Line, ...]]] = field(
         default_factory=lambda: deque(maxlen=MOST_EARLIER)
     )
+    begun: int = 0  # number of the newest of all earlier runs
 
     def chart(self, key: str) -> Chart:
         """A chart with what is behind it."""
@@ -43,7 +44,7 @@ class Shown:
 
     def begin_run(self) -> None:
         """Keep a few curves of the run that is over, and forget the rest of it."""
-        number = len(self.earlier) + 1
+        number = self.begun + 1
         kept = {
             key: tuple(
                 _kept(line, f"earlier run {number}")
@@ -55,6 +56,7 @@ class Shown:
         }
         if any(kept.values()):
             self.earlier.append(kept)
+            self.begun = number
         self.charts = {}
         self.marks.clear()
 

@@ -38,8 +38,8 @@ class ProtocolEditor(QWidget):
     def refresh(self) -> None:
         """Show the steps of the form."""
         config = self._form.config
-        self.choice.show_text(self._form.protocol())
         refused = self._form.refused.get(STEPS_KEY)
+        self.choice.show_text(OWN_STEPS if refused else self._form.protocol())
         if refused is not None:
             self._show_steps((), refused.sentence)
             return

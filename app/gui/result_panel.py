@@ -47,6 +47,9 @@ class ResultPanel(Panel):
             "The settings of a run and, once it has ended, every number that came of it with both"
             " parts of its uncertainty: by noise and by the inputs.",
         )
+        self.doubt = QLabel("")
+        self.doubt.setWordWrap(True)
+        self.doubt.hide()
         self.notes = label("", "muted")
         self.notes.setWordWrap(True)
         self.notes.setTextInteractionFlags(
@@ -71,6 +74,7 @@ class ResultPanel(Panel):
         self.setLayout(
             column(
                 row(self.heading, self.verdict, STRETCH, self.copy_text, self.copy_csv, spacing=8),
+                self.doubt,
                 (self._body, 1),
                 spacing=6,
                 margins=(12, 8, 12, 8),
@@ -118,9 +122,12 @@ class ResultPanel(Panel):
         )
         self.verdict.show()
         fill(self.table, CARD, [(name, *values) for name, *values in card.rows])
+        self.doubt.setText("\n".join(prose(_sentence(note)) for note in card.doubts))
+        self.doubt.setStyleSheet(f"color: {theme.TONES[Tone.WARN]}; font-weight: 700;")
+        self.doubt.setVisible(bool(card.doubts))
         said = [_sentence(card.reason), *map(_sentence, verdict)]
         said += [_told(one) for one in (*card.further, *card.account)]
-        said += [f"Note: {note}" for note in card.notes]
+        said += [f"Note: {note}" for note in card.notes if note not in card.doubts]
         self.notes.setText("\n".join(map(prose, said)))
         self._words.show()
         for button in (self.copy_text, self.copy_csv):
@@ -130,6 +137,7 @@ class ResultPanel(Panel):
         self._card = None
         self.heading.setText("Settings of the run")
         self.verdict.hide()
+        self.doubt.hide()
         fill(self.table, SETTINGS, [(c.name, "", c.value, "", "", c.unit) for c in cells])
         self._words.hide()
         for button in (self.copy_text, self.copy_csv):

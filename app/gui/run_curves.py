@@ -58,6 +58,10 @@ class Curves:
         On the sample clock; NaN until the drive begins.
     newest, newest_field : Snapshot or None
         The newest snapshot, and the newest one with a displacement field.
+    first_step : int or None
+        Of the protocol, in which the drive began; None until it does.
+    has_turned : bool
+        Whether the first loading is over.
     """
 
     seen: int
@@ -71,6 +75,8 @@ class Curves:
     drive_start_s: float
     newest: Snapshot | None
     newest_field: Snapshot | None
+    first_step: int | None
+    has_turned: bool
 
 
 POINTS = ("loading", "sticking", "peaks", "sliding", "noise")
@@ -86,6 +92,8 @@ NO_CURVES = Curves(
     drive_start_s=math.nan,
     newest=None,
     newest_field=None,
+    first_step=None,
+    has_turned=False,
 )
 
 
@@ -113,10 +121,17 @@ def extended(
         if n % curves.every == 0 and s.conditions.phase not in (Phase.BACKGROUND, Phase.CONTACT)
     ]
     travel, shear, normal, stick, stick_sd, peak, peak_sd = (series_of(loaded, n) for n in DRAWN)
-    # c belongs to the first loading: not to what comes after the stage has turned back
+    # c belongs to the first loading: it ends where the stage turns back, and with the first step
     before = curves.loading[:, 0].max(initial=0.0) * 1e-6
     furthest = np.maximum.accumulate(np.append(before, np.nan_to_num(travel)))[1:]
-    loads = ~(travel < furthest - REVERSED_M)
+    drives = np.array([s.conditions.phase is Phase.DRIVE for s in loaded], bool)
+    steps = np.array([s.conditions.step for s in loaded], np.int64)
+    first_step = curves.first_step
+    if first_step is None and drives.any():
+        first_step = int(steps[drives][0])
+    ends = (travel < furthest - REVERSED_M) | (drives & (steps != first_step))
+    has_ended = np.logical_or.accumulate(np.append(curves.has_turned, ends))
+    loads = ~has_ended[1:]
     is_certain = loads & (peak_sd < MOST_UNCERTAIN * peak)
     stick = np.where(loads, stick, np.nan)
     newest, start_s = snapshots[-1], curves.drive_start_s
@@ -134,6 +149,8 @@ def extended(
         start_s,
         newest,
         next((s for s in reversed(snapshots) if s.field), curves.newest_field),
+        first_step,
+        bool(has_ended[-1]),
     )
     kept = {name: getattr(longer, name) for name in POINTS}
     if max(map(len, kept.values())) <= MOST_POINTS:

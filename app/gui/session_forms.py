@@ -10,6 +10,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton, QSpinBox
 
 from analysis.settings import PRESETS
+from app.gui.background import Background
 from app.gui.desk import Archive, ExportKind
 from app.gui.source import RunSource
 from app.gui.widgets import STRETCH, Panel, column, label, row
@@ -26,6 +27,7 @@ class AnalysisForm(Panel):
         super().__init__()
         self._session: Path | None = None
         self._source: RunSource | None = None
+        self._background = Background(self)
         self.preset, self.box, self.step = QComboBox(), QSpinBox(), QSpinBox()
         self.preset.addItems([AS_RECORDED, *PRESETS])
         self.preset.setToolTip("A set of settings of the correlation")
@@ -73,7 +75,13 @@ class AnalysisForm(Panel):
         if session != self._session:
             self._session = session
             self.what.setText(f"Analyse {session.name} again")
-            self.file.setText(archive.analysis_of(session).name)
+            name = session.with_stem(f"{session.stem}-analysis").name
+            self.file.setText(name)
+            self._background.start_anew(
+                lambda: archive.analysis_of(session).name,
+                lambda free: self.file.setText(free) if self.file.text() == name else None,
+                self.where.setText,
+            )
 
     def overrides(self) -> list[str]:
         """The settings that differ, as ``table.key=value``."""
@@ -103,21 +111,38 @@ class AnalysisForm(Panel):
         return ("box", self.box), ("step", self.step)
 
     def _output(self) -> Path | None:
-        return self._session.with_name(self.file.text().strip()) if self._session else None
+        """The file that is named; None where that is no name of a file."""
+        name = self.file.text().strip()
+        is_name = (
+            name not in ("", "..") and name == Path(name).name and not set(name) & set("/\\\0")
+        )
+        return self._session.with_name(name) if self._session and is_name else None
 
     def _show_where(self) -> None:
-        name = self.file.text().strip()
-        self.begin_button.setEnabled(bool(name) and self._source is None)
-        if self._session is not None and name:
-            self.where.setText(str(self._session.absolute().with_name(name)))
+        output, name = self._output(), self.file.text().strip()
+        self.begin_button.setEnabled(output is not None and self._source is None)
+        if output is not None:
+            self.where.setText(str(output.absolute()))
+        elif name:
+            self.where.setText(f"{name} is no name of a file; the new file lies beside the session")
 
     def _ask(self) -> None:
-        if self._session is not None and self.begin_button.isEnabled():
-            self.asked.emit(self._session, self.overrides(), self._output())
+        output = self._output()
+        if output is not None and self.begin_button.isEnabled():
+            self.asked.emit(self._session, self.overrides(), output)
 
     def _stop(self) -> None:
         if self._source is not None:
             self._source.request_stop("the operator ended the analysis")
+
+
+def _free(path: Path, ending: str) -> Path:
+    """This path, or with a number before its ending, of which there is no file."""
+    free, number = path, 1
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.name.removesuffix(ending)}-{number}{ending}")
+    return free
 
 
 class ExportForm(Panel):
@@ -129,6 +154,7 @@ class ExportForm(Panel):
         super().__init__()
         self._session: Path | None = None
         self._kinds: tuple[ExportKind, ...] = ()
+        self._background = Background(self)
         self.what, self.kind = label("", "heading"), QComboBox()
         self.frames, self.file = QLineEdit(), QLineEdit()
         self.frames.setPlaceholderText("all; or first:end:step")
@@ -172,12 +198,13 @@ class ExportForm(Panel):
         if self._session is None or not 0 <= self.kind.currentIndex() < len(self._kinds):
             return
         one, base = self._kinds[self.kind.currentIndex()], self._session.absolute()
-        name, number = f"{base.stem}-{one.what}", 1
-        wanted = base.with_name(name + one.ending)
-        while wanted.exists():
-            number += 1
-            wanted = base.with_name(f"{name}-{number}{one.ending}")
+        wanted = base.with_name(f"{base.stem}-{one.what}{one.ending}")
         self.file.setText(str(wanted))
+        self._background.start_anew(
+            lambda: str(_free(wanted, one.ending)),
+            lambda free: self.file.setText(free) if self.file.text() == str(wanted) else None,
+            self.file.setToolTip,
+        )
 
     def _ask(self) -> None:
         text = self.file.text().strip()

@@ -27,12 +27,19 @@ from app.gui.desk import Archive, Desk
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.memory import Memory
 from app.gui.session_forms import AnalysisForm, ExportForm
+from app.gui.source import RunSource
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 from app.report.card import COMPLETE, FAILED, STOPPED
-from app.report.side_by_side import Entry, Recorded
+from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded
 
 HEADS = ("session", "state", "P (N)", "μₛ", "recorded")
-STATE_TONES = {COMPLETE: Tone.GOOD, STOPPED: Tone.WARN, FAILED: Tone.BAD}
+STATE_TONES = {
+    COMPLETE: Tone.GOOD,
+    STOPPED: Tone.WARN,
+    FAILED: Tone.BAD,
+    CUT_SHORT: Tone.BAD,
+    BEING_RECORDED: Tone.BUSY,
+}
 PATH = Qt.ItemDataRole.UserRole
 
 
@@ -42,6 +49,8 @@ class SessionList(QTreeWidget):
     def __init__(self, play: Callable[[], object]) -> None:
         super().__init__()
         self._play = play
+        self._entries: dict[Path, Entry] = {}
+        self._by_path: dict[Path, QTreeWidgetItem] = {}
         self.setHeaderLabels(list(HEADS))
         self.setRootIsDecorated(False)
         self.setUniformRowHeights(True)
@@ -62,24 +71,34 @@ class SessionList(QTreeWidget):
     def fill(self, paths: list[Path]) -> None:
         """List files of which nothing is known yet."""
         self.clear()
+        self._entries.clear()
+        self._by_path.clear()
         for path in paths:
             item = QTreeWidgetItem([path.name, "…", "", "", ""])
             item.setData(0, PATH, path)
             item.setToolTip(0, str(path))
             self.addTopLevelItem(item)
+            self._by_path[path] = item
 
     def show_entry(self, entry: Entry) -> None:
         """Show what is known of a file by now."""
-        for item in self._items():
-            if item.data(0, PATH) == entry.path:
-                when = entry.started[:16].replace("T", " ")
-                mu = typeset(entry.mu_s) or DASH
-                texts = (entry.state or "not readable", entry.load_n or DASH, mu, when)
-                for k, text in enumerate(texts, 1):
-                    item.setText(k, text)
-                item.setToolTip(1, entry.problem or entry.state)
-                tone = STATE_TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
-                item.setForeground(1, QBrush(QColor(theme.TONES[tone])))
+        self._entries[entry.path] = entry
+        item = self._by_path.get(entry.path)
+        if item is None:
+            return
+        when = entry.started[:16].replace("T", " ")
+        mu = typeset(entry.mu_s) or DASH
+        for k, text in enumerate(
+            (entry.state or "not readable", entry.load_n or DASH, mu, when), 1
+        ):
+            item.setText(k, text)
+        item.setToolTip(1, entry.problem or entry.state)
+        tone = STATE_TONES.get(entry.state, Tone.NEUTRAL if entry.state else Tone.BAD)
+        item.setForeground(1, QBrush(QColor(theme.TONES[tone])))
+
+    def entry(self, path: Path) -> Entry | None:
+        """What is known of a file; None if that is nothing yet."""
+        return self._entries.get(path)
 
     def chosen(self) -> list[Path]:
         """The files that are selected, from above."""
@@ -171,7 +190,7 @@ class SessionsPanel(Panel):
         self.list.itemSelectionChanged.connect(self._show_buttons)
         self.analysis_form.asked.connect(self._analyse)
         self.export_form.asked.connect(self._export)
-        self._desk.ended.connect(lambda _: self._list_again())
+        self._desk.ended.connect(self._list_again)
         self._show_buttons()
 
     @property
@@ -213,14 +232,44 @@ class SessionsPanel(Panel):
         def take(entry: Entry) -> None:
             if number == self._listing:
                 self.list.show_entry(entry)
+                self._show_buttons()
 
         self._background.start(lambda: archive.sessions_in(folder), show, self._say)
 
     def play(self) -> None:
-        """Play the session that is chosen."""
+        """Play the session that is chosen, or bring back one that was cut short."""
         for path in self.list.chosen()[:1]:
+            if self._is_cut_short(path):
+                self._repair(path)
+                return
             self._memory.remember("session", path)
             self._desk.session_asked.emit(path)
+
+    def _is_cut_short(self, path: Path) -> bool:
+        entry = self.list.entry(path)
+        return entry is not None and entry.state == CUT_SHORT
+
+    def _repair(self, session: Path) -> None:
+        archive = self.archive
+        self.bar.setRange(0, 1000)
+        self.bar.setValue(0)
+        self.bar.show()
+        self._say(f"{session.name} is being brought back …")
+
+        def tell(share: float) -> None:
+            self._background.tell(partial(self.bar.setValue, round(1000 * share)))
+
+        def done(found: tuple[Path, str]) -> None:
+            output, sentence = found
+            self.bar.hide()
+            self._say(sentence)
+            self.list_folder(output.parent, [output])
+
+        def failed(sentence: str) -> None:
+            self.bar.hide()
+            self._say(sentence, is_alarm=True)
+
+        self._background.start(lambda: archive.repair(session, tell), done, failed)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Files and folders of this computer may be dropped."""
@@ -231,16 +280,25 @@ class SessionsPanel(Panel):
         """Open a session or list a folder; of several sessions, list and select them."""
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         event.acceptProposedAction()
-        if paths and paths[0].is_dir():
-            self.list_folder(paths[0])
-        elif len(paths) == 1:
-            self.open_session(paths[0])
-        elif paths:
-            self.list_folder(paths[0].parent, paths)
 
-    def _list_again(self) -> None:
+        def open_dropped(is_folder: bool) -> None:
+            if is_folder:
+                self.list_folder(paths[0])
+            elif len(paths) == 1:
+                self.open_session(paths[0])
+            else:
+                self.list_folder(paths[0].parent, paths)
+
+        if paths:
+            self._background.start(paths[0].is_dir, open_dropped, self._say)
+
+    def _list_again(self, source: RunSource) -> None:
+        """List the folder as it is after a run; that of the run, if none was listed before."""
+        session: Path | None = getattr(source, "session", None)
         if self._folder is not None:
             self.list_folder(self._folder, self.list.chosen())
+        elif session is not None:
+            self.list_folder(session.parent, [session])
 
     def _ask_session(self) -> None:
         self._ask("Open a session", QFileDialog.FileMode.ExistingFile, self.open_session)
@@ -370,6 +428,13 @@ class SessionsPanel(Panel):
         one = chosen[0] if len(chosen) == 1 else None
         for button in (self.play_button, self.analyse, self.export):
             button.setEnabled(one is not None)
+        is_cut_short = one is not None and self._is_cut_short(one)
+        self.play_button.setText("Repair" if is_cut_short else "Play")
+        if is_cut_short:
+            for button in (self.analyse, self.export):
+                button.setEnabled(False)
+            known = self.list.entry(chosen[0])
+            self._say(known.problem if known else "")
         self.compare_button.setEnabled(len(chosen) >= 2)
         if one is not None and self.analysis_form.isVisible():
             self.analysis_form.show_session(one, self.archive)

@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMenu,
     QScrollArea,
-    QSizePolicy,
     QToolButton,
     QWidget,
 )
@@ -27,7 +26,8 @@ from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.editors import NAME_WIDTH, FieldRow, Line
 from app.gui.file_question import SESSION_FILES, ask_file
-from app.gui.form import DEFAULTS, Base, Field, Form, Group
+from app.gui.form import DEFAULTS, STEPS_KEY, Base, Field, Form, Group
+from app.gui.group_view import GroupView
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
@@ -42,66 +42,16 @@ EVENING = {  # key -> its name, of what is another every evening
 }
 ABOUT = {"about.sample": "Sample", "about.operator": "Operator", "about.note": "Note"}
 NOTE_LINES = 3
+MOST_TYPED = 40  # characters of what was refused that a sentence repeats
 TOML_FILES = "Settings files (*.toml);;All files (*)"
 HELP_LINES = 4
-
-
-class GroupView(QWidget):
-    """A table of the settings, which opens by a click on its head; a row is made when it is first
-    seen.
-    """
-
-    def __init__(self, group: Group, make_row: Callable[[Field], FieldRow]) -> None:
-        super().__init__()
-        self.group, self.rows = group, dict[str, FieldRow]()
-        self._make_row = make_row
-        self.head, self.body = QToolButton(), QWidget()
-        self._column = column(spacing=6, margins=(6, 2, 0, 8))
-        self.body.setLayout(self._column)
-        self.body.hide()
-        self.head.setText(group.table)
-        self.head.setToolTip(group.title)
-        self.head.setCheckable(True)
-        self.head.setObjectName("bare")
-        self.head.setArrowType(Qt.ArrowType.RightArrow)
-        self.head.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
-        self.head.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.setLayout(column(self.head, self.body))
-
-    def show_only(self, words: list[str], changed: set[str] | None) -> None:
-        """Show the settings that these words mean and that are `changed`, if that is given; the
-        table is open while some are looked for.
-        """
-        meant = [
-            field
-            for field in self.group.fields
-            if field.is_like(words) and (changed is None or field.key in changed)
-        ]
-        is_search = bool(words) or changed is not None
-        is_open = bool(meant) and (self.head.isChecked() or is_search)
-        arrow = Qt.ArrowType.DownArrow if is_open else Qt.ArrowType.RightArrow
-        self.head.setArrowType(arrow)
-        if is_open:
-            self._show(meant)
-        self.body.setVisible(is_open)
-        self.setVisible(bool(meant))
-
-    def _show(self, fields: list[Field]) -> None:
-        for field in fields:
-            if field.key not in self.rows:
-                self.rows[field.key] = self._make_row(field)
-        for at, one in enumerate(one for one in self.group.fields if one.key in self.rows):
-            made = self.rows[one.key]
-            if self._column.indexOf(made) != at:
-                self._column.insertWidget(at, made)
-            made.setVisible(one in fields)
 
 
 class SetupPanel(Panel):
     """The settings of the next run.
 
     What is typed is checked at once, by the declaration of its setting; what can not be used stays
-    beside its field with the reason, and the next run does not have it.
+    beside its field with the reason, and no run begins before it is corrected.
     """
 
     name = "setup"
@@ -119,6 +69,9 @@ class SetupPanel(Panel):
         self._values, self._base_values = self.form.values(), self.form.base_values()
         self._changed: set[str] = set()
         self._is_misnamed = False  # what stands in the field of the session can not be used
+        self._places = Background(self)  # a folder may take long to answer
+        self._usable = desk.session
+        self._looked_at: Path | str | None = ""  # the session whose place was looked at last
         self._build()
         desk.settings_changed.connect(self._follow)
         desk.busy_changed.connect(self._show_busy)
@@ -128,6 +81,40 @@ class SetupPanel(Panel):
     def row(self, key: str) -> FieldRow:
         """The row of a setting that is first in view."""
         return self.rows[key][0]
+
+    def refusal(self) -> str:
+        """What stands in the form and can not be used, and why; empty where all of it can."""
+        if self._is_misnamed:
+            return f"Session can not be used as typed: {self.place.text()}"
+        for key, refused in self.form.refused.items():
+            rows = self.rows.get(key)
+            name = rows[0].title if rows else "Protocol" if key == STEPS_KEY else key
+            typed = f" ({refused.text})" if len(refused.text) <= MOST_TYPED else ""
+            return f"{name} can not be used as typed{typed}: {refused.sentence}"
+        return ""
+
+    def go_to_refused(self) -> None:
+        """Put the keys into the field that `refusal` speaks of, and bring it into view."""
+        editor: QWidget = self.session
+        if not self._is_misnamed:
+            key = next(iter(self.form.refused))
+            if key == STEPS_KEY:
+                self.protocol.edit.setChecked(True)
+                editor = self.protocol.text
+            else:
+                rows = self.rows[key]
+                if not any(one.isVisible() for one in rows):
+                    self._open_group_of(key)
+                editor = next((one for one in rows if one.isVisible()), rows[0]).editor
+        editor.setFocus()
+        self.area.ensureWidgetVisible(editor)
+
+    def _open_group_of(self, key: str) -> None:
+        self.search.clear()
+        self.only_changed.setChecked(False)
+        for view in self.groups:
+            if key in view.rows:
+                view.head.setChecked(True)
 
     # ------------------------------------------------------------------ what the operator does
 
@@ -197,19 +184,21 @@ class SetupPanel(Panel):
         if self.desk.config != self.form.config:
             self.form.replace(self.desk.config)
         self._refresh()
-        if not self._is_misnamed:
+        if not self._is_misnamed and named(self.session.text()) != self.desk.session:
             self.session.show_text(str(self.desk.session or ""))
-        self._show_place()
+        if self.desk.session != self._looked_at:
+            self._look_at_place()
 
     def _name(self, text: str) -> None:
-        """Let the next run record the file of this name, if it can be written."""
-        place = place_of(named(text))
-        self._is_misnamed = not place.is_usable
-        if self._is_misnamed:
-            self._show(place)
-        else:
-            self.desk.set_session(place.session)
+        """Let the next run record the file of this name; if it turns out that it can not be
+        written, the name before is that of the next run again.
+        """
+        self._is_misnamed = False
+        if named(text) == self.desk.session:
             self._follow()
+            self._look_at_place()
+        else:
+            self.desk.set_session(named(text))
 
     def _compare_with(self, base: Base) -> None:
         self.form.base = base
@@ -228,8 +217,10 @@ class SetupPanel(Panel):
         self.protocol.refresh()
         self._show_refused()
         changed = self._changed = set(self.form.changed())
+        # which the list below has no row for
+        steps = ", the protocol among them" if STEPS_KEY in changed else ""
         self.compared.setText(
-            f"● {len(changed)} not as in {self.form.base.name}"
+            f"● {len(changed)} not as in {self.form.base.name}{steps}"
             if changed
             else f"all as in {self.form.base.name}"
         )
@@ -257,25 +248,39 @@ class SetupPanel(Panel):
     def _show_refused(self) -> None:
         count = len(self.form.refused)
         what = "One setting" if count == 1 else f"{count} settings"
-        can, has = ("it", "its") if count == 1 else ("they", "their")
+        beside, until = ("it", "it is") if count == 1 else ("them", "they are")
         self.refused.setText(
-            f"{what} can not be used as typed: see the sentence beside {can}. The next run has"
-            f" {has} former value{'s' if count > 1 else ''}."
+            f"{what} can not be used as typed: see the sentence beside {beside}. No run begins"
+            f" before {until} corrected, or taken back by ↺."
         )
         self.refused.setVisible(count > 0)
 
-    def _show_place(self) -> None:
-        """Say where the next run is recorded, unless the name that was typed is no good."""
+    def _look_at_place(self) -> None:
+        """Look where the next run is recorded, beside the window, and say it; unless the name that
+        was typed is no good.
+        """
         if not self._is_misnamed:
-            self._show(place_of(self.desk.session))
+            session = self._looked_at = self.desk.session
+            self._places.start_anew(
+                lambda: place_of(session),
+                self._show,
+                lambda why: self._show(Place(session, why, is_usable=False)),
+            )
 
     def _show(self, place: Place) -> None:
         self.place.setText(place.sentence)
         tint(self.place, None if place.is_usable else Tone.BAD)
+        self._is_misnamed = not place.is_usable
+        if place.is_usable:
+            self._usable = place.session
+            if not self.session.isModified():
+                self.session.show_text(str(place.session or ""))
+        elif self.desk.session != self._usable:
+            self.desk.set_session(self._usable)
 
     def _show_busy(self, is_busy: bool) -> None:
         self.busy.setVisible(is_busy)
-        self._show_place()
+        self._look_at_place()
 
     def _show_help(self, field: Field) -> None:
         self.help.setText(f"{field.key}: {field.help}")

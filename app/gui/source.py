@@ -69,6 +69,11 @@ class RunSource(Protocol):
         It is the same object until there is a newer one.
         """
 
+    def reference_image(self) -> Image | None:
+        """The image from which displacements are measured, the same object from then on; None
+        before it was taken.
+        """
+
     def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
         """All snapshots but the first `n`, in order; `is_shown` says that somebody sees them."""
 

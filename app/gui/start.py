@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
 
 from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
@@ -69,13 +72,42 @@ def run_window(
         loop = QEventLoop()
         window.closed.connect(loop.quit)
         _close_when(window, close_when)
-        loop.exec()
+        with _exceptions_told(window):
+            loop.exec()
         outcome = window.outcome() or (window.source.outcome() if window.source else None)
         # nothing of the window outlives the interpreter
         window.deleteLater()
         application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
         application.processEvents()
         return outcome
+
+
+@contextmanager
+def _exceptions_told(window: MainWindow) -> Iterator[None]:
+    """Have the window say, and the log keep, an exception that nothing else has caught: in a slot,
+    in a callback, or in any thread. The hooks of before hear of it as well.
+    """
+    hook, thread_hook = sys.excepthook, threading.excepthook
+
+    def tell(error: BaseException | None) -> None:
+        if isinstance(error, Exception):
+            window.report_exception(error)
+
+    def of_slot(
+        kind: type[BaseException], error: BaseException, trace: TracebackType | None
+    ) -> None:
+        tell(error)
+        hook(kind, error, trace)
+
+    def of_thread(given: threading.ExceptHookArgs) -> None:
+        tell(given.exc_value)
+        thread_hook(given)
+
+    sys.excepthook, threading.excepthook = of_slot, of_thread
+    try:
+        yield
+    finally:
+        sys.excepthook, threading.excepthook = hook, thread_hook
 
 
 def _picture_at_end(window: MainWindow, path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 
@@ -28,6 +28,7 @@ from app.gui.region_panel import RegionPanel
 from app.gui.result_panel import ResultPanel
 from app.gui.sessions_panel import SessionsPanel
 from app.gui.setup_panel import SetupPanel
+from app.gui.stop_key import StopKey
 from app.gui.widgets import Settled, column
 
 
@@ -73,6 +74,8 @@ class Station(QMainWindow):
         does = {act.name: getattr(self, act.name) for act in ACTS}
         bar = QMenuBar()
         self.actions_by_name, menus = make_actions(self, bar, ACTS, does)
+        self.stop_key = StopKey(self, self.actions_by_name["stop_motion"], does["stop_motion"])
+        self._wire_buttons(does["stop_motion"])
         head, body = QWidget(), QWidget()
         for widget in (head, body):
             widget.setObjectName("body")
@@ -89,6 +92,15 @@ class Station(QMainWindow):
         make_ways(self, ways, titles | {"picture": "Picture"}, self.go_to)
         self.docks.add_to(menus["&View"])
         self.docks.open(self.memory)
+
+    def _wire_buttons(self, stop_motion: Callable[[], object]) -> None:
+        """Let the buttons on top do what the actions of the menus do."""
+        for button, name in ((self.top.start, "begin"), (self.top.stop, "end_run")):
+            button.setToolTip(self.actions_by_name[name].toolTip())
+            button.clicked.connect(self.actions_by_name[name].trigger)
+        # a button acts on the way down: held, it has stopped the motion already
+        self.top.stop_motion.setToolTip(self.actions_by_name["stop_motion"].toolTip())
+        self.top.stop_motion.pressed.connect(stop_motion)
 
     def _places(self) -> Iterator[Place]:
         for part in (self.bench, self.setup, self.experiment, self.sessions):
@@ -117,6 +129,11 @@ class Station(QMainWindow):
         application = QApplication.instance()
         assert isinstance(application, QApplication)
         theme.apply(application, "light" if self.memory.theme == "light" else "dark")
+
+    def ring(self) -> None:
+        """Be heard, and seen in the bar of the desktop."""
+        QApplication.beep()
+        QApplication.alert(self)
 
     def full_screen(self) -> None:
         """Fill the screen, or give it back."""

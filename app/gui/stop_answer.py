@@ -7,7 +7,8 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from typing import Protocol
+from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 from app.gui.cells import Tone
 from app.stopping import Stop, StopAnswer, failed, not_connected
@@ -22,11 +23,27 @@ TONES = {
 ON_ITS_WAY = StopAnswer(Stop.SENT, "STOP MOTION is on its way to the actuator.", False)
 
 
+NOTHING_MOVES = not_connected(
+    "no bench is connected, and no run of yours is under way on this computer"
+)
+
+
 class Stoppable(Protocol):
     """A run, or a bench that is connected without one."""
 
     def stop_motion(self) -> StopAnswer:
         """Stop the actuator at once; what became of it."""
+
+
+Found = TypeVar("Found", bound=StopAnswer | None)
+
+
+def _answer(stop: Callable[[], Found]) -> Found | StopAnswer:
+    try:
+        return stop()
+    except Exception as error:
+        LOG.error("STOP MOTION failed", exc_info=error)
+        return failed(error)
 
 
 class StopAnswers:
@@ -46,26 +63,39 @@ class StopAnswers:
         """A new run begins."""
         self._is_pressed, self._shown = False, None
 
-    def press(self, source: Stoppable | None) -> None:
+    def press(
+        self,
+        source: Stoppable | None,
+        others: Callable[[], StopAnswer | None] = lambda: None,
+        beside: Callable[[StopAnswer], object] = lambda answer: None,
+    ) -> None:
         """Stop the motion in a thread of its own, so that neither the window nor a slow device can
-        delay it.
+        delay it; and at the same time that of `others`, which is the answer where nothing could be
+        sent to `source`. Else `beside` is told of it, in any thread.
         """
         self._is_pressed, self._shown = True, None
-        if source is None:
-            why = "no bench is connected, and this program moves nothing"
-            self._came.append(not_connected(why))
-            return
-        self._came.append(ON_ITS_WAY)
+        found: list[StopAnswer | None] = []
+
+        def stop_others() -> None:
+            found.append(_answer(others))
 
         def work() -> None:
-            try:
-                answer = source.stop_motion()
-            except Exception as error:
-                LOG.error("STOP MOTION failed", exc_info=error)
-                answer = failed(error)
-            self._came.append(answer)
+            answer = NOTHING_MOVES if source is None else _answer(source.stop_motion)
+            is_sent = answer.kind is not Stop.NOT_CONNECTED
+            if is_sent:
+                self._came.append(answer)
+            second.join()
+            if not is_sent:
+                self._came.append(found[0] or answer)
+            elif found[0] is not None:
+                beside(found[0])
 
-        threading.Thread(target=work, name="slipscope-window-stop", daemon=True).start()
+        if source is not None:
+            self._came.append(ON_ITS_WAY)
+        first = threading.Thread(target=work, name="slipscope-window-stop", daemon=True)
+        second = threading.Thread(target=stop_others, name="slipscope-stop-others", daemon=True)
+        second.start()
+        first.start()
 
     def next(self, read: StopAnswer | None = None) -> StopAnswer | None:
         """The next answer to show, None if there is no new one; `read` is that of the run now.

@@ -185,6 +185,7 @@ QCheckBox::indicator:checked {{ background: {tones[Tone.BUSY]}; border-color: {t
 QComboBox {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};
     border-radius: 3px; padding: 1px 6px; min-width: 34px; }}
 QComboBox:focus, QCheckBox:focus, QSlider:focus {{ border-color: {tones[Tone.BUSY]}; }}
+QComboBox QAbstractItemView::item:disabled {{ color: {p.grid}; }}
 QComboBox QAbstractItemView {{ background: {p.panel}; color: {p.text};
     selection-background-color: {hover}; selection-color: {p.text}; }}
 QLineEdit, QPlainTextEdit {{ background: {p.window}; color: {p.text}; border: 1px solid {p.edge};

@@ -71,6 +71,7 @@ class Reading:
     is_analysed: bool = True
     is_playing: bool = True
     agreement: Verdict | None = None
+    reference: Image | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +176,7 @@ def read(
         eyes,
         cores=cores,
         stop=source.stop_answer(),
+        reference=source.reference_image(),
     )
     if not isinstance(source, PlaybackSource):
         return reading
@@ -215,8 +217,9 @@ def resolve(setup: Setup, reading: Reading, previous: ViewState | None) -> ViewS
     if reading.image is not None and (image is None or image.full is not reading.image):
         image = shown_image(reading.image, setup.config.camera.full_scale)
     reference = previous.reference if previous else None
-    if health.phase == Phase.REFERENCE:
-        reference = image
+    taken = reading.reference
+    if taken is not None and (reference is None or reference.full is not taken):
+        reference = shown_image(taken, setup.config.camera.full_scale)
     around = circles(reading.contact, stick_m, normal_n, setup)
     if with_field is None:
         frame = None

@@ -7,6 +7,7 @@ from typing import TypeVar
 from PySide6.QtCore import QEvent, QSize, Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QAbstractItemView,
     QBoxLayout,
     QFrame,
@@ -101,6 +102,14 @@ class EmptyNote(QLabel):
 
     def _look(self) -> None:
         self.setVisible(not self._model.rowCount())
+
+
+def by_pointer_only(*buttons: QAbstractButton) -> None:
+    """Keep the keyboard focus from buttons that move something, or change what is measured: neither
+    Tab nor the end of another widget's focus leads there, so that no key presses one unseen.
+    """
+    for button in buttons:
+        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
 
 def label(text: str, style: str) -> QLabel:

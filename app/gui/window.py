@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import logging
-import math
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtGui import QCloseEvent
 
 from app.bench_view import PictureView
+from app.gui.background import Background
 from app.gui.cells import Tone
 from app.gui.desk import Desk
+from app.gui.errands import Making, give_order
 from app.gui.file_question import SESSION_FILES, ask_file
 from app.gui.log_panel import LogStore
 from app.gui.memory import LAYOUT
+from app.gui.pace import Pace
 from app.gui.reader import Answer, ViewReader
 from app.gui.source import RunSource, Setup
 from app.gui.station import Station
@@ -35,26 +34,9 @@ from app.stopping import Stop, StopAnswer
 LOG = logging.getLogger(__name__)
 TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while parts are to be drawn and while none is
 SLICE_S = 0.02  # the parts of a tick are drawn for so long, so that a key need not wait for all
-REFRESH_S = 0.1  # from the beginning of one redraw to the next
-# after a redraw the window rests this many times as long as it took, the longer the more often
-# frames wait for the analysis: it needs the core
-RESTS, MOST_RESTS, MOST_BEHIND = 3.0, 10.0, 2
-MOST_REST_S = 1.0
 SILENT_S = 1.0  # a source that takes longer to answer is reported
 GIVE_UP_S = 10.0  # how long a closing window waits for the run to end
 LOG_S = 1.0  # between two looks at the log
-
-
-@dataclass(slots=True)
-class _Making:
-    """A source that a thread makes, and what became of it."""
-
-    what: str
-    is_live: bool  # it is a run, no replay
-    source: RunSource | None = None
-    problem: str = ""
-    is_over: bool = False
-    is_stopped: bool = False  # STOP was pressed meanwhile: it does not begin
 
 
 class MainWindow(Station):
@@ -73,7 +55,7 @@ class MainWindow(Station):
     def __init__(self, source: RunSource | None = None, desk: Desk | None = None) -> None:
         self._logs = LogStore()
         super().__init__(desk, self._logs)
-        self._making: _Making | None = None  # what is being made in a thread
+        self._making: Making | None = None  # what is being made in a thread
         self._source: RunSource | None = None
         self._reader: ViewReader | None = None
         self._started = False  # the source was started
@@ -83,23 +65,27 @@ class MainWindow(Station):
         self._close_by: float | None = None  # end of the wait for the run, once closing was ordered
         self._must_close = False
         self._reported = False  # the notice shows a trouble with reading or drawing
+        self._is_refused = False  # the notice says why no run could begin
         self._logged = ""  # the last trouble with drawing that was logged
-        # when the last redraw began, by the clock and in processor time of this thread
-        self._drawn = (-math.inf, time.thread_time())
-        self._rests = RESTS
-        self._sparing = 1  # the time between redraws is so many times as long
+        self._pace = Pace()
         self._parts: deque[Callable[[], None]] = deque()  # of the redraw under way, not yet drawn
         self._turns = Turns(self.interface, self._show_numbers, self._shows[1:])
         self._failures: deque[tuple[str, bool]] = deque()  # sentences from other threads, alarms
         self._log_looked = 0.0
         logging.getLogger("app").addHandler(self._logs)
-        self._stops = StopAnswers()
+        self._stops, self._background = StopAnswers(), Background(self)
         self._connect()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
         self._timer.start(TICK_MS)
         if source is not None:
             self._attach(source)
+        elif desk is not None:
+            self._background.start(
+                desk.workshop.runs_under_way,
+                self._offer_under_way,
+                partial(LOG.warning, "runs under way: %s"),
+            )
         self._show_buttons()
 
     # ------------------------------------------------------------------ what the operator can do
@@ -111,8 +97,27 @@ class MainWindow(Station):
         if self._is_fresh:
             self._start()
         elif self.desk is not None:
+            if not self._is_form_usable():
+                return
             config, session, workshop = self.desk.config, self.desk.session, self.desk.workshop
             self._make("The run", lambda: workshop.run(config, session), is_live=True)
+
+    def _is_form_usable(self) -> bool:
+        """Whether a run can begin with what stands in the form, what is typed at the moment
+        included; if not, say why and go there.
+        """
+        field = self.focusWidget()
+        if field is not None and field.hasFocus():  # a click on Start takes no focus from it
+            field.clearFocus()
+            field.setFocus()
+        if self.setup is None or not (refusal := self.setup.refusal()):
+            return True
+        self.notice.say(f"The run was not started: {refusal}")
+        self._reported = False  # no trouble of a run, which the next view would take back
+        self._is_refused = True
+        self.docks.show(self.setup.name)
+        self.setup.go_to_refused()
+        return False
 
     def open_session(self, session: Path | None = None) -> None:
         """Play a recorded run in place of what is shown; without a path the operator is asked."""
@@ -127,6 +132,27 @@ class MainWindow(Station):
         path, workshop = session, self.desk.workshop
         self.memory.remember("session", path)
         self._make(f"The replay of {path.name}", lambda: workshop.replay(path), is_live=False)
+
+    def _offer_under_way(self, runs: list[tuple[str, str]]) -> None:
+        """Ask whether a run is to be shown that goes on without a window, as after a crash."""
+        if not runs or self._source is not None or self._making is not None:
+            return
+        name, what = runs[-1]
+        assert self.desk is not None
+        workshop = self.desk.workshop
+
+        def show() -> None:
+            self.notice.clear()
+            if not self._is_running() and self._making is None:
+                self._make("The run under way", lambda: workshop.attach(name), is_live=True)
+
+        others = f" (and {len(runs) - 1} more)" * (len(runs) > 1)
+        self.notice.ask(
+            f"A run of yours is under way: {what}{others}. STOP MOTION stops it from here, too.",
+            "Show it",
+            show,
+            no="Not now",
+        )
 
     def _start(self) -> None:
         assert self._source is not None
@@ -156,7 +182,12 @@ class MainWindow(Station):
         """Stop the actuator now, and show what became of it."""
         preview = self.bench.preview if self.bench is not None else None
         is_preview = preview is not None and not self._is_running()
-        self._stops.press(preview if is_preview else self._source)
+        own, workshop = self._source, self.desk.workshop if self.desk is not None else None
+        self._stops.press(
+            preview if is_preview else own,
+            (lambda: None) if workshop is None else (lambda: workshop.stop_others(own)),
+            lambda answer: self._failures.append((answer.sentence, answer.kind is Stop.FAILED)),
+        )
         if self._making is not None:
             self._making.is_stopped = True
         self._is_fresh = False  # a run that was stopped before it began does not begin
@@ -178,6 +209,19 @@ class MainWindow(Station):
         self.notice.clear()
         self.stop_motion()
 
+    def report_exception(self, error: Exception) -> None:
+        """Say that something went wrong that nobody expected, and log it; from any thread."""
+        what = f"{type(error).__name__}: {error}"
+        if what == self._logged:  # once, not at every look
+            return
+        self._logged = what
+        LOG.error("something in the program went wrong", exc_info=error)
+        sentence = (
+            f"Something in the program went wrong ({what}): what was asked last may not have been"
+            " done. STOP MOTION still works, a run goes on, and the log has the details."
+        )
+        self._failures.append((sentence, False))
+
     def outcome(self) -> Outcome | None:
         """How the run ended; None until then."""
         return self._view.outcome if self._view else None
@@ -190,19 +234,10 @@ class MainWindow(Station):
     # ------------------------------------------------------------------ drawing
 
     def _tick(self) -> None:
-        """Draw the next parts; look at the run if the last redraw has been rested from.
-
-        What a redraw has used of this thread's time includes the painting by Qt.
-        """
-        popup = QApplication.activePopupWidget()
-        if popup is not None and popup.windowHandle() is not None:
-            for surface in (popup.windowHandle(), self.windowHandle()):
-                surface.installEventFilter(self)  # a second time is none
+        """Draw the next parts; look at the run if the last redraw has been rested from."""
+        self.stop_key.watch_popup()
         now = time.monotonic()
-        used, since = time.thread_time() - self._drawn[1], now - self._drawn[0]
-        rest_s = min(MOST_REST_S, (1 + self._rests) * used)
-        if not self._parts and since >= max(REFRESH_S * self._sparing, rest_s):
-            self._drawn = (now, time.thread_time())
+        if not self._parts and self._pace.is_due(now):
             self._draw(self._look)
         if not self._parts:
             self._draw(self._take)
@@ -239,6 +274,9 @@ class MainWindow(Station):
             self._log_looked = time.monotonic()
             self.log.refresh()
         self._show_stop()
+        if self._is_refused and self.setup is not None and not self.setup.refusal():
+            self._is_refused = False
+            self.notice.retract()
         if self._reader is None:
             return
         silent_s = self._reader.silent_s()
@@ -272,9 +310,7 @@ class MainWindow(Station):
             return
         self._view = view
         self._show_stop(view.stop)
-        self._sparing = 2 if view.shed else 1
-        change = 1.5 if view.behind > MOST_BEHIND else 0.97
-        self._rests = min(MOST_RESTS, max(RESTS, self._rests * change))
+        self._pace.follow(view)
         self.top.show_state(view.badge, view.tone, view.phase)
         self._show_buttons()
         self.playback.refresh()
@@ -305,7 +341,7 @@ class MainWindow(Station):
         self._logs.say(answer.sentence, is_trouble=answer.kind is Stop.FAILED)
         if answer.kind is Stop.FAILED:
             self._close_by = None  # the window stays, for an alarm must be seen
-            self._ring()
+            self.ring()
 
     def _report(self, sentence: str) -> None:
         """Say what is wrong with reading or drawing, until it is over."""
@@ -318,19 +354,17 @@ class MainWindow(Station):
         self._logs.say(sentence, is_trouble=is_alarm)
         if is_alarm:
             self._close_by = None
-            self._ring()
-
-    def _ring(self) -> None:
-        QApplication.beep()
-        QApplication.alert(self)
+            self.ring()
 
     def _say_ended(self, view: ViewState) -> None:
         """Tell the log and the desk that a run has ended; a failure is heard."""
         assert view.outcome is not None
         has_failed = view.outcome.state == "failed"
+        if self._close_by is None:
+            self.notice.take_back_question()  # whether to close during the run
         self._logs.say(f"{view.state}: {view.outcome.reason}", is_trouble=has_failed)
         if has_failed:
-            self._ring()
+            self.ring()
         if self.desk is not None:
             self.desk.ended.emit(self._source)
             self.docks.show(self.result.name)
@@ -359,7 +393,7 @@ class MainWindow(Station):
 
     def _redraw_soon(self) -> None:
         """Look again at the next tick, because the operator chose another frame."""
-        self._drawn = (-math.inf, time.thread_time())
+        self._pace.hurry()
         if self._reader is not None:
             self._reader.request()
 
@@ -378,24 +412,15 @@ class MainWindow(Station):
         """Make a source in a thread, to be shown and begun when it is there; say why where it can
         not be made.
         """
-        self._making = making = _Making(what, is_live)
+        self._making = making = Making(what, is_live)
         if not self.notice.is_alarm:
             self.notice.clear()
         self.top.show_state("making ready", Tone.BUSY, "")
         self.top.sentence.setText(f"{what} is being made ready.")
         self._show_buttons()
+        making.begin(make)
 
-        def work() -> None:
-            try:
-                making.source = make()
-            except Exception as error:
-                LOG.warning("%s could not be made", what, exc_info=error)
-                making.problem = f"{what} could not be made: {error}"
-            making.is_over = True
-
-        threading.Thread(target=work, name="slipscope-window-maker", daemon=True).start()
-
-    def _take_made(self, making: _Making) -> None:
+    def _take_made(self, making: Making) -> None:
         """Show what was made, and begin it unless somebody has pressed STOP since."""
         self._making = None
         if making.source is None:
@@ -428,26 +453,8 @@ class MainWindow(Station):
         self._show_buttons()
 
     def _in_background(self, failed: str, act: Callable[[RunSource], None]) -> None:
-        source = self._source
-        if source is None:
-            return
-
-        def work() -> None:
-            try:
-                act(source)
-            except Exception as error:
-                LOG.error("%s", failed, exc_info=error)
-                self._failures.append((f"{failed}: {error}", True))
-
-        threading.Thread(target=work, name="slipscope-window-order", daemon=True).start()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Stop the motion by key also while a list or a menu is open, which takes all keys."""
-        if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress:
-            keys = self.actions_by_name["stop_motion"].shortcuts()
-            if QKeySequence(event.key()) in keys and not event.isAutoRepeat():
-                self.stop_motion()
-        return super().eventFilter(watched, event)
+        if self._source is not None:
+            give_order(self._source, act, failed, lambda why: self._failures.append((why, True)))
 
     # ------------------------------------------------------------------ closing
 
@@ -478,12 +485,6 @@ class MainWindow(Station):
     # ------------------------------------------------------------------ wires
 
     def _connect(self) -> None:
-        for button, name in ((self.top.start, "begin"), (self.top.stop, "end_run")):
-            button.setToolTip(self.actions_by_name[name].toolTip())
-            button.clicked.connect(self.actions_by_name[name].trigger)
-        # a button acts on the way down: held, it has stopped the motion already
-        self.top.stop_motion.setToolTip(self.actions_by_name["stop_motion"].toolTip())
-        self.top.stop_motion.pressed.connect(self.stop_motion)
         self.playback.acted.connect(self._redraw_soon)
         self.playback.said.connect(self._say)
         if self.bench is not None:
@@ -492,6 +493,7 @@ class MainWindow(Station):
             dock.visibilityChanged.connect(self._draw_again)
         if self.desk is not None:
             self.desk.said.connect(self._say)
+            self.desk.noted.connect(partial(self._logs.say, is_trouble=False))
             self.desk.begin_asked.connect(self.begin)
             self.desk.answer_asked.connect(self.answer)
             self.desk.shown.connect(self._attach)

@@ -6,11 +6,13 @@ import math
 from pathlib import Path
 
 from app.config import from_record
+from app.disk import is_locked
 from app.errors import UserError
 from app.records import Outcome
 from app.report.card import Card, card_of, card_quantities, verdict_of
-from app.report.side_by_side import Entry, Recorded, curves_of
+from app.report.side_by_side import BEING_RECORDED, CUT_SHORT, Entry, Recorded, curves_of
 from app.session.datasets import uncertain_triggers
+from app.session.journal import journal_of, session_of
 from app.session.reader import SessionReader
 
 ENDINGS = (".h5", ".hdf5", ".nxs")
@@ -18,8 +20,13 @@ ENDINGS = (".h5", ".hdf5", ".nxs")
 
 def sessions_in(folder: Path) -> list[Path]:
     """Files of a folder that may be sessions, the newest first."""
-    found = [path for path in folder.iterdir() if path.suffix.lower() in ENDINGS]
-    return sorted(found, key=lambda path: (-path.stat().st_mtime, path.name))
+    there = list(folder.iterdir())
+    changed = {path: path.stat().st_mtime for path in there if path.suffix.lower() in ENDINGS}
+    for path in there:  # of a recording that was cut short, or is going on, there is a journal only
+        session = session_of(path)
+        if session is not None:
+            changed.setdefault(session, path.stat().st_mtime)
+    return sorted(changed, key=lambda path: (-changed[path], path.name))
 
 
 def entry_of(path: Path) -> Entry:
@@ -28,7 +35,18 @@ def entry_of(path: Path) -> Entry:
         with SessionReader(path) as session:
             header, outcome = session.header, session.outcome
     except (UserError, OSError) as error:
-        return Entry(path, "", problem=str(error))
+        journal = journal_of(path)
+        if path.exists() or not journal.exists():
+            return Entry(path, "", problem=str(error))
+        if is_locked(journal):
+            return Entry(path, BEING_RECORDED, problem=f"{path}: a program is recording it")
+        output = path.with_stem(f"{path.stem}-repaired").name
+        return Entry(
+            path,
+            CUT_SHORT,
+            problem=f"{path}: its recording was cut short; slipscope repair {path.name} -o {output}"
+            " brings back what there is of it",
+        )
     state = verdict_of(outcome)
     if header.source is not None:
         state = f"analysis of {header.source.session}"
@@ -42,7 +60,7 @@ def _numbers(outcome: Outcome) -> tuple[str, str]:
     by_symbol = {q.symbol: q for q in card_quantities(outcome.summary)}
     load, mu = by_symbol["P"], by_symbol["mu_s"]
     texts = f"{load.value:.3f}" if math.isfinite(load.value) else ""
-    return texts, " ".join(mu.combined.rounded).strip()
+    return texts, " ".join(mu.rounded).strip()
 
 
 def recorded(path: Path) -> Recorded:

@@ -35,6 +35,7 @@ from app.records import (
     Samples,
     SourceFrame,
 )
+from app.session.datasets import revoked_from
 from app.session.files import new_session
 from app.session.writer import SessionWriter
 
@@ -122,6 +123,8 @@ def analyse(
             received += 1
         for event in events:
             sink.append(event)
+        for first in revoked_from(measured.events):
+            analysis.revoke(first)
     if analysis.pipeline.contact is not None:
         sink.append(analysis.pipeline.contact)
     missing = sum(count for _, count in measured.gaps)

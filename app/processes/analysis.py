@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from dataclasses import dataclass
 from multiprocessing.connection import Listener
@@ -63,7 +64,7 @@ def main() -> None:
     from app.engine.compiling import compile_analysis
     from app.priority import give_way
 
-    give_way(10)
+    give_way(10, to=os.getppid())  # whoever starts this again gives way already
     compile_analysis(config)
     methods = methods_of(config, image_path)
     key = secrets.token_bytes(32)

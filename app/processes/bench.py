@@ -24,7 +24,7 @@ from app import live, logs
 from app.engine.run import Run
 from app.errors import UserError
 from app.processes.calls import Methods, Server
-from app.processes.folder import ANSWER, RunningBench, publish, shown_images
+from app.processes.folder import ANSWER, RunningBench, claim, publish, shown_images
 from app.processes.making import made_in_a_process
 from app.processes.pipeline_process import PipelineProcess
 from app.processes.signals import acting_on_signals
@@ -113,7 +113,12 @@ class _Served:
         """What one connection may call."""
         run, number = self.run, next(self._numbers)
         share = shown_images(self.order.folder, number)
+        share_reference = shown_images(self.order.folder, next(self._numbers))
         shown: list[Any] = [None]  # held, so that no newer image can be taken for it
+
+        def reference() -> str | None:
+            taken = run.reference_image()
+            return None if taken is None else share_reference(taken)
 
         def image() -> str | None:
             newest = run.latest_image()
@@ -135,6 +140,7 @@ class _Served:
             "snapshots_since": lambda n, is_shown: run.snapshots_since(n, is_shown=is_shown),
             "force_history": run.force_history,
             "image": image,
+            "reference": reference,
             "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
         }
 
@@ -142,6 +148,7 @@ class _Served:
 def main() -> None:
     """Make the run, serve it until it has ended and nobody asks any more."""
     order: Order = payload()
+    claim(order.folder)
     if order.verbose:
         logs.to_terminal()
     logs.tell_warnings(lambda sentence: LOG.warning("%s", sentence))
@@ -156,16 +163,18 @@ def main() -> None:
             os._exit(1)
 
     with acting_on_signals(stop):
+        # who started this process reads its log if it fails before it is ready, and then removes
+        # the folder
         try:
-            try:
-                served = _Served(order)
-            except (UserError, DeviceError) as error:
-                say_hello(error)
-                return
-            made.append(served)
-            server = Server(order.folder, served.key, served.methods)
-            served.tell(address=server.address, title=served.run.title)
-            say_hello(served.bench)
+            served = _Served(order)
+        except (UserError, DeviceError) as error:
+            say_hello(error)
+            return
+        made.append(served)
+        server = Server(order.folder, served.key, served.methods)
+        served.tell(address=server.address, title=served.run.title)
+        say_hello(served.bench)
+        try:
             _attend(served.run, server)
             served.pipeline.end()
         finally:

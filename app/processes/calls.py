@@ -4,15 +4,35 @@ from __future__ import annotations
 
 import logging
 import os
+import pickle
+import queue
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
-from multiprocessing.connection import Client, Connection, Listener
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import (
+    Client,
+    Connection,
+    Listener,
+    answer_challenge,
+    deliver_challenge,
+)
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    if sys.platform == "win32":
+        from multiprocessing.connection import PipeConnection
+
+        Line = Connection[Any, Any] | PipeConnection[Any, Any]
+    else:
+        Line = Connection[Any, Any]
 
 LOG = logging.getLogger(__name__)
 ANSWER_S = 5.0  # a process that takes longer to answer is reported
+SHAKES_S = 5.0  # a caller that shows no key for so long is let go
+REFUSED_S = 0.05  # before the next connection is accepted
 Methods = Mapping[str, Callable[..., Any]]
 
 
@@ -25,37 +45,42 @@ class Silent(TimeoutError):
 
 
 class Caller:
-    """Calls a process that listens at an address, one call at a time, from any thread."""
+    """Calls a process that listens at an address, one call at a time, from any thread.
+
+    The connection is made at once, and again after one that failed; a call waits for it, for its
+    turn and for its answer `answer_s` in all.
+    """
 
     def __init__(self, address: str, key: bytes) -> None:
         self._address, self._key = address, key
         self._lock = threading.Lock()
-        self._line: Connection[Any, Any] | None = None
+        self._line: _Line | None = _Line(address, key)
         self._closed = False
 
-    def __call__(self, name: str, *arguments: Any, answer_s: float | None = ANSWER_S) -> Any:
+    def __call__(self, name: str, *arguments: Any, answer_s: float = ANSWER_S) -> Any:
         """What the method answers; its exception is raised here.
 
         Raises
         ------
         Gone, Silent
         """
-        with self._lock:
+        give_up = time.monotonic() + answer_s
+        silent = Silent(f"{name}: no answer within {answer_s:g} s")
+        if not self._lock.acquire(timeout=answer_s):
+            raise silent
+        try:
             if self._closed:
                 raise Gone(f"{name}: the connection is closed")
+            line, self._line = self._line or _Line(self._address, self._key), None
             try:
-                if self._line is None:
-                    self._line = Client(self._address, authkey=self._key)
-                self._line.send((name, arguments))
-                if not self._line.poll(answer_s):
-                    self._line.close()  # an answer that comes late is nobody's
-                    self._line = None
-                    raise Silent(f"{name}: no answer within {answer_s:g} s")
-                is_result, result = self._line.recv()
-            except TimeoutError:
-                raise
-            except (OSError, EOFError) as error:
+                is_result, result = line.ask((name, arguments), give_up)
+            except queue.Empty:
+                raise silent from None  # an answer that comes late is nobody's
+            except (OSError, EOFError, AuthenticationError) as error:
                 raise Gone(f"{name}: the other process is gone ({error})") from error
+            self._line = line
+        finally:
+            self._lock.release()
         if is_result:
             return result
         raise result
@@ -63,9 +88,56 @@ class Caller:
     def close(self) -> None:
         """Let go; a call under way ends first."""
         with self._lock:
-            self._closed = True
-            if self._line is not None:
-                self._line.close()
+            self._closed, self._line = True, None
+
+
+class _Line:
+    """A connection that is made and used in a thread of its own, which may be left behind: neither
+    connecting nor reading has a time limit of its own. It ends when nobody refers to it.
+    """
+
+    def __init__(self, address: str, key: bytes) -> None:
+        self._requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        threading.Thread(
+            target=_converse,
+            args=(address, key, self._requests, self._answers),
+            name="slipscope-line",
+            daemon=True,
+        ).start()
+
+    def __del__(self) -> None:
+        self._requests.put(None)
+
+    def ask(self, request: Any, give_up: float) -> Any:
+        """The answer to a request, or the reason why there is none; `queue.Empty` if it has not
+        come by then.
+        """
+        self._requests.put(request)
+        answer = self._answers.get(timeout=max(0.0, give_up - time.monotonic()))
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def _converse(
+    address: str,
+    key: bytes,
+    requests: queue.SimpleQueue[Any],
+    answers: queue.SimpleQueue[Any],
+) -> None:
+    """Connect, then ask what is requested until that is None or fails.
+
+    `Connection.send` keeps a view of its buffer in the traceback of a broken pipe, of which Python
+    3.13 complains on the standard error as it collects both.
+    """
+    try:
+        with Client(address, authkey=key) as line:
+            while (request := requests.get()) is not None:
+                line.send_bytes(pickle.dumps(request))
+                answers.put(line.recv())
+    except Exception as error:
+        answers.put(error)
 
 
 class Server:
@@ -85,8 +157,8 @@ class Server:
         place = str(folder / "calls")
         if sys.platform == "win32":
             place = rf"\\.\pipe\slipscope-{folder.name}-{os.getpid()}"
-        self._listener = Listener(place, authkey=key, backlog=8)
-        self.address = place
+        self._listener = Listener(place, backlog=8)
+        self.address, self._key = place, key
         self.connections = 0
         self._methods = methods
         self._lock = threading.Lock()
@@ -96,27 +168,54 @@ class Server:
         while True:
             try:
                 line = self._listener.accept()
-            except Exception as error:  # of the one that called; the next may know the key
+            except Exception as error:  # of the one that called, or no descriptor is left
                 LOG.debug("a connection was refused", exc_info=error)
+                time.sleep(REFUSED_S)
                 continue
-            with self._lock:
-                self.connections += 1
+            # the handshake, too, is in that thread: who says nothing blocks nobody else
             threading.Thread(
                 target=self._serve, args=(line,), name="slipscope-caller", daemon=True
             ).start()
 
-    def _serve(self, line: Connection[Any, Any]) -> None:
-        try:
-            with line:
-                serve(line, self._methods())
-        except OSError:
-            pass  # the caller is gone
-        finally:
+    def _serve(self, line: Line) -> None:
+        with line:
+            try:
+                shaken = cast("Connection[Any, Any]", _Shaken(line))
+                deliver_challenge(shaken, self._key)
+                answer_challenge(shaken, self._key)
+            except Exception as error:  # it does not know the key, says nothing, or is gone
+                LOG.debug("a connection was refused", exc_info=error)
+                return
             with self._lock:
-                self.connections -= 1
+                self.connections += 1
+            try:
+                serve(line, self._methods())
+            except OSError:
+                pass  # the caller is gone
+            finally:
+                with self._lock:
+                    self.connections -= 1
 
 
-def serve(line: Connection[Any, Any], methods: Methods) -> None:
+class _Shaken:
+    """A connection during the handshake, in which each message must come in time."""
+
+    def __init__(self, line: Line) -> None:
+        self._line, self.send_bytes = line, line.send_bytes
+
+    def recv_bytes(self, size: int) -> bytes:
+        """The next message.
+
+        Raises
+        ------
+        Silent
+        """
+        if not self._line.poll(SHAKES_S):
+            raise Silent(f"a caller has said nothing for {SHAKES_S:g} s")
+        return self._line.recv_bytes(size)
+
+
+def serve(line: Line, methods: Methods) -> None:
     """Answer the calls of one connection until it ends."""
     while True:
         try:
@@ -128,13 +227,11 @@ def serve(line: Connection[Any, Any], methods: Methods) -> None:
         except Exception as error:
             LOG.debug("%s failed", name, exc_info=error)
             answer = False, plain(error)
-        line.send(answer)
+        line.send_bytes(pickle.dumps(answer))
 
 
 def plain(error: Exception) -> Exception:
     """The error, or one that says the same and can be sent."""
-    import pickle
-
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from app import logs
 from app.engine.series import Series
 from app.engine.setup import grid_of
 from app.processes.bench import Order
@@ -63,6 +64,7 @@ class RemoteRun:
         self._series = Series()
         self._contact: ContactResult | None = None
         self._image: NDArray[Any] | None = None
+        self._reference: NDArray[Any] | None = None
         self._forces: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None
         self._forces = None
         self._health = Health("idle", "", "", Counts(), 0.0, 0.0, -1, 0, 0.0)
@@ -187,10 +189,22 @@ class RemoteRun:
             if self._outcome is None:
                 name = self._read("image", None)
                 if name is not None:
-                    path = root() / self.bench.name / name
-                    dtype = np.dtype(self.config.camera.dtype)
-                    self._image = shared_image(path, self.config.camera.shape, dtype)
+                    self._image = self._shared(name)
             return self._image
+
+    def reference_image(self) -> NDArray[Any] | None:
+        """The image from which displacements are measured; None before it was taken."""
+        with self._lock:
+            if self._reference is None and self._outcome is None:
+                name = self._read("reference", None)
+                if name is not None:
+                    self._reference = self._shared(name)
+            return self._reference
+
+    def _shared(self, name: str) -> NDArray[Any]:
+        camera = self.config.camera
+        path = root() / self.bench.name / name
+        return shared_image(path, camera.shape, np.dtype(camera.dtype))
 
     def _read(self, name: str, otherwise: Any, *arguments: Any) -> Any:
         """What the bench answers; `otherwise` where it does not yet, or has died, which ends the
@@ -216,6 +230,7 @@ class RemoteRun:
             self.contact()
             self.force_history(POINTS)
             self.latest_image()
+            self.reference_image()
             self.stop_answer()
             self._health = self._read("health", self._health)
             self._outcome = self._outcome or outcome
@@ -260,7 +275,7 @@ class LaunchedRun(RemoteRun):
         module: str = "app.processes.bench",
     ) -> None:
         folder = new_folder()
-        is_verbose = logging.getLogger("app").isEnabledFor(logging.INFO)
+        is_verbose = logs.is_on_terminal()
         order = Order(config, output, pace, overwrite, folder, is_verbose)
         log = None if is_verbose else folder / "bench.log"
         try:

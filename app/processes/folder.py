@@ -10,22 +10,29 @@ import json
 import os
 import secrets
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import psutil
-from numpy.typing import NDArray
 
+from app.errors import UserError
 from app.stopping import Stop, StopAnswer
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 MEMORY = Path("/dev/shm")  # of Linux
 FILE = "bench.json"
+CLAIM = "process.json"  # whose folder it is, before and without a published bench
+DEAD = "dead"  # the process was found gone
 ANSWER = "stop.json"  # of the supervisor
 KEPT_S = 600.0  # after its last change: the folder of a dead bench, with what became of its stage
 
@@ -61,19 +68,43 @@ class RunningBench:
     @property
     def is_alive(self) -> bool:
         """Whether its process is still there."""
-        try:
-            process = psutil.Process(self.pid)
-            return bool(process.create_time() == self.born and process.status() != "zombie")
-        except psutil.Error:
-            return False
+        return _is_alive(self.pid, self.born)
+
+
+def _is_alive(pid: int, born: float) -> bool:
+    try:
+        process = psutil.Process(pid)
+        return bool(process.create_time() == born and process.status() != "zombie")
+    except (psutil.Error, ValueError):
+        return False
 
 
 def root() -> Path:
-    """Where the folders of this user's benches are."""
+    """Where the folders of this user's benches are.
+
+    Raises
+    ------
+    UserError
+        It is not this user's alone: who can write to it could answer in the place of a bench.
+    """
     base = MEMORY if os.access(MEMORY, os.W_OK) else Path(tempfile.gettempdir())
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
     folder = base / f"slipscope-{user}"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with suppress(FileExistsError):  # what it is, is looked at below
+        folder.mkdir(mode=0o700, parents=True)
+    held = folder.lstat()
+    found = ""
+    if not stat.S_ISDIR(held.st_mode):
+        found = "it is no folder"
+    elif hasattr(os, "getuid") and held.st_uid != os.getuid():
+        found = f"it belongs to another user (number {held.st_uid})"
+    elif hasattr(os, "getuid") and held.st_mode & 0o077:
+        found = f"others can reach it, its mode is {stat.S_IMODE(held.st_mode):o} and not 700"
+    if found:
+        raise UserError(
+            f"{folder}: the folder of your benches must be yours alone, but {found}; remove it, or"
+            " let its owner do so"
+        )
     return folder
 
 
@@ -90,6 +121,12 @@ def new_folder() -> Path:
     return folder
 
 
+def claim(folder: Path) -> None:
+    """Say that a folder is used by this process, for as long as it lives."""
+    me = psutil.Process()
+    (folder / CLAIM).write_text(json.dumps([me.pid, me.create_time()]), encoding="utf-8")
+
+
 def publish(folder: Path, bench: RunningBench) -> None:
     """Make a bench known, or what has changed of it."""
     new = folder / f"{FILE}.new"
@@ -99,7 +136,10 @@ def publish(folder: Path, bench: RunningBench) -> None:
 
 def known(bench: RunningBench) -> RunningBench:
     """The same bench, as its folder says now, or did at its end."""
-    return _read(root() / bench.name) or bench
+    try:
+        return _read(root() / bench.name) or bench
+    except UserError:
+        return bench
 
 
 def tell(path: Path, answer: StopAnswer) -> None:
@@ -114,7 +154,7 @@ def told(bench: str) -> StopAnswer | None:
     try:
         told = json.loads((root() / bench / ANSWER).read_text(encoding="utf-8"))
         return StopAnswer(Stop(told["kind"]), told["sentence"])
-    except (OSError, ValueError):
+    except (OSError, ValueError, UserError):
         return None
 
 
@@ -124,14 +164,50 @@ def running() -> list[RunningBench]:
     return sorted((b for b in found if b is not None and b.is_alive), key=lambda b: b.born)
 
 
+def running_as(name: str | None, who: str) -> RunningBench:
+    """The bench that runs on this computer and has this name, or records a session of this name, in
+    part; without a name the only one. Errors begin with `who` asks.
+
+    Raises
+    ------
+    UserError
+        None runs, or it is not clear which is meant.
+    """
+    benches = running()
+    if not benches:
+        raise UserError(f"{who}: no bench of yours runs on this computer; slipscope run starts one")
+    wanted = [b for b in benches if not name or name == b.name or name in b.session]
+    if len(wanted) != 1:
+        which = f"{name} is the name of" if name else "there are"
+        names = ", ".join(f"{b.name} ({b.title}, {Path(b.session).name})" for b in benches)
+        raise UserError(f"{who}: {which} {len(wanted)} running benches; name one of: {names}")
+    return wanted[0]
+
+
 def _is_left(folder: Path) -> bool:
-    """Whether a folder is of a bench that died a while ago, and whose supervisor has ended."""
+    """Whether a folder is of a process that is gone for a while, and whose supervisor is, too."""
     bench = _read(folder)
-    if bench is None or bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1):
-        return False
+    if bench is not None:
+        is_used = bench.is_alive or psutil.pid_exists(bench.supervisor_pid or -1)
+    else:
+        is_used = _is_claimed(folder)
     try:
-        return time.time() - folder.stat().st_mtime > KEPT_S
+        return not is_used and time.time() - folder.stat().st_mtime > KEPT_S
     except OSError:  # somebody else has deleted it
+        return False
+
+
+def _is_claimed(folder: Path) -> bool:
+    """Whether the process that has claimed a folder lives, or is found gone for the first time: its
+    supervisor may still answer.
+    """
+    try:
+        pid, born = json.loads((folder / CLAIM).read_text(encoding="utf-8"))
+        if _is_alive(pid, born):
+            return True
+        (folder / DEAD).touch(exist_ok=False)
+        return True
+    except (OSError, ValueError, TypeError):
         return False
 
 
@@ -146,6 +222,8 @@ def shared_image(
     path: Path, shape: tuple[int, int], dtype: np.dtype[Any]
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """An image in a file that several processes can map; made where it is not there."""
+    import numpy as np  # `slipscope stop` reads this module and must start fast
+
     if not path.exists():
         with path.open("wb") as file:
             file.truncate(shape[0] * shape[1] * dtype.itemsize)
@@ -156,6 +234,8 @@ def shown_images(folder: Path, number: int) -> Callable[[NDArray[Any]], str]:
     """A function that shares images with one caller and answers the name of the file: of two in
     turn, so that one can be looked at while the next comes.
     """
+    import numpy as np  # see `shared_image`
+
     paths = [folder / f"image-{number}-{turn}" for turn in "ab"]
     shared: list[NDArray[Any]] = []
 

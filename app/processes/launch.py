@@ -4,14 +4,19 @@ way.
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from app.engine.run import Run
 from app.errors import UserError
-from app.processes.calls import Gone
+from app.processes.calls import Gone, Silent
 from app.processes.client import LaunchedRun, RemoteRun
-from app.processes.folder import running
+from app.processes.folder import RunningBench, running, running_as
+from app.processes.urgent import stopped
 from app.settings import Config
+from app.stopping import StopAnswer
+
+LOG = logging.getLogger(__name__)
 
 
 def launched_or_made(
@@ -32,28 +37,44 @@ def launched_or_made(
     return LaunchedRun(config, output, pace=pace, overwrite=overwrite)
 
 
-def attached(name: str | None) -> RemoteRun:
+def under_way() -> list[RunningBench]:
+    """The benches of this user whose stage may move, the oldest first; those that do not answer are
+    among them.
+    """
+
+    def may_move(bench: RunningBench) -> bool:
+        try:
+            return RemoteRun(bench).health().state in ("armed", "running", "stopping")
+        except Gone:
+            return False
+        except Silent:
+            return True
+
+    return [bench for bench in running() if may_move(bench)]
+
+
+def stopped_but(name: str | None) -> list[StopAnswer]:
+    """Stop the motion of all benches of this user but the one of that name; see `stopped`."""
+    return stopped([bench for bench in running() if bench.name != name])
+
+
+def attached(name: str | None, who: str = "attach") -> RemoteRun:
     """The run that is under way on this computer.
 
     Parameters
     ----------
     name : str or None
         Of the bench or of its session, whole or in part; None where only one runs.
+    who : str
+        What asks, for error sentences.
 
     Raises
     ------
     UserError
         None runs, or it is not clear which is meant.
     """
-    benches = running()
-    if not benches:
-        raise UserError("attach: no bench of yours runs on this computer; slipscope run starts one")
-    wanted = [b for b in benches if not name or name == b.name or name in b.session]
-    if len(wanted) != 1:
-        which = f"{name} is the name of" if name else "there are"
-        names = ", ".join(f"{b.name} ({b.title}, {Path(b.session).name})" for b in benches)
-        raise UserError(f"attach: {which} {len(wanted)} running benches; name one of: {names}")
+    wanted = running_as(name, who)
     try:
-        return RemoteRun(wanted[0])
+        return RemoteRun(wanted)
     except Gone as error:
-        raise UserError(f"attach: the bench {wanted[0].name} has just ended ({error})") from error
+        raise UserError(f"{who}: the bench {wanted.name} has just ended ({error})") from error

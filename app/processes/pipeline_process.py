@@ -29,6 +29,7 @@ from app.summary import Summary
 LOG = logging.getLogger(__name__)
 STEP_S = 20.0  # of a frame that is never analysed
 CLOSE_S = 5.0
+COMPILES_S = 1200.0  # for all that is compiled, on a computer that does much else
 
 Frame = tuple[int, int, NDArray[np.generic], Conditions, Effort]
 
@@ -76,7 +77,7 @@ class PipelineProcess(FrameAnalysis):
             self.begin()
         assert self._process is not None
         try:
-            address, key, told = hello_of(self._process, self._log)
+            address, key, told = hello_of(self._process, self._log, COMPILES_S)
             self._caller = Caller(address, key)
         except BaseException:
             self._let_go()

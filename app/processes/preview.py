@@ -22,7 +22,7 @@ from app.engine.intake import BenchDevices
 from app.engine.preview import Preview
 from app.errors import UserError
 from app.processes.calls import Caller, Gone, Methods, Server, Silent
-from app.processes.folder import ANSWER, new_folder, told
+from app.processes.folder import ANSWER, claim, new_folder, told
 from app.processes.signals import acting_on_signals
 from app.processes.starting import hello_of, payload, say_hello, started
 from app.processes.supervision import SupervisedBench
@@ -90,7 +90,8 @@ class _Served:
             "look": preview.look,
             "jog": preview.jog,
             "stop_motion": preview.stop_motion,
-            "zero": preview.zero,
+            "zero": lambda under_load: preview.zero(under_load=under_load),
+            "set_zero": preview.set_zero,
             "close": self.close,
         }
 
@@ -101,7 +102,8 @@ class _Served:
         except DeviceError as error:
             LOG.warning("%s", error)  # the end of the process frees them
         finally:
-            if self._supervised is not None:
+            # a stage that could not be stopped is the supervisor's once this process has ended
+            if self._supervised is not None and not self.preview.motion()[2]:
                 self._supervised.close()
             self.is_closed.set()
 
@@ -121,6 +123,7 @@ class _Served:
 def main() -> None:
     """Connect the bench, serve it until it is closed or nobody calls any more."""
     order: Order = payload()
+    claim(order.folder)
     if order.verbose:
         logs.to_terminal()
     logs.tell_warnings(lambda sentence: LOG.warning("%s", sentence))
@@ -135,15 +138,17 @@ def main() -> None:
         os._exit(1)
 
     with acting_on_signals(stop):
+        # who started this process reads its log if it fails before it is ready, and then removes
+        # the folder
         try:
-            try:
-                served = _Served(order)
-            except (UserError, DeviceError) as error:
-                say_hello(error)
-                return
-            made.append(served)
-            server = Server(order.folder, key, served.methods)
-            say_hello((server.address, key))
+            served = _Served(order)
+        except (UserError, DeviceError) as error:
+            say_hello(error)
+            return
+        made.append(served)
+        server = Server(order.folder, key, served.methods)
+        say_hello((server.address, key))
+        try:
             served.preview.start()
             _attend(served, server)
         finally:
@@ -182,7 +187,7 @@ class LaunchedPreview:
         self._folder = new_folder()
         self._closing = threading.Lock()
         self._is_closed = False
-        is_verbose = logging.getLogger("app").isEnabledFor(logging.INFO)
+        is_verbose = logs.is_on_terminal()
         log = None if is_verbose else self._folder / "preview.log"
         order = Order(config, self._folder, is_verbose)
         self.process: subprocess.Popen[bytes] = started("app.processes.preview", order, log)
@@ -225,10 +230,14 @@ class LaunchedPreview:
             time.sleep(POLL_S)
         return answer or failed(self._is_gone())
 
-    def zero(self) -> tuple[float, float]:
+    def zero(self, *, under_load: bool = False) -> tuple[float, float]:
         """The readings without a force, volts."""
-        volts: tuple[float, float] = self._call(self._zero, "zero", answer_s=ZEROES_S)
+        volts: tuple[float, float] = self._call(self._zero, "zero", under_load, answer_s=ZEROES_S)
         return volts
+
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """Show the forces with these readings without a force."""
+        self._call(self._zero, "set_zero", volts)
 
     def close(self) -> None:
         """Let go of every device; returns once the process has ended, which frees them all."""

@@ -1,18 +1,25 @@
-"""Starts the processes of a run, and says hello."""
+"""Starts the processes of a run, and says when they are ready."""
 
 from __future__ import annotations
 
 import os
 import pickle
+import queue
+import re
 import subprocess
 import sys
 import threading
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 from app.errors import UserError
 from drivers.errors import DeviceError
+
+READY_S = 120.0  # a process that is not ready by then is ended
+ENDS_S = 5.0  # for a process that says no more
+_PLACE = re.compile(r'  File "(.+)", line (\d+)')  # of a traceback
+_output: list[BinaryIO] = []
 
 
 class ProcessFailed(DeviceError):
@@ -49,29 +56,73 @@ def started(module: str, payload: Any, log: Path | None = None) -> subprocess.Po
     return process
 
 
-def hello_of(process: subprocess.Popen[bytes], log: Path | None = None) -> Any:
+def hello_of(
+    process: subprocess.Popen[bytes], log: Path | None = None, within_s: float | None = READY_S
+) -> Any:
     """What a process says once it is ready.
+
+    Parameters
+    ----------
+    log : Path, optional
+        File of its standard error, in which the reason is looked for.
+    within_s : float, optional
+        After which a process that says nothing is ended; None for one that may take any time.
 
     Raises
     ------
     UserError, DeviceError
         It can not begin for that reason.
     ProcessFailed
-        It ended before it was ready.
+        It ended before it was ready, or was not ready in time.
     """
+    said: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def listen() -> None:
+        try:
+            said.put((pickle.load(cast(BinaryIO, process.stdout)),))
+        except Exception as error:  # it has ended, or what it says can not be understood here
+            said.put(error)
+
+    threading.Thread(target=listen, name="slipscope-hello", daemon=True).start()
+    part = cast(list[str], process.args)[-1].rpartition(".")[2]
     try:
-        hello = pickle.load(cast(BinaryIO, process.stdout))
-    except (EOFError, OSError, pickle.UnpicklingError):
-        code = process.wait()
-        said = log.read_text(encoding="utf-8", errors="replace").strip() if log else ""
-        last = said.splitlines()[-1] if said else "it said nothing"
-        part = cast(list[str], process.args)[-1].rpartition(".")[2]
+        hello = said.get(timeout=within_s)
+    except queue.Empty:
+        process.kill()
+        process.wait()
         raise ProcessFailed(
-            f"{part}: its process ended with code {code} before it was ready: {last}"
+            f"{part}: its process was not ready within {within_s:g} s and was ended:"
+            f" {_reason(log)}; a driver may hang while it is imported or made"
         ) from None
-    if isinstance(hello, UserError | DeviceError):
-        raise hello
-    return hello
+    if isinstance(hello, Exception):
+        try:
+            code = process.wait(ENDS_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            code = process.wait()
+        raise ProcessFailed(
+            f"{part}: its process ended with code {code} before it was ready: {_reason(log)}"
+        ) from None
+    if isinstance(hello[0], UserError | DeviceError):
+        raise hello[0]
+    return hello[0]
+
+
+def _reason(log: Path | None) -> str:
+    """The last that a process has said, and the line of a program that it was in."""
+    if log is None:
+        return "standard error says why"
+    try:
+        said = log.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError as error:
+        return f"its log can not be read ({error.strerror})"
+    if not said:
+        return "it said nothing"
+    *before, last = said.splitlines()
+    places = [found for line in before if (found := _PLACE.match(line))]
+    if not places:
+        return last
+    return f"{last} ({Path(places[-1][1]).name}, line {places[-1][2]})"
 
 
 def end_with_parent() -> None:
@@ -90,11 +141,35 @@ def payload() -> Any:
     return pickle.load(sys.stdin.buffer)
 
 
+def keep_output() -> None:
+    """Keep standard output for what is told to the process that started this one: whatever else is
+    printed in this process, also by a library that is not of Python, goes to standard error.
+    """
+    _output.append(os.fdopen(os.dup(1), "wb"))  # it is not inherited
+    try:
+        os.dup2(2, 1)
+    except OSError:  # there is no standard error
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), 1)
+    sys.stdout = sys.stderr
+
+
+def tell(what: Any) -> None:
+    """Tell the process that started this one.
+
+    Raises
+    ------
+    OSError
+        It is gone.
+    """
+    pickle.dump(what, _output[0])
+    _output[0].flush()
+
+
 def say_hello(what: Any) -> None:
     """Tell the process that started this one that it is ready, or why it is not; once."""
-    try:
-        pickle.dump(what, sys.stdout.buffer)
-        sys.stdout.buffer.flush()
-    except OSError:
-        pass  # nobody listens any more
-    sys.stdout = sys.stderr  # what is printed from now on is for nobody but the log
+    kind = next((k for k in (UserError, DeviceError) if isinstance(what, k)), None)
+    if kind is not None and not type(what).__module__.startswith(("app.", "drivers.")):
+        what = kind(str(what))  # the other process may not know its type
+    with suppress(OSError):  # nobody listens any more
+        tell(what)

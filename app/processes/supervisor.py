@@ -1,13 +1,13 @@
 """The supervisor: a small process beside the bench that stops the stage if the bench does not.
 
 The bench beats ten times a second: its newest sample, the travel of the stage, whether it drives.
-The stage is stopped when the bench is gone, when it says nothing, when it drives on without
-forces, and when the stage is beyond its limit. A bench that says nothing is ended before it can
-move the stage again.
+The stage is stopped when the bench is gone or silent, drives on without forces, or is beyond its
+limit: again as long as that has not helped. A bench that drives in silence is ended as well.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import signal
@@ -21,17 +21,15 @@ from pathlib import Path
 from app.processes.folder import tell
 from app.processes.starting import payload, say_hello
 from app.stopping import failed, sent_from_outside
-from drivers.errors import DeviceError
 from drivers.protocols import OutsideStopper
 
 SILENT_S, TRIES = 0.8, 5
+AGAIN_S, AGAIN_M = 2.0, 5e-6  # that a stage may go on after a stop, until it is stopped again
 
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """What is watched: the way to the stage, the bench's process, and its limits; and the file that
-    says what became of a stop.
-    """
+    """The way to the stage, the bench's process, its limits, the file that tells of a stop."""
 
     stopper: OutsideStopper
     bench: int
@@ -43,38 +41,40 @@ class Watch:
 def main() -> None:
     """Watch until the bench says that it has ended, or must be stopped."""
     watch: Watch = payload()
-    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    for name in {"SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"} & set(dir(signal)):
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
     beats: queue.SimpleQueue[str] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(beats,), daemon=True).start()
     say_hello("watching")
-    newest, since, is_stopped = -1, time.monotonic(), False
+    newest, drives = "", False
+    stop_at, most_m = math.inf, watch.travel_m  # the next stop: when, and how far out
     while True:
         try:
             beat = beats.get(timeout=SILENT_S)
         except queue.Empty:
-            beat = ""
-        if beat == "end":
-            return
-        if not beat:
-            _stop(watch, and_kill=True)
-            return
-        sample, travel, drives = beat.split()
-        if int(sample) != newest or drives == "0":
-            newest, since = int(sample), time.monotonic()
-        is_silent = time.monotonic() - since > watch.age_s
-        if (is_silent or abs(float(travel)) > watch.travel_m) and not is_stopped:
+            if not drives:
+                _problem(watch)  # it may have begun to move just before it fell silent
+            beat = "" if drives else beats.get()
+        if beat in ("", "end"):
+            break
+        now, (sample, told_m, says) = time.monotonic(), beat.split()
+        travel_m, drives = abs(float(told_m)), says == "1"
+        if sample != newest or not drives:
+            newest, stop_at = sample, now + watch.age_s
+        if travel_m <= watch.travel_m:
+            most_m = watch.travel_m
+        if now > stop_at or travel_m > most_m:
             _stop(watch, and_kill=False)
-            is_stopped = True
+            stop_at = max(stop_at, now + AGAIN_S)
+            most_m = max(most_m, travel_m + AGAIN_M)
+    if not beat:
+        _stop(watch, and_kill=True)
 
 
 def _listen(beats: queue.SimpleQueue[str]) -> None:
-    pending = b""
-    while said := os.read(sys.stdin.fileno(), 4096):
-        *lines, pending = (pending + said).split(b"\n")
+    with os.fdopen(sys.stdin.fileno(), "rb", 0, closefd=False) as lines:  # no lock at the exit
         for line in lines:
-            beats.put(line.decode())
+            beats.put(line.decode().strip())
     beats.put("")
 
 
@@ -87,13 +87,14 @@ def _stop(watch: Watch, *, and_kill: bool) -> None:
             if not (problem := _problem(watch)):
                 break
             time.sleep(0.05)
-    tell(watch.answer, failed(problem) if problem else sent_from_outside())
+    with suppress(OSError):  # a folder that is gone, or full, is no end of the watch
+        tell(watch.answer, failed(problem) if problem else sent_from_outside())
 
 
 def _problem(watch: Watch) -> str:
     """Stop the stage; why that has failed, empty if it has not."""
     try:
         watch.stopper.stop()
-    except DeviceError as error:
+    except Exception as error:  # of a driver from anywhere
         return str(error)
     return ""

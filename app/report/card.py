@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from app.quantities import Measurement, doubts, summary_quantities
 from app.records import Counts, Outcome
-from app.report.quantities import Measurement, summary_quantities
 from app.report.summary import Row, counts_rows, further_rows, resources_rows
 from app.summary import Summary
 
@@ -64,13 +64,20 @@ class Card:
         """The quantities as people read them."""
         return tuple(CardRow(q.name, q.symbol, *q.parts, q.unit) for q in self.quantities)
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The notes that put the quantities in doubt."""
+        return tuple(doubts(self.notes))
+
     def text(self) -> str:
         """The card for a laboratory notebook."""
         lines = [f"{self.title}: {self.verdict} ({self.reason})", "", "\t".join(COLUMNS)]
         lines += ["\t".join(row) for row in self.rows]
         for head, rows in (("", self.further), ("", self.account)):
             lines += [head, *("\t".join(filter(None, row)) for row in rows)]
-        lines += ["", *(f"note: {note}" for note in self.notes)]
+        others = [note for note in self.notes if note not in self.doubts]
+        lines += ["", *(f"WARNING: {note}" for note in self.doubts)]
+        lines += [f"note: {note}" for note in others]
         return "\n".join(lines).rstrip() + "\n"
 
     def csv(self) -> str:

@@ -34,7 +34,23 @@ figure img { max-width: 100%; background: #fff; border: 1px solid var(--line); }
 figcaption, .soft { color: var(--soft); font-size: 0.86rem; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; } h3 { font-size: 1rem; }
 summary { cursor: pointer; }
+@page { size: A4; margin: 14mm 12mm; }
+@page wide { size: A4 landscape; }
+@media print {
+  :root { color-scheme: light; --ink: #000; --paper: #fff; --line: #bbb; --soft: #444; }
+  body { max-width: none; margin: 0; padding: 0; font-size: 10pt; }
+  table { display: table; overflow: visible; width: 100%; font-size: 7.5pt; }
+  th, td { padding: 0.15rem 0.3rem; }
+  th { overflow-wrap: anywhere; }
+  thead { display: table-header-group; }
+  tr, figure { break-inside: avoid; }
+  h1, h2, h3 { break-after: avoid; }
+  figure img { max-height: 200mm; }
+  .wide { page: wide; }
+}
 """.strip()
+
+WIDE = 6  # columns from which a table is printed across the page
 
 
 @dataclass(frozen=True)
@@ -89,9 +105,10 @@ def blocks(
     """The content of the report, in order."""
     yield Heading(1, "From sessions to results")
     yield (
-        "Beside each number stand two standard uncertainties, by the noise of images and forces and"
-        " by what the operator stated of the inputs (value ± noise ± inputs), and what Prevost et"
-        " al., Eur. Phys. J. E 36, 17 (2013), state."
+        "Beside each number stand its standard uncertainty, the parts of it by the noise of images"
+        " and forces and by what the operator stated of the inputs, and what Prevost et al., Eur."
+        " Phys. J. E 36, 17 (2013), state. Where the value is less than twice its uncertainty u it"
+        " is not resolved, and value + 2 u, rounded up, is told as its bound."
     )
     made = tuple((name, text) for name, text in sorted(results.made_with.items()))
     yield Grid(("made with", ""), made)
@@ -123,7 +140,7 @@ def blocks(
 def _rows(numbers: Sequence[Finding]) -> Iterator[tuple[str, ...]]:
     for one in numbers:
         measured = one.measured
-        yield measured.name, measured.symbol, f"{_cell(one)} {measured.unit}", paper_text(one)
+        yield measured.name, measured.symbol, _cell(one, measured.unit), paper_text(one)
 
 
 def paper_text(one: Finding) -> str:
@@ -161,14 +178,19 @@ def _runs(found: Findings) -> Iterator[Block]:
         yield from run.notes
 
 
-def _cell(one: Finding | None) -> str:
-    """A value with its uncertainties, empty where it was not measured."""
+def _cell(one: Finding | None, unit: str = "") -> str:
+    """A value with its total uncertainty, and both parts of it; empty where it was not measured."""
     if one is None:
         return ""
     value, spread = one.measured.rounded
-    if spread and not one.measured.sd > 0 and "to" not in spread:
-        spread = f"({spread} by inputs)"
-    return f"{value} {spread}".rstrip()
+    noise, inputs = one.measured.parts[1:]
+    if "to" in spread:
+        return f"{value} ({spread}) {unit}".rstrip()
+    parts = [f"{what} {sd}" for what, sd in (("noise", noise), ("inputs", inputs)) if sd]
+    told = f"({', '.join(parts)})" if parts and spread else ""
+    # a value is not torn from its uncertainty and unit
+    number = "\N{NO-BREAK SPACE}".join(filter(None, (value, *spread.split(), value and unit)))
+    return f"{number} {told}".rstrip()
 
 
 def percent(share: float) -> str:
@@ -203,7 +225,11 @@ def _budgets(found: Findings) -> Iterator[Block]:
 
 def as_html(content: Sequence[Block]) -> str:
     """The whole page; pictures are in it."""
-    body = "\n".join(_html(block) for block in content)
+    following = [*content[1:], ""]
+    body = "\n".join(
+        _html(block, wide=_is_wide(block) or (isinstance(block, Heading) and _is_wide(after)))
+        for block, after in zip(content, following, strict=True)
+    )
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -212,18 +238,24 @@ def as_html(content: Sequence[Block]) -> str:
     )
 
 
-def _html(block: Block) -> str:
+def _is_wide(block: Block) -> bool:
+    return isinstance(block, Grid) and len(block.header) >= WIDE
+
+
+def _html(block: Block, *, wide: bool = False) -> str:
+    """A block; one that is `wide` is printed across the page, as is a heading before it."""
+    kind = ' class="wide"' if wide else ""
     if isinstance(block, str):
         return f"<p>{_safe(block)}</p>"
     if isinstance(block, Heading):
-        return f"<h{block.level}>{_safe(block.text)}</h{block.level}>"
+        return f"<h{block.level}{kind}>{_safe(block.text)}</h{block.level}>"
     if isinstance(block, Grid):
         head = "".join(f"<th>{_safe(cell)}</th>" for cell in block.header)
         lines = [
             "<tr>" + "".join(f"<td>{_safe(cell)}</td>" for cell in row) + "</tr>"
             for row in block.rows
         ]
-        return f"<table>\n<thead><tr>{head}</tr></thead>\n" + "\n".join(lines) + "\n</table>"
+        return f"<table{kind}>\n<thead><tr>{head}</tr></thead>\n" + "\n".join(lines) + "\n</table>"
     title = f"<h3>{_safe(block.title)}</h3>"
     if not block.png:
         return f'{title}\n<p class="soft">Left out: {_safe(block.caption)}.</p>'

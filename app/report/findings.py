@@ -11,29 +11,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.mechanics.interface import elastic_length
+from app.quantities import KEYS, Measurement, summary_quantities
 from app.report.paper.beyond import checked_pressure, work_of
 from app.report.paper.published import PUBLISHED, TYPICAL_PRESSURE, Published
 from app.report.paper.runs import SAME_LOAD, Experiment, experiments
-from app.report.quantities import Measurement, summary_quantities
 from app.results import Results
 from app.settings import Config
 from app.summary import Summary
 
 CENTRAL = 3  # rings whose mean is told for the centre
-# symbol of `summary_quantities` -> key, and the name of its budget
-KEYS = {
-    "P": ("normal_force_n", ""),
-    "a": ("apparent_radius_m", "apparent_radius"),
-    "a_H": ("hertz_radius_m", "hertz_radius"),
-    "t_s": ("onset_time_s", "onset_time"),
-    "Q_s": ("static_force_n", "static_force"),
-    "mu_s": ("mu_s", "mu_s"),
-    "mu_d": ("mu_d", "mu_d"),
-    "mu": ("law_mu", "law_mu"),
-    "L": ("law_length_m", "law_length"),
-    "E": ("young_modulus_pa", "young_modulus"),
-    "v": ("sliding_velocity_m_s", "sliding_velocity"),
-}
 
 
 @dataclass(frozen=True)
@@ -92,8 +78,11 @@ def _finding(
     sd: float = math.nan,
     unit: str = "",
     systematic: float = math.nan,
+    is_signed: bool = False,
 ) -> Finding:
-    measured = Measurement(name, symbol, value, sd, unit, systematic=systematic)
+    measured = Measurement(
+        name, symbol, value, sd, unit, systematic=systematic, is_signed=is_signed
+    )
     return Finding(key, measured, paper=PUBLISHED.get(key))
 
 
@@ -189,7 +178,7 @@ def _of_slides(s: Summary) -> list[Finding]:
     """Each slide of a protocol, and the ageing of the contact while it is held."""
     found = [
         _finding("ageing_rate", "rise of mu_s per e-fold of a hold", "beta", s.ageing_rate,
-                 s.ageing_rate_sd),
+                 s.ageing_rate_sd, is_signed=True),
         _finding("ageing_time_s", "time from which it ages", "t_0", s.ageing_time_s,
                  s.ageing_time_sd_s, "s"),
     ]  # fmt: skip
@@ -254,7 +243,8 @@ def _of_all(results: Results, runs: Sequence[Experiment]) -> tuple[Finding, ...]
         _finding("law_length_m", "length of the local law, all loads", "L", j.length_m,
                  j.length_sd_m, "um"),
         _finding("law_mu", "mu of the local law at 1 N", "mu_1", j.mu, j.mu_sd),
-        _finding("decay", "exponent of the fall of mu with P", "", j.decay, j.decay_sd),
+        _finding("decay", "exponent of the fall of mu with P", "", j.decay, j.decay_sd,
+                 is_signed=True),
         _finding("stiffness_length_m", "L by the stiffness of all rings, p/k", "L_k",
                  j.stiffness_length_m, j.stiffness_length_sd_m, "um"),
     ]  # fmt: skip
@@ -278,7 +268,8 @@ def _of_all(results: Results, runs: Sequence[Experiment]) -> tuple[Finding, ...]
             known = excess[np.isfinite(excess)]
             sd = float(known.std(ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else math.nan
             found.append(_finding("excess_radius_m", "mean excess of a over a_H, measured",
-                                  "a - a_H", float(known.mean()), sd, "um"))  # fmt: skip
+                                  "a - a_H", float(known.mean()), sd, "um",
+                                  is_signed=True))  # fmt: skip
     return tuple(found)
 
 

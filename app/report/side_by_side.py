@@ -8,20 +8,25 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.legs import REVERSED_M
+from analysis.options import UNITS
+from app.legs import first_loading_rows
+from app.quantities import Measurement, with_uncertainty
 from app.records import F64, Phase
 from app.report.card import Card
-from app.report.quantities import Measurement
 from app.summary import Summary
 
 MOST_UNCERTAIN = 0.2  # of c: what is known worse is not drawn
+
+
+# states of an entry whose session is not there
+CUT_SHORT, BEING_RECORDED = "cut short", "being recorded"
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +92,7 @@ def curves_of(results: NDArray[np.void], summary: Summary | None) -> tuple[F64, 
     sd = np.where(has_peak, drive["peak_radius_sd_m"], drive["stick_radius_sd_m"])
     onset_s = summary.onset_time_s if summary else math.nan
     before = ~(drive["time_s"] > onset_s)
-    furthest = np.maximum.accumulate(np.nan_to_num(travel)) if len(travel) else travel
-    turned = np.flatnonzero(travel < furthest - REVERSED_M)
-    first = np.arange(len(drive)) < (turned[0] if len(turned) else len(drive))
+    first = np.isin(np.arange(len(drive)), first_loading_rows(travel, drive["step"]))
     with np.errstate(divide="ignore", invalid="ignore"):
         sticking = np.column_stack([shear / (mu * normal), c / a, np.nan_to_num(sd) / a])
     is_known = first & before & np.isfinite(sticking).all(axis=1) & (sd < MOST_UNCERTAIN * a)
@@ -123,7 +126,7 @@ def compared(sessions: Sequence[Recorded]) -> list[Compared]:
 
 def _row(found: Sequence[Measurement | None], symbol: str) -> Compared:
     known = next(q for q in found if q is not None)
-    texts = tuple(" ".join(q.combined.rounded).strip() if q else "" for q in found)
+    texts = tuple(" ".join(q.rounded).strip() if q else "" for q in found)
     first, last = found[0], found[-1]
     if len(found) < 2 or first is None or last is None:
         return Compared(known.name, symbol, texts, "", "", known.unit)
@@ -131,8 +134,8 @@ def _row(found: Sequence[Measurement | None], symbol: str) -> Compared:
     sd = math.hypot(*(s for s in (first.sd, last.sd) if math.isfinite(s)))
     if not math.isfinite(apart):
         return Compared(known.name, symbol, texts, "", "", known.unit)
-    told = replace(first, value=apart, sd=sd if sd > 0 else math.nan, systematic=math.nan)
-    value = replace(told, extremes=(math.nan, math.nan)).rounded[0] if apart else "0"
+    factor = UNITS[known.unit]
+    value = with_uncertainty(apart / factor, sd / factor)[0] if apart else "0"
     return Compared(
         known.name, symbol, texts, value, f"{apart / sd:.1f}" if sd > 0 else "", known.unit
     )

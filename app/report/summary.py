@@ -6,8 +6,15 @@ import dataclasses
 import math
 from typing import Any, NamedTuple
 
+from app.quantities import (
+    JOINT_KEYS,
+    KEYS,
+    joint_quantities,
+    summary_quantities,
+    upper_bounds,
+)
 from app.records import Counts, Outcome
-from app.report.quantities import summary_quantities
+from app.results import Joint
 from app.summary import Summary
 
 
@@ -119,10 +126,16 @@ def _percent(share: float, sign: str = "") -> str:
 
 def compared_rows(recorded: Summary, now: Summary) -> list[Row]:
     """The quantities in which two analyses of one experiment differ in the digits shown."""
-    pairs = zip(summary_quantities(recorded), summary_quantities(now), strict=True)
-    rows = [
-        Row(old.name, old.symbol, f"{old} -> {new}") for old, new in pairs if str(old) != str(new)
-    ]
+    rows = []
+    for old, new in zip(summary_quantities(recorded), summary_quantities(now), strict=True):
+        # the inputs are common to both: the digits are those of the noise where these differ
+        pairs = [(old, new)]
+        if old.is_resolved and new.is_resolved:
+            pairs.insert(0, (old.by_noise, new.by_noise))
+        for before, after in (map(str, pair) for pair in pairs):
+            if before != after:
+                rows.append(Row(old.name, old.symbol, f"{before} -> {after}"))
+                break
     return rows or [Row("the same in all digits shown", "", "")]
 
 
@@ -167,6 +180,9 @@ def plain(value: Any) -> Any:
         data = {
             field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
         }
+        if isinstance(value, Joint):
+            bounds = upper_bounds(JOINT_KEYS, joint_quantities(value))
+            return data | {"not_resolved_upper_bound": bounds}
         return data | budget_data(value) if isinstance(value, Summary) else data
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
@@ -189,8 +205,12 @@ def outcome_data(outcome: Outcome) -> dict[str, Any]:
 
 def budget_data(summary: Summary) -> dict[str, Any]:
     """The budget by quantity and input, in place of the rows in which it is stored: relative
-    uncertainties, by all inputs together and by each.
+    uncertainties, by all inputs together and by each; and the upper bounds of what is not resolved,
+    SI.
     """
     shares = {name: summary.shares(name) for name in summary.budget_quantities}
     whole = {name: summary.systematic(name) for name in summary.budget_quantities}
-    return {"uncertainty_by_inputs": plain(whole), "budget": plain(shares)}
+    names = [name for name, _ in KEYS.values()]
+    bounds = upper_bounds(names, summary_quantities(summary))
+    return {"uncertainty_by_inputs": plain(whole), "budget": plain(shares),
+            "not_resolved_upper_bound": bounds}  # fmt: skip

@@ -52,6 +52,8 @@ def _numbers(found: Sequence[Finding]) -> dict[str, Any]:
             "sd_noise": measured.sd,
             "sd_inputs": measured.systematic,
         }
+        if not measured.is_resolved:
+            number["not_resolved_upper_bound"] = measured.bound
         if one.budget:
             number["budget"] = one.budget
         if told is not None:

@@ -46,6 +46,8 @@ class CheckedFile:
     def __init__(self, path: Path, what: str) -> None:
         self.path, self._what = path, what
         if not path.is_file():
+            if path.is_dir():
+                raise UserError(f"{path}: this is a folder, not a {what}; name a file in it")
             check_not_recorded(path)
             found = f"there is no such {what} to read"
             if has_journal(path):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records import Samples
+from app.records import REVOKED, Event, Samples
 
 if TYPE_CHECKING:
     from app.session.reader import SessionReader
@@ -30,9 +30,30 @@ def span_of(index: int, first: int, last: int) -> tuple[int, int] | None:
     return None if first == index == last else (first, last)
 
 
+def revoked_from(events: Iterable[Event]) -> list[int]:
+    """The frame from which on nothing is certain, where the account of a run does not hold."""
+    numbers = (event.text.partition(":")[0] for event in events if event.kind == REVOKED)
+    return [int(number) for number in numbers if number.isdecimal() and len(number) < 19][:1]
+
+
+def as_certain_as_told(triggers: NDArray[np.void], events: Iterable[Event]) -> NDArray[np.void]:
+    """The table of all triggers (`SessionReader.triggers`), whose columns `first` and `last` say of
+    each from the one on of which an event says that nothing is certain that it can be any from
+    there on, or one after the last.
+    """
+    told = triggers.copy()
+    for revoked in revoked_from(events):
+        rows = told[told["index"] >= revoked]
+        rows["first"] = np.minimum(rows["first"], revoked)
+        rows["last"] = np.maximum(rows["last"], told["index"][-1:] + 1)
+        told[told["index"] >= revoked] = rows
+    return told
+
+
 def uncertain_triggers(reader: SessionReader) -> list[int]:
     """Numbers of the triggers of which it is not certain that they took the image that they have,
-    or that it is they who have none. Reads nothing else, which may be damaged.
+    or that it is they who have none. Reads nothing but them and the events: all from the one on of
+    which an event says that nothing is certain are uncertain.
     """
     paths = [f"/entry/triggers/{name}" for name in ("index", "first", "last")]
     if not reader.file.has(paths[-1]):
@@ -40,5 +61,8 @@ def uncertain_triggers(reader: SessionReader) -> list[int]:
     columns = [reader.file.read(reader.dataset(path)) for path in paths]
     rows = min(map(len, columns))
     index, first, last = (column[:rows] for column in columns)
-    numbers: list[int] = index[first != last].tolist()
+    is_uncertain = first != last
+    for revoked in revoked_from(reader.events()):
+        is_uncertain |= index >= revoked
+    numbers: list[int] = index[is_uncertain].tolist()
     return numbers

@@ -2,10 +2,12 @@
 their order.
 
 The file only grows. Each record has a checksum, so that a damaged one is passed over and the next
-is found, and a hash over itself and the hash of the record before, so that none can be changed,
-left out or added unseen. What cannot be measured again is there twice: the header, and each trigger
-once more with the next. An image is named by its place in the file of images, its CRC-32 and its
-SHA-256; force samples are held themselves. Results are in a file of the same kind beside it.
+is found, and a hash over itself and the hash of the record before, by which one that is missing,
+repeated or out of its place is noticed. Both find accidental damage only: they have no key, so that
+who rewrites the file can make them anew. What cannot be measured again is there twice: the header,
+and each trigger once more with the next. An image is named by its place in the file of images, its
+CRC-32 and its SHA-256; force samples are held themselves. Results are in a file of the same kind
+beside it.
 """
 
 from __future__ import annotations
@@ -45,6 +47,7 @@ _MARK = b"\xb5re3"  # where a record begins
 _LONGEST = 1 << 24  # bytes of a payload; the header has a hundredth of it
 _LONGEST_ARRAYS = 1 << 28  # of one of arrays
 _MOST_DAMAGE = 1 << 26  # bytes in which the next record is looked for
+_LEAST_COST = 1 << 10  # bytes, as which a beginning of no record counts in what is looked at
 _HEAD = struct.Struct("<4sI")  # mark, CRC-32 of all that follows
 _ABOUT = struct.Struct("<BI16s")  # type, bytes of the payload, hash
 
@@ -116,6 +119,11 @@ _DECODERS = [msgspec.msgpack.Decoder(kind, dec_hook=_decoded) for kind in _TYPES
 def journal_of(session: Path) -> Path:
     """Where the journal of a session lies."""
     return session.with_name(session.name + SUFFIX)
+
+
+def session_of(path: Path) -> Path | None:
+    """The session whose journal this path is the name of; None if it is another file's."""
+    return path.with_name(path.name.removesuffix(SUFFIX)) if path.name.endswith(SUFFIX) else None
 
 
 def has_journal(session: Path) -> bool:
@@ -200,7 +208,7 @@ def read_journal(path: Path) -> Iterator[JournalRecord | Damage]:
         while at < size and left > 0:
             record, looked_at, kind, payload, its_chain = _record_at(file, at, size)
             if record is None:
-                left -= looked_at
+                left -= max(looked_at, _LEAST_COST)
                 following = _next_mark(file, at + 1, size)
                 damaged, chain, at = damaged + following - at, None, following
                 continue
@@ -240,8 +248,9 @@ def _next_mark(file: BinaryIO, at: int, size: int) -> int:
     does.
     """
     file.seek(at)
-    before, end = b"", min(size, at + _MOST_DAMAGE)
-    while at < end and (block := file.read(1 << 16)):
+    before, end, nbytes = b"", min(size, at + _MOST_DAMAGE), 1 << 8
+    while at < end and (block := file.read(nbytes)):
+        nbytes = 1 << 16
         place = (before + block).find(_MARK)
         if place >= 0:
             return at - len(before) + place

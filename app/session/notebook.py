@@ -255,8 +255,11 @@ class Session:
         return rings_of(self._reader)
 
     def table(self, what: str, frames: range | None = None) -> Columns:
-        """A table as ``slipscope export --what`` writes it: column -> array, all of one length, for
-        ``pandas.DataFrame(...)`` or ``xarray.Dataset``.
+        """A table as ``slipscope export --what`` writes it: column -> array, all of one length.
+
+        ``pandas.DataFrame(s.table("rings"))`` takes it as it is, and so does
+        ``xarray.Dataset.from_dataframe(pandas.DataFrame(...))``, one variable for each column.
+        `xarray.Dataset` itself would take each column for a dimension.
 
         Parameters
         ----------

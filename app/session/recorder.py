@@ -13,7 +13,7 @@ import errno
 import logging
 import zlib
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -239,7 +239,8 @@ class SessionRecorder:
         """Refuse an image where too little would be left to make a session of the rest; OSError."""
         tables = self._journal.file.end + self._results.file.end
         copied = 0 if self._header.compression == "none" else self._images.end
-        check_room(self.path, nbytes + tables + copied)
+        with suppress(FileNotFoundError):  # the folder was removed, which the next sync notices
+            check_room(self.path, nbytes + tables + copied)
 
     # ------------------------------------------------------------------ the disk
 

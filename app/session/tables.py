@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from app.errors import UserError
 from app.numbers import NUMBERS
+from app.quantities import Measurement, summary_quantities
 from app.records import F64, NAN, ContactResult, RingProfile, StressProfile
-from app.report.quantities import Measurement, summary_quantities
 from app.results import RingSeries
 from app.schema import columns_of
+from app.session.datasets import as_certain_as_told
 from app.session.reader import SessionReader
 from app.summary import Summary
 
@@ -175,7 +176,11 @@ def summary_columns(summary: Summary | None, contact: ContactResult | None) -> C
             Measurement("reduced chi2 of the local law", "", summary.law_chi2),
             Measurement("calibration, relative, of every mu", "u(mu)", summary.calibration_sd),
             Measurement(
-                "rate of ageing of mu_s", "beta", summary.ageing_rate, summary.ageing_rate_sd
+                "rate of ageing of mu_s",
+                "beta",
+                summary.ageing_rate,
+                summary.ageing_rate_sd,
+                is_signed=True,
             ),
             Measurement(
                 "time of ageing", "t_0", summary.ageing_time_s, summary.ageing_time_sd_s, "s"
@@ -192,7 +197,9 @@ def summary_columns(summary: Summary | None, contact: ContactResult | None) -> C
 
 
 def measured_columns(rows: list[Measurement]) -> Columns:
-    """A quantity in each row, with its uncertainties by noise and by the operator's inputs."""
+    """A quantity in each row, with its uncertainties by noise and by the operator's inputs, and the
+    upper bound of what is not resolved.
+    """
     return {
         **{
             name: np.array([getattr(row, name) for row in rows], str) for name in ("name", "symbol")
@@ -201,6 +208,7 @@ def measured_columns(rows: list[Measurement]) -> Columns:
         "unit": np.array([row.unit for row in rows], str),
         "sd_noise": np.array([row.in_unit[1] for row in rows], np.float64),
         "sd_inputs": np.array([row.in_unit[2] for row in rows], np.float64),
+        "upper_bound": np.array([row.bound_in_unit for row in rows], np.float64),
     }
 
 
@@ -276,7 +284,7 @@ def _stage(reader: SessionReader) -> Columns:
 
 
 def _triggers(reader: SessionReader) -> Columns:
-    table = reader.triggers()
+    table = as_certain_as_told(reader.triggers(), reader.events())
     return {
         "frame": table["index"],
         **_at(reader, table["sample"]),

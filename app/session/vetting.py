@@ -21,14 +21,14 @@ from pathlib import Path
 
 import msgspec
 
+from app.inputs import holes_of
 from app.session import trust
 from app.session.contents import COPY, Contents, Refused, contents_of
 
 MOST_BYTES = 1 << 30  # of memory that HDF5 may take for a file
 LEAST_S, S_PER_GB = 5.0, 5.0  # that it may take, and for each GB more of the file
 MOST_ANSWER = 1 << 28  # bytes
-HOLES = 64  # times the bytes that a file takes of the disk: beyond that it is nothing but holes
-_SLACK = 1 << 24
+MOST_SEEN = 8  # files whose contents are remembered
 _ASKED = struct.Struct("<Id")  # bytes of a path, seconds
 _ANSWERED = struct.Struct("<iI")  # how the process ended, bytes of its answer
 _CLONE_NEWUSER, _CLONE_NEWNET = 0x10000000, 0x40000000
@@ -50,24 +50,22 @@ def vetted(path: Path) -> Contents:
     """
     try:
         identity = trust.identity_of(path)
-        if identity not in _seen:
+        found = _seen.get(identity)
+        if found is None:
             found = contents_of(path) if trust.is_known(path) else _of_stranger(path)
-            for old in [*_seen][:-7]:
+            # another thread may do the same; each of these steps is one for all threads
+            for old in list(_seen)[: 1 - MOST_SEEN]:
                 _seen.pop(old, None)
             _seen[identity] = found
-        return _seen[identity]
+        return found
     except OSError as error:
         raise Refused(f"the {{}} can not be read: {error.strerror or error}", COPY) from None
 
 
 def _of_stranger(path: Path) -> Contents:
     held = path.stat()
-    real = getattr(held, "st_blocks", 0) * 512 or held.st_size
-    if held.st_size > HOLES * real + _SLACK:
-        raise Refused(
-            f"the file claims {held.st_size} bytes but takes {real} of the disk, the rest is holes",
-            COPY,
-        )
+    if holes := holes_of(path):
+        raise Refused(holes, COPY)
     seconds = LEAST_S + S_PER_GB * held.st_size / 1e9
     ask = _ask_waiting if hasattr(os, "fork") else _ask_fresh
     cause, answer = ask(os.fsencode(path.absolute()), seconds)
@@ -97,9 +95,10 @@ def _ask_waiting(path: bytes, seconds: float) -> tuple[str, bytes]:
         _end(process)
         raise
     _idle.append(process)
-    if end == -signal.SIGALRM:
-        return _too_long(seconds), answer
-    return f"dies of it ({signal.Signals(-end).name})" if end < 0 else "fails at it", answer
+    if end >= 0:
+        return "fails at it", answer
+    name = signal.Signals(-end).name
+    return _too_long(seconds) if name == "SIGALRM" else f"dies of it ({name})", answer
 
 
 def _ask_fresh(path: bytes, seconds: float) -> tuple[str, bytes]:
@@ -185,10 +184,11 @@ def _limit(seconds: float) -> None:
     """End this process by the time, and let it take no more memory than it may, nor write files."""
     import resource
 
-    for what, most in (("AS", MOST_BYTES), ("CORE", 0), ("FSIZE", 0), ("NPROC", 0)):
-        with suppress(ValueError, OSError):  # not of this system
-            resource.setrlimit(getattr(resource, f"RLIMIT_{what}"), (most, most))
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    if sys.platform != "win32":
+        for what, most in (("AS", MOST_BYTES), ("CORE", 0), ("FSIZE", 0), ("NPROC", 0)):
+            with suppress(ValueError, OSError):  # not of this system
+                resource.setrlimit(getattr(resource, f"RLIMIT_{what}"), (most, most))
+        signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
 def _leave_the_network() -> None:
@@ -205,6 +205,16 @@ def _serve() -> None:
     while len(head := asked.read(_ASKED.size)) == _ASKED.size:
         length, seconds = _ASKED.unpack(head)
         path = os.fsdecode(asked.read(length))
+        end, answer = _forked(path, seconds)
+        answers.write(_ANSWERED.pack(end, len(answer)) + answer)
+        answers.flush()
+
+
+def _forked(path: str, seconds: float) -> tuple[int, bytes]:
+    """How a process that was forked for a file has ended, and its answer."""
+    if sys.platform == "win32":
+        raise NotImplementedError  # `_ask_fresh` is for systems without
+    else:
         read, write = os.pipe()
         child = os.fork()
         if child == 0:
@@ -217,9 +227,7 @@ def _serve() -> None:
         os.close(write)
         with os.fdopen(read, "rb") as pipe:
             answer = pipe.read(MOST_ANSWER)
-        end = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        answers.write(_ANSWERED.pack(end, len(answer)) + answer)
-        answers.flush()
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), answer
 
 
 if __name__ == "__main__":

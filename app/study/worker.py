@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from app.config import ConfigError
 from app.errors import UserError
-from app.processes.starting import payload, say_hello
+from app.processes.starting import payload, say_hello, tell
 from app.study.one import run_result
 from app.study.parts import write_part
 from app.study.plan import Task
@@ -45,13 +45,11 @@ def analysed(task: Task, place: Path, on_progress: Any, threads: int | None) -> 
 def main() -> None:
     """Analyse until nobody asks any more."""
     payload()
-    out = sys.stdout.buffer
     say_hello(None)
 
-    def tell(what: Any) -> None:
+    def told(what: Any) -> None:
         try:
-            pickle.dump(what, out)
-            out.flush()
+            tell(what)
         except OSError:
             sys.exit(1)  # whoever asked is gone
 
@@ -60,4 +58,4 @@ def main() -> None:
             task, place = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        tell(analysed(task, place, tell, threads=1) or DONE)
+        told(analysed(task, place, told, threads=1) or DONE)

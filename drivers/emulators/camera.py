@@ -128,9 +128,18 @@ class EmulatedPylonCamera:
         self._world.frame_was_read()
         return answer
 
+    @property
+    def delivered(self) -> int:
+        """Results that the library has given, by the real driver."""
+        return self._camera.delivered
+
     def balance(self) -> str:
         """What came of the triggers, by the real driver."""
         return self._camera.balance()
+
+    def uncertain_from(self) -> int | None:
+        """The first trigger of which nothing is certain, by the real driver."""
+        return self._camera.uncertain_from()
 
     def stop(self) -> None:
         """Stop waiting for triggers; a waiting `read` ends with `DeviceTimeout`."""

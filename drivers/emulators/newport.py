@@ -5,9 +5,10 @@ States, errors and commands are those of the manuals that `drivers.actuator_newp
 manuals leave open, the emulation decides against the driver: an error stays in the memory until TE
 reads it, ST is an error if nothing moves, PA is refused in motion.
 
-    python -m drivers.emulators.newport [smc100 | conex-cc] [PORT]
+    python -m drivers.emulators.newport [smc100 | conex-cc] [PORT] [DEAF_MS]
 
-runs a controller on a pseudo-terminal, or on a network port of this computer.
+runs a controller on a pseudo-terminal, or on a network port of this computer (0: any that is free),
+that hears nothing for so many milliseconds after a command.
 """
 
 from __future__ import annotations
@@ -176,16 +177,41 @@ class Controller:
 
 
 class _Faulty:
-    """A controller on a line that the faults of the world cut or disturb."""
+    """A controller that the faults of the world silence or slow down, on a line that they cut or
+    disturb.
+
+    Attributes
+    ----------
+    line : SerialLine or None
+        That it is connected to.
+    """
 
     def __init__(self, controller: Controller, world: World) -> None:
+        self.line: SerialLine | None = None
         self._controller, self._world = controller, world
         self._answers = self._garbled = 0
+
+    def connect(self, line: SerialLine) -> None:
+        """Use this line from now on."""
+        self.line = line
+        self._disturb(self._world.now)
+
+    def _disturb(self, now: int) -> None:
+        if self.line is None:
+            return
+        faults = self._world.faults
+        if faults.since("mute-controller", now):
+            self.line.is_mute = True
+        if slow := faults.since("slow-controller", now):
+            self.line.think_s = slow.amount * 1e-3
+        if deaf := faults.since("deaf-controller", now):
+            self.line.deaf_s = deaf.amount * 1e-3
 
     def answer(self, command: bytes) -> bytes:
         faults, now = self._world.faults, self._world.now
         if faults.since("unplugged", now):
             raise ConnectionError
+        self._disturb(now)
         answer, noise = self._controller.answer(command), faults.since("noisy-line", now)
         if not answer or noise is None:
             return answer
@@ -217,6 +243,7 @@ class _Emulated(NewportStage):
                 Controller(stage, self._model, self._settings.address), self._world
             )
         self._far_end = SerialLine(self._device)
+        self._device.connect(self._far_end)
         self._settings = dataclasses.replace(self._settings, port=self._far_end.start())
         try:
             super().open()
@@ -248,15 +275,16 @@ class EmulatedConexCc(_Emulated, ConexCc):
     _model = "conex-cc"
 
 
-def serve(model: str = "smc100", port: str = "") -> None:
+def serve(model: str = "smc100", port: str = "", deaf_ms: str = "0") -> None:
     """Run a controller with a free stage until interrupted, on a network port if one is given ("0":
-    any that is free).
+    any that is free), deaf for so long after a command without an answer.
     """
     line = SerialLine(
         Controller(FreeStage(), model),
         "tcp" if port else "",
         byte_s=10 / 57600,
         port=int(port or 0),
+        deaf_s=float(deaf_ms) * 1e-3,
     )
     print(f"{model} on {line.start()}; Ctrl-C ends it", flush=True)
     try:
@@ -266,4 +294,4 @@ def serve(model: str = "smc100", port: str = "") -> None:
 
 
 if __name__ == "__main__":
-    serve(*sys.argv[1:3])
+    serve(*sys.argv[1:4])

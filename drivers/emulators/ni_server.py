@@ -4,6 +4,7 @@ this or another program or computer.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -49,6 +50,7 @@ class NiServer:
         tls: tuple[bytes, bytes] | None = None,
         **board: Any,
     ) -> None:
+        self._world, self._over = world, threading.Event()
         self.board = Board(world, when_gone=self.kill, **board)
         self._calls = _Calls(self.board)
         self._pool = ThreadPoolExecutor(16, "emulated NI server")
@@ -68,15 +70,25 @@ class NiServer:
 
     def kill(self) -> None:
         """Stop at once, also in the middle of an answer."""
+        self._over.set()
         self._server.stop(None)
 
     def close(self) -> None:
         """End calls, board and threads."""
+        self._over.set()
         stopped = self._server.stop(None)
         self.board.unplug()
         self.board.close()
         stopped.wait()
         self._pool.shutdown()
+
+    def _hold(self) -> None:
+        """Keep a call for as long as the faults of the world say."""
+        faults, now = self._world.faults, self._world.now
+        if faults.since("silent-server", now):
+            self._over.wait()
+        elif slow := faults.since("slow-server", now):
+            self._over.wait(slow.amount * 1e-3)
 
     def _handler(self, method: Any) -> grpc.RpcMethodHandler:
         reply = getattr(nidaqmx_pb2, method.output_type.name)
@@ -84,6 +96,7 @@ class NiServer:
 
         def answer(request: Message, context: grpc.ServicerContext) -> Message:
             try:
+                self._hold()
                 self.board.check()
                 if do is None:
                     raise NiError(

@@ -9,6 +9,7 @@ import itertools
 import os
 import select
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -170,13 +171,18 @@ class SerialLine:
 class _Pty:
     """A pseudo-terminal, of which one end stays open, so that drivers may come and go."""
 
+    _master: int
+    _slave: int
+    url: str
+
     def __init__(self) -> None:
         import pty
         import tty
 
-        self._master, self._slave = pty.openpty()
-        tty.setraw(self._slave)
-        self.url = os.ttyname(self._slave)
+        if sys.platform != "win32":
+            self._master, self._slave = pty.openpty()
+            tty.setraw(self._slave)
+            self.url = os.ttyname(self._slave)
 
     def ears(self) -> list[int | socket.socket]:
         return [self._master]

@@ -318,12 +318,13 @@ def sheared_contact(scenario: Scenario) -> Contact:
         )
     if scenario.sim.law != "cattaneo-mindlin":
         return ElastoPlastic(scenario)
-    for name, is_asked in (
-        ("block of finite thickness", scenario.sim.thickness),
-        ("rough contact", scenario.roughness),
+    for name, is_asked, otherwise in (
+        ("block of finite thickness", scenario.sim.thickness, "sim.thickness = 0"),
+        ("rough contact", scenario.roughness, "sim.pressure = 'hertz'"),
     ):
         if is_asked:
             raise ValueError(
-                f"simulated world: the law 'cattaneo-mindlin' has no {name}; use 'elasto-plastic'"
+                f"simulated world: the law 'cattaneo-mindlin' has no {name}; use"
+                f" 'elasto-plastic', or {otherwise}"
             )
     return CattaneoMindlin(scenario)

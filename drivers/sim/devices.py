@@ -39,6 +39,11 @@ class SimForces:
 
     def open(self) -> None:
         """Claim the board."""
+        if fault := self._world.faults.needs_emulated("forces"):
+            raise DeviceError(
+                f"{self.name}: they come from no server; choose an emulated board for the fault"
+                f" '{fault}'"
+            )
         self._is_open = True
 
     def describe(self) -> str:
@@ -234,10 +239,10 @@ class SimActuator:
 
     def open(self) -> None:
         """Claim the stage, which stands in the middle of its travel."""
-        if any(fault.kind == "noisy-line" for fault in self._world.faults.all):
+        if fault := self._world.faults.needs_emulated("actuator"):
             raise DeviceError(
-                f"{self.name}: it has no line that could be noisy; choose an emulated actuator for"
-                " the fault 'noisy-line'"
+                f"{self.name}: it has no line that could be noisy and no controller; choose an"
+                f" emulated actuator for the fault '{fault}'"
             )
         self._is_open = True
 

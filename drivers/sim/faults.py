@@ -23,10 +23,27 @@ FAULTS = {
     "end-of-run": "the stage meets its end switch after AT um of travel",
     "unplugged": "the line to the actuator is cut at sample AT",
     "noisy-line": "from sample AT on, AMOUNT answers of the actuator (5), every third, are garbled",
+    "mute-controller": "from sample AT on, the controller of the actuator answers nothing",
+    "slow-controller": "from sample AT on, its answers come AMOUNT ms (100) late",
+    "deaf-controller": "from sample AT on, it hears nothing for AMOUNT ms (60) after a command",
+    "silent-server": "from sample AT on, the board's server takes calls and does not answer",
+    "slow-server": "from sample AT on, the board's server takes AMOUNT ms (200) for each call",
 }
 """Kind -> what happens; AT is a number of triggers, samples or micrometres."""
 
-_AMOUNTS = {"late-trigger": 5.0, "daq-overflow": 300.0, "noisy-line": 5.0}
+_AMOUNTS = {
+    "late-trigger": 5.0,
+    "daq-overflow": 300.0,
+    "noisy-line": 5.0,
+    "slow-controller": 100.0,
+    "deaf-controller": 60.0,
+    "slow-server": 200.0,
+}
+EMULATED = {
+    "actuator": ("noisy-line", "mute-controller", "slow-controller", "deaf-controller"),
+    "forces": ("silent-server", "slow-server"),
+}
+"""Kind of device -> faults that only an emulated one can have: a simulated one has no line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +88,10 @@ class Faults:
     """All faults of a bench."""
 
     all: tuple[Fault, ...] = ()
+
+    def needs_emulated(self, device: str) -> str:
+        """The first fault that only an emulated device of this kind can have; empty if none."""
+        return next((fault.kind for fault in self.all if fault.kind in EMULATED[device]), "")
 
     def hits(self, kind: str, n: float) -> Fault | None:
         """The fault of this kind that covers trigger or sample `n`; None if there is none.

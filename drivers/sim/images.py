@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from analysis.kernels import compiled
 from drivers.errors import DeviceFault
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 LIGHT = 0.12
 """The light, which is fixed in the lab, varies by this fraction of its mean over the image."""
 _NORMALS = 1 << 21
+DUST_RADIUS_PX, DUST_BLUR_PX = (1.5, 15.0), (0.8, 3.0)
+DUST_DEPTH = 0.05, 0.5
+BRIGHT = 5  # one mark in so many
 
 
 class Renderer:
@@ -50,6 +54,9 @@ class Renderer:
         self._normals = np.random.default_rng([self._sim.seed, 103]).standard_normal(
             _NORMALS, dtype=np.float32
         )
+        unequal = np.random.default_rng([self._sim.seed, 105]).standard_normal(shape, np.float32)
+        self._gain = 1 + np.float32(self._sim.unequal_pixels) * unequal
+        self._gain *= dust(shape, self._sim.dust, self._sim.seed)
         self._coefficients: NDArray[np.float32] | None = None
         self._scene: NDArray[Any] = np.empty(shape, np.float32)
         self._drawn: tuple[warp.Motion, bool] | None = None  # what the scene shows
@@ -127,6 +134,8 @@ class Renderer:
         )
         shot = 255.0 / sim.full_well if sim.full_well > 0 else 0.0
         out = np.empty(self._shape, np.uint8)
+        if sim.unequal_pixels or sim.dust:
+            scene = (scene * self._gain).astype(scene.dtype)
         _sensor(
             scene,
             self._light_x,
@@ -159,6 +168,25 @@ def _light(shape: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.floa
     across = np.cos(0.8 * math.pi * (x - 0.1))
     down = np.cos(0.8 * math.pi * (y + 0.12))
     return (2 * LIGHT * across).astype(np.float32), down.astype(np.float32)
+
+
+def dust(shape: tuple[int, int], marks: int, seed: int) -> NDArray[np.float32]:
+    """Share of the light that passes marks on the glass or the camera's window, shape (rows,
+    columns): round grains and drops out of focus, of which one in `BRIGHT` scatters light in.
+    """
+    rng = np.random.default_rng([seed, 106])
+    passed, sides = np.ones(shape, np.float32), np.array(shape)
+    for number in range(marks):
+        radius, blur = (math.exp(rng.uniform(*np.log(a))) for a in (DUST_RADIUS_PX, DUST_BLUR_PX))
+        middle, depth = rng.uniform(0, sides), rng.uniform(*DUST_DEPTH)
+        reach = radius + 3 * blur
+        first = np.clip(np.floor(middle - reach), 0, sides).astype(int)
+        last = np.clip(np.ceil(middle + reach) + 1, 0, sides).astype(int)
+        y, x = np.ogrid[first[0] : last[0], first[1] : last[1]]
+        covered = ndtr((radius - np.hypot(y - middle[0], x - middle[1])) / blur)
+        sign = 1 if number % BRIGHT == BRIGHT - 1 else -1
+        passed[first[0] : last[0], first[1] : last[1]] *= 1 + sign * depth * covered
+    return passed
 
 
 @compiled(fastmath=True)

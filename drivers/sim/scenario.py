@@ -12,7 +12,7 @@ import numpy as np
 from analysis.settings import Sample
 from drivers.settings import CameraSettings, ForceSettings
 from drivers.sim.faults import Fault, parse
-from drivers.sim.settings import SimSettings, parse_error
+from drivers.sim.settings import ADDED, SimSettings, parse_error
 
 Pair = tuple[float, float]
 ADC_BITS = 16
@@ -59,9 +59,12 @@ class Scenario:
         """The world behind a bench's settings, with the errors that `sim.errors` puts into them."""
         sections: dict[str, Any] = {"sample": sample, "forces": forces, "camera": camera}
         for text in sim.errors:
-            section, name, factor = parse_error(text)
+            section, name, value = parse_error(text)
             given = sections[section]
-            sections[section] = replace(given, **{name: factor * getattr(given, name)})
+            if f"{section}.{name}" in ADDED:
+                sections[section] = _misread(given, name, value)
+            else:
+                sections[section] = replace(given, **{name: value * getattr(given, name)})
         return cls(
             sim=sim,
             normal_force=normal_force,
@@ -136,3 +139,18 @@ class Scenario:
     def faults(self) -> tuple[Fault, ...]:
         """What goes wrong."""
         return tuple(map(parse, self.sim.faults))
+
+
+def _misread(forces: ForceSettings, name: str, value: float) -> ForceSettings:
+    """Sensors that read that much more than the settings say: newtons, or a share of the other
+    force.
+    """
+    of, other = (0, 1) if name in ("zero_normal", "normal_from_shear") else (1, 0)
+    if "_from_" in name:
+        coupling = [list(row) for row in forces.coupling]
+        coupling[of][other] += value
+        (a, b), (c, d) = coupling
+        return replace(forces, coupling=((a, b), (c, d)))
+    zero = list(forces.zero)
+    zero[of] += value / (forces.stiffness[of] * forces.sensitivity[of])
+    return replace(forces, zero=(zero[0], zero[1]))

@@ -14,10 +14,17 @@ MISTAKEN = {  # what a world may have otherwise than the settings say
         f"{of}_{sensor}" for of in ("stiffness", "sensitivity") for sensor in ("normal", "shear")
     ),
 }
+ADDED = {  # what is added to what the settings say, and up to how much
+    "forces.zero_normal": 0.1,  # newtons
+    "forces.zero_shear": 0.1,
+    "forces.normal_from_shear": 0.2,  # share of Q in the reading of P
+    "forces.shear_from_normal": 0.2,
+}
 
 
 def parse_error(text: str) -> tuple[str, str, float]:
-    """Section, option and factor of an entry of `SimSettings.errors`.
+    """Section, option and value of an entry of `SimSettings.errors`: a factor, or what is added
+    (`ADDED`).
 
     Raises
     ------
@@ -30,11 +37,17 @@ def parse_error(text: str) -> tuple[str, str, float]:
         value = float(factor)
     except ValueError:
         value = 0.0
-    if option_name not in MISTAKEN.get(section, ()) or not 0.5 <= value <= 2:
+    if name in ADDED:
+        is_known = factor.strip() != "" and 0 < abs(value) <= ADDED[name]
+    else:
+        is_known = option_name in MISTAKEN.get(section, ()) and 0.5 <= value <= 2
+    if not is_known:
         known = ", ".join(f"{table}.{one}" for table, names in MISTAKEN.items() for one in names)
+        added = ", ".join(f"{one} (up to {most:g})" for one, most in ADDED.items())
         raise ValueError(
             f"'{text}' found; write one of {known} and the true value over that of the settings,"
-            " 0.5 to 2, as in 'camera.pixel 1.01'"
+            f" 0.5 to 2, as in 'camera.pixel 1.01'; or one of {added} and what it reads too much,"
+            " in N or as a share of the other force, as in 'forces.zero_shear 0.005'"
         )
     return section, option_name, value
 
@@ -45,7 +58,7 @@ class SimSettings(Section):
 
     seed: int = option(1, "Seed of everything random: the same seed gives the same bits", ge=0)
     law: str = option(
-        "cattaneo-mindlin",
+        "elasto-plastic",
         "Friction at each point: rigid until it slides, mu p (1 - exp(-s/(mu L))), or a table",
         choices=("cattaneo-mindlin", "elasto-plastic", "table"),
     )
@@ -70,7 +83,7 @@ class SimSettings(Section):
         "CSV file for law = 'table': slip (um) and shear traction as a share of mu p, two columns",
     )
     pressure: str = option(
-        "hertz",
+        "greenwood-tripp",
         "Pressure of the contact: of smooth faces, or Greenwood and Tripp's of a face with"
         " sample.roughness (elasto-plastic, table)",
         choices=("hertz", "greenwood-tripp"),
@@ -78,7 +91,8 @@ class SimSettings(Section):
     errors: tuple[str, ...] = option(
         (),
         "What is not as the settings say, and by which factor: 'camera.pixel 1.01',"
-        " 'forces.stiffness_shear 0.997'; docs/simulation.md lists them",
+        " 'forces.stiffness_shear 0.997'; or what a sensor reads too much: 'forces.zero_shear"
+        " 0.005' (N), 'forces.shear_from_normal 0.01' (of P); docs/simulation.md lists them",
     )
     distortion: float = option(
         0.0,
@@ -107,6 +121,21 @@ class SimSettings(Section):
     )
     read_noise: float = option(
         1.0, "Standard deviation of the camera's read noise", "grey levels", ge=0, le=50
+    )
+    unequal_pixels: float = option(
+        0.0,
+        "Standard deviation of the camera's pixels from their common gain, which stays in the"
+        " picture while the block moves",
+        "%",
+        ge=0,
+        le=20,
+    )
+    dust: int = option(
+        0,
+        "Marks on the glass or on the camera's window, in the whole picture, which stay in it while"
+        " the block moves: 3 to 30 px wide, most of them dark",
+        ge=0,
+        le=10000,
     )
     full_well: float = option(
         20000.0,

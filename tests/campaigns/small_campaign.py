@@ -11,13 +11,31 @@ from typer.testing import Result
 # no traction, of which a summary takes longer than the run itself
 TINY = dict(
     setting.split("=", 1)
-    for setting in (*SHORT, "stress.method='none'", "run.travel=8", "dic.threads=1")
+    for setting in (*SHORT, "stress.method=none", "run.travel=8", "dic.threads=1")
 )
 Write = Callable[..., Path]
 Command = Callable[..., Result]
+TWO_LOADS = ("vary.run.normal_force = [0.03, 0.04]", 'sessions = "{name}-{load}N"')
+SESSIONS = ["tiny-0.03N.h5", "tiny-0.04N.h5"]
 
 
 def text_of(*lines: str) -> str:
     """A campaign of tiny runs, with further lines."""
-    settings = "\n".join(f"settings.{name} = {value}" for name, value in TINY.items())
+    settings = "\n".join(f"settings.{name} = {_value(text)}" for name, text in TINY.items())
     return "\n".join(('name = "tiny"', settings, *lines)) + "\n"
+
+
+def _value(text: str) -> str:
+    """A value of an override as one of TOML."""
+    return text if text[0].isdigit() else f"'{text}'"
+
+
+def mark(path: Path) -> tuple[int, int, int]:
+    """What tells a file from any other, and from itself once somebody has written to it."""
+    about = path.stat()
+    return about.st_ino, about.st_size, about.st_mtime_ns
+
+
+def sessions_in(folder: Path) -> list[str]:
+    """The sessions of a folder, by name."""
+    return sorted(path.name for path in folder.glob("*.h5"))

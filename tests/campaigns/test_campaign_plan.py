@@ -29,6 +29,10 @@ def test_the_six_loads_are_those_of_the_paper() -> None:
     assert {c.run.velocity for c in configs} == {5 * 1e-6}
     assert {(c.sim.law, c.sim.pressure) for c in configs} == {("elasto-plastic", "greenwood-tripp")}
     assert len({c.sim.seed for c in configs}) == 6
+    # Fig. 8: mu falls slowly with P; JKR: 3.43 ± 0.05 MPa
+    assert {c.sim.friction_decay for c in configs} == {0.1}
+    (known,) = {c.uncertainty.young_modulus * c.sample.young_modulus for c in configs}
+    assert known == pytest.approx(0.05e6, rel=0.05)
     assert [run.name for run in plan.runs][::5] == ["six-loads-0.1N", "six-loads-1.4N"]
     assert not plan.pauses
     frames = [expected_seconds(c) * c.frame_rate_hz for c in configs]
@@ -44,7 +48,8 @@ def test_each_of_the_six_loads_ends_in_sliding(number: int) -> None:
     config = planned(Path("six-loads")).runs[number].config
     load = config.run.normal_force
     compliance = 1 / config.forces.stiffness_shear + config.sample.lens_compliance
-    slides = rough(load).full + compliance * config.sim.friction * load
+    mu = config.sim.friction * load**-config.sim.friction_decay
+    slides = rough(load, mu=mu).full + compliance * mu * load
     assert 0.95 * config.run.travel > slides + 5 * config.run.velocity
 
 

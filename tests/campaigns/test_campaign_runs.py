@@ -12,15 +12,14 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from small_campaign import Command, Write
+from small_campaign import SESSIONS, TWO_LOADS, Command, Write, mark, sessions_in
 
 from app.campaigns import state
 from app.campaigns.plan import planned
-from app.campaigns.state import LOCK, State, found_of, keep
+from app.campaigns.state import State, found_of, keep
 from app.commands import campaign as campaigns
 from app.commands.inspect import info
 from app.config import from_record
-from app.disk import AppendedFile
 from app.records import Outcome
 from app.report import figures
 from app.report.figures import write_picture
@@ -30,19 +29,7 @@ from app.session.repair import whole
 from drivers.bench import Bench
 from drivers.errors import DeviceError
 
-TWO_LOADS = ("vary.run.normal_force = [0.03, 0.04]", 'sessions = "{name}-{load}N"')
-SESSIONS = ["tiny-0.03N.h5", "tiny-0.04N.h5"]
 WEAK = "limits.shear_force = 0.002"  # Q passes it early in the drive
-
-
-def mark(path: Path) -> tuple[int, int, int]:
-    """What tells a file from any other, and from itself once somebody has written to it."""
-    about = path.stat()
-    return about.st_ino, about.st_size, about.st_mtime_ns
-
-
-def sessions_in(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.glob("*.h5"))
 
 
 class Page(HTMLParser):
@@ -102,6 +89,26 @@ def test_a_campaign_does_its_runs_and_only_those_that_are_not_done(
         assert info(tmp_path / "tiny" / name, as_json=True, verify=True) == 0
 
 
+def test_a_picture_that_a_kill_has_left_out_is_drawn_when_the_campaign_goes_on(
+    campaign: Command, write: Write, tmp_path: Path
+) -> None:
+    """A session is done once it has its name; its picture is drawn after that."""
+    file = write(*TWO_LOADS)
+    assert campaign(file).exit_code == 0
+    files = sorted(path.name for path in (tmp_path / "tiny").iterdir())
+    for n, name in enumerate(SESSIONS):
+        picture = (tmp_path / "tiny" / name).with_suffix(".png")
+        picture.unlink()
+        before = mark(tmp_path / "tiny" / name)
+        assert campaign(file, *["--only", n + 1] * n).exit_code == 0
+        assert picture.exists()
+        assert mark(tmp_path / "tiny" / name) == before
+    assert sorted(path.name for path in (tmp_path / "tiny").iterdir()) == files
+    (tmp_path / "tiny" / SESSIONS[0]).with_suffix(".png").unlink()
+    assert campaign(file, "--check").exit_code == 0
+    assert not (tmp_path / "tiny" / SESSIONS[0]).with_suffix(".png").exists()
+
+
 def test_the_page_shows_every_run_its_numbers_and_its_picture(
     campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,136 +151,6 @@ def test_the_page_is_there_and_loads_itself_again_while_the_campaign_goes_on(
     assert all('http-equiv="refresh"' in text for text in pages)
     assert "the time left is told after the first left" not in pages[0]
     assert re.search(r"1 of 2 runs done, about \d+ s left", pages[1])
-
-
-# ---------------------------------------------------------------------- what is refused
-
-
-def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(
-    campaign: Command, write: Write, tmp_path: Path
-) -> None:
-    assert campaign(write(*TWO_LOADS), "--only", "1").exit_code == 0
-    before = mark(tmp_path / "tiny" / SESSIONS[0])
-    refused = campaign(write(*TWO_LOADS, "settings.run.velocity = 6"))
-    assert refused.exit_code == 2
-    assert refused.stderr == (
-        "slipscope: tiny/tiny-0.03N.h5: recorded with run.velocity = 5.0, which is not what run 1"
-        " of the campaign says now; give another folder with -o, or undo the change\n"
-    )
-    assert mark(tmp_path / "tiny" / SESSIONS[0]) == before
-    # what does not concern what was measured, and further runs, are no other experiment
-    more = "vary.run.normal_force = [0.03, 0.04, 0.05]"
-    going_on = campaign(write(more, TWO_LOADS[1], 'settings.about.note = "later"'), "--only", "1,2")
-    assert going_on.exit_code == 0
-    assert "has changed since tiny was begun: 1 of its runs are done as it says now" in (
-        " ".join(going_on.stderr.split())
-    )
-    assert mark(tmp_path / "tiny" / SESSIONS[0]) == before
-    assert (
-        "has changed"
-        not in campaign(
-            write(more, TWO_LOADS[1], 'settings.about.note = "later"'), "--only", "1,2"
-        ).stderr
-    )
-
-
-def _foreign(folder: Path) -> None:
-    (folder / SESSIONS[1]).write_text("a diary")
-
-
-def _page(folder: Path) -> None:
-    (folder / "index.html").write_text("<html>a diary</html>")
-
-
-def _copy(folder: Path) -> None:
-    (folder / "campaign.toml").write_text("# a diary")
-
-
-def _picture(folder: Path) -> None:
-    (folder / "tiny-0.04N.png").write_text("a drawing")
-
-
-def _no_folder(folder: Path) -> None:
-    folder.rmdir()
-    folder.write_text("a diary")
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (_foreign, "tiny-0.04N.h5: can not be read, it is not an HDF5 file"),
-        (_page, "index.html: not written by `slipscope campaign`; give another folder with -o"),
-        (_copy, "campaign.toml: not written by `slipscope campaign`; give another folder with -o"),
-        (_picture, "run 2: tiny/tiny-0.04N.png: a picture of that name exists; choose another"),
-        (_no_folder, "tiny: a folder is needed, this is a file; give another one with -o"),
-    ],
-)
-def test_what_is_there_already_is_never_replaced(
-    campaign: Command, write: Write, tmp_path: Path, spoil, words: str
-) -> None:
-    folder = tmp_path / "tiny"
-    folder.mkdir()
-    spoil(folder)
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    refused = campaign(write(*TWO_LOADS))
-    assert (refused.exit_code, refused.stdout) == (2, "")
-    assert words in refused.stderr.splitlines()[-1]
-    after = {path: path.read_bytes() for path in before}
-    assert before == after
-    assert not (folder / SESSIONS[0]).exists()
-
-
-def test_a_disk_without_room_for_all_runs_is_told_before_anything_moves(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(campaigns, "free_bytes", lambda path: 60_000_000)
-    refused = campaign(write(*TWO_LOADS))
-    assert refused.exit_code == 2
-    assert "tiny: the 2 runs need about 0.1 GB, the disk has 0.1 GB free; make room, or begin" in (
-        refused.stderr
-    )
-    assert not (tmp_path / "tiny").exists()
-    assert campaign(write(*TWO_LOADS), "--only", "1", "--check").exit_code == 0
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("run.travel = [8, -8]", "run.travel = -8 um goes against +x, which the simulated"),
-        ("sim.thickness = [0, 2]", "[sim]: "),
-        ("forces.block = [10, 10000]", "forces.block = 10000 samples last longer than"),
-    ],
-)
-def test_a_run_that_can_not_be_made_is_told_by_its_number_before_anything_moves(
-    campaign: Command, write: Write, tmp_path: Path, line: str, words: str
-) -> None:
-    refused = campaign(write(f"vary.{line}"))
-    assert refused.exit_code == 2
-    assert f"campaign.toml, run 2: {words}" in refused.stderr
-    assert not (tmp_path / "tiny").exists()
-
-
-def test_two_campaigns_do_not_work_in_one_folder(
-    campaign: Command, write: Write, tmp_path: Path
-) -> None:
-    (tmp_path / "tiny").mkdir()
-    lock = AppendedFile(tmp_path / "tiny" / LOCK, overwrite=True, locked=True)
-    refused = campaign(write(*TWO_LOADS))
-    lock.remove()
-    assert refused.exit_code == 2
-    assert "tiny: another slipscope campaign works in this folder; wait for its end" in (
-        refused.stderr
-    )
-
-
-def test_check_does_nothing_and_shows_what_would_be_done(
-    campaign: Command, write: Write, tmp_path: Path
-) -> None:
-    result = campaign(write(*TWO_LOADS), "--check")
-    assert result.exit_code == 0
-    assert "tiny-0.04N" in result.stdout
-    assert "waiting" in result.stdout
-    assert not (tmp_path / "tiny").exists()
 
 
 # ---------------------------------------------------------------------- failures and operators

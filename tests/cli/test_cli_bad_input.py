@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from PIL import Image
+from short_run import RIGID
 from typer.testing import Result
 
 from app.commands.names import parse_pace
@@ -215,7 +216,7 @@ def test_images_that_do_not_belong_together(slipscope: Command, tmp_path: Path, 
 def test_an_empty_image_list_is_a_usage_error(slipscope: Command, grey: str) -> None:
     result = slipscope("dic", grey, "-o", "f.csv")
     assert result.exit_code == 2
-    assert "Missing argument" in result.stderr
+    assert "there are no images to correlate with it" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -270,6 +271,7 @@ def test_fields_are_not_overwritten_without_the_option(
         ("sim.law=viscous", ("sim.law", "'table'")),
         ("sim.law=table", ("sim.law_table", "none is named")),
         ("sim.thickness=15", ("finite thickness", "'elasto-plastic'")),
+        ("sim.pressure=greenwood-tripp", ("rough contact", "sim.pressure = 'hertz'")),
         ("sim.law_table=bad.csv", ("never falling",)),
         ("sim.law_table=nowhere.csv", ("nowhere.csv", "two columns")),
         ("sim.law_table=three.csv", ("3 columns",)),
@@ -280,6 +282,40 @@ def test_a_world_that_can_not_be(
 ) -> None:
     (tmp_path / "bad.csv").write_text("0,0\n1,0.5\n2,0.4\n3,1\n")
     (tmp_path / "three.csv").write_text("0,0,0\n")
-    law = () if setting.startswith(("sim.law=", "sim.th")) else ("--set", "sim.law=table")
-    refused(slipscope("run", "--headless", "-o", "w.h5", *law, "--set", setting), *words)
+    others = ("sim.law=table",)
+    if setting.startswith("sim.law="):
+        others = ()
+    elif setting.startswith(("sim.thickness", "sim.pressure")):
+        others = RIGID
+    given = [word for one in (*others, setting) for word in ("--set", one)]
+    refused(slipscope("run", "--headless", "-o", "w.h5", *given), *words)
     assert not (tmp_path / "w.h5").exists()
+
+
+@pytest.mark.parametrize("words", [("info",), ("replay",), ("invert",), ("export", "-o", "x.csv")])
+@pytest.mark.parametrize("folder", [".", "/"])
+def test_a_folder_in_place_of_a_session(
+    slipscope: Command, words: tuple[str, ...], folder: str
+) -> None:
+    result = slipscope(words[0], folder, *words[1:])
+    assert result.exit_code == 2
+    assert "this is a folder, not a " in " ".join(result.stderr.split())
+
+
+def test_config_names_all_that_it_knows(slipscope: Command) -> None:
+    result = slipscope("config", "nope")
+    assert result.exit_code == 2
+    said = " ".join(result.stderr.split())
+    assert "nothing is called 'nope'; known: " in said
+    assert "six-loads" in said
+
+
+@pytest.mark.parametrize("command", ["stop", "answer", "attach"])
+def test_a_command_that_finds_no_bench_speaks_of_itself(
+    slipscope: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str
+) -> None:
+    monkeypatch.setattr("app.processes.folder.root", lambda: tmp_path)
+    words = ("yes",) if command == "answer" else ("--headless",) if command == "attach" else ()
+    result = slipscope(command, *words)
+    assert result.exit_code == 2
+    assert f"{command}: no bench of yours runs" in " ".join(result.stderr.split())

@@ -11,8 +11,9 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -25,8 +26,10 @@ from typer.testing import Result
 from analysis.dic import Correlation
 from analysis.options import as_written
 from app.cli import files as cli_files
-from app.commands import experiment
+from app.commands import doctor, experiment
 from app.config import default_toml
+from app.processes import urgent
+from app.processes.folder import RunningBench
 from app.records import Counts, Health, Outcome
 from app.stopping import StopAnswer, at_rest, failed, not_connected, sent_to, unread
 
@@ -225,6 +228,21 @@ def test_doctor_fails_where_a_package_is_missing_and_says_how_to_get_it(
     assert "extra-one" not in result.stdout
 
 
+def test_doctor_fails_where_a_part_of_the_program_can_not_be_imported(
+    slipscope: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def imported(name: str) -> Any:
+        if name == "app.records":
+            raise IndexError("tuple index out of range")
+        return import_module(name)
+
+    monkeypatch.setattr(doctor, "import_module", imported)
+    result = slipscope("doctor")
+    assert result.exit_code == 1
+    words = " ".join(result.stdout.split())
+    assert "app.records can not be imported: IndexError: tuple index out of range" in words
+
+
 def _version_of(known: Callable[[str], str]) -> Callable[[str], str]:
     return lambda name: "0.1.0" if name == "slipscope" else known(name)
 
@@ -322,8 +340,6 @@ def test_the_terminal_tells_what_became_of_each_stop(capsys: pytest.CaptureFixtu
 class Attached(Interrupted):
     """A run in another process whose stage comes to rest, or does not, after a while."""
 
-    title, session = "bench X", Path("a.h5")
-
     def __init__(self, *answers: StopAnswer) -> None:
         super().__init__(0)
         self.answers = list(answers)
@@ -347,7 +363,10 @@ class Attached(Interrupted):
 def test_slipscope_stop_says_what_became_of_it(
     slipscope: Command, monkeypatch: pytest.MonkeyPatch, answers: list[StopAnswer], code: int
 ) -> None:
-    monkeypatch.setattr("app.processes.launch.attached", lambda name: Attached(*answers))
+    bench = RunningBench("one", "bench X", "/data/a.h5", "", "", 1, 0.0)
+    monkeypatch.setattr(urgent, "Called", lambda bench: Attached(*answers))
+    monkeypatch.setattr(urgent, "running", lambda: [bench])
+    monkeypatch.setattr(urgent, "running_as", lambda name, who: bench)
     result = slipscope("stop")
     assert result.exit_code == code
     assert answers[-1].sentence in " ".join(result.stderr.split())

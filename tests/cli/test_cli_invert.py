@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from typer.testing import Result
 
 from analysis.inversion.result import Stopped
 from analysis.mechanics import cattaneo_mindlin, hertz
+from app.commands.invert import notes_once
 
 Command = Callable[..., Result]
 
@@ -182,8 +185,9 @@ def test_the_fields_of_a_session_give_the_same_from_their_own_table(
         assert same["Q_n"] == pytest.approx(one["Q_n"], rel=0.01, abs=1e-4)
         assert same["D_m"] == pytest.approx(one["D_m"], abs=9e-9)
     # without it: the simulated lens moves by 0.68 um/N, and 0.028 N pull at the end
-    lines = Path("f.csv").read_text(encoding="utf-8").splitlines()
-    bare = [lines[0], *(line.rpartition(",")[0] for line in lines[1:])]
+    rows = [line.split(",") for line in Path("f.csv").read_text(encoding="utf-8").splitlines()]
+    lens_at = rows[0].index("lens_px")
+    bare = [",".join(row[:lens_at] + row[lens_at + 1 :]) for row in rows]
     Path("f.csv").write_text("\n".join(bare), encoding="utf-8")
     left_in = json.loads(slipscope("invert", "f.csv", *options, 0.03, "--json").stdout)
     lens = left_in["fields"][-1]["D_m"] - again["fields"][-1]["D_m"]
@@ -265,3 +269,18 @@ def test_what_can_not_be_done_is_said_in_a_sentence(
     assert result.stderr.count("\n") == 1
     for word in words:
         assert word in result.stderr
+
+
+def test_a_note_on_many_fields_is_told_once_with_their_frames() -> None:
+    def field(number: int, *notes: str) -> Any:
+        return SimpleNamespace(number=number, result=SimpleNamespace(notes=notes))
+
+    covers, above = "the field does not cover the contact", "a residual of {} times the noise"
+    fields = [field(n, covers, *([above.format(1.5 + n)] if n > 1 else [])) for n in range(20)]
+    assert notes_once(fields) == [
+        covers,
+        "frames 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13 and 6 more, the first: a residual of 3.5"
+        " times the noise",
+    ]
+    assert notes_once([field(7, "odd"), field(8)]) == ["frame 7: odd"]
+    assert notes_once([field(7, "odd")]) == ["odd"]

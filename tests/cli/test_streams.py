@@ -7,8 +7,10 @@ import gc
 import io
 import json
 import os
+import queue
 import subprocess
 import sys
+import time
 import weakref
 from pathlib import Path
 
@@ -16,7 +18,8 @@ import pytest
 from short_run import SHORT
 
 from app.cli.streams import steady_streams
-from app.commands.experiment import Made, _follow, _Reports
+from app.commands.experiment import Made, _follow, _Operator, _Reports
+from app.commands.terminal import TypedLines
 from app.session.reader import SessionReader
 from app.stopping import not_connected
 
@@ -147,3 +150,67 @@ def test_a_terminal_that_fails_is_named_as_the_reason():
     with pytest.raises(ValueError, match="no such colour"):
         _follow(source, as_json=True, signals=[])
     assert source.reasons[0] == "the terminal failed (ValueError: no such colour)"
+
+
+class Terminal(io.StringIO):
+    """A terminal at which somebody types, line by line."""
+
+    def __init__(self):
+        super().__init__()
+        self.lines, self.readers, self.most = queue.SimpleQueue(), 0, 0
+
+    def isatty(self):
+        return True
+
+    def readline(self, *_):
+        self.readers += 1
+        self.most = max(self.most, self.readers)
+        line = self.lines.get()
+        self.readers -= 1
+        return line
+
+
+def test_a_question_that_was_answered_elsewhere_leaves_no_reader_behind(monkeypatch):
+    class Source:
+        def __init__(self):
+            self.answers = []
+
+        def answer(self, text):
+            self.answers.append(text)
+
+    typed, source, typing = TypedLines(), Source(), Terminal()
+    monkeypatch.setattr(sys, "stdin", typing)
+    monkeypatch.setattr("app.commands.experiment.TYPED", typed)
+    operator = _Operator(source)
+
+    def until(condition):
+        give_up = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < give_up
+            operator.ask(question)
+            time.sleep(0.001)
+
+    question = "Is it dry?"
+    until(lambda: typing.readers == 1)
+    question = ""  # the window has answered it
+    operator.ask(question)
+    question = "Is it clean?"
+    until(lambda: operator._asked == question)
+    typing.lines.put("very\n")
+    until(lambda: source.answers)
+    assert source.answers == ["very"]  # once, and to the question that stood
+    assert typing.most == 1
+
+    question = "Is it warm?"
+    until(lambda: typing.readers == 1)
+    question = ""
+    operator.ask(question)
+    typing.lines.put("to nobody\n")
+    until(lambda: typing.readers == 0 and typed._lines.empty())
+    question = "Go on?"
+    until(lambda: typing.readers == 1)
+    assert source.answers == ["very"]
+    typing.lines.put("\n")
+    until(lambda: len(source.answers) == 2)
+    assert source.answers == ["very", "yes"]
+    assert typing.most == 1

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import pytest
 import short_run
+from processes.launched import wait_until
 
 from app import config, live
 from app.certificate import NAME, known, place, write
@@ -36,6 +37,7 @@ def test_a_bench_is_measured_and_its_sessions_say_so(tmp_path):
     assert "the rising edge comes 0 ms after the trigger, within 0 ms" in finding.value
     run = live.make_run(settings, tmp_path / "run.h5", pace=2.0)
     run.start()
+    wait_until(lambda: run.health().state != "armed", "the session")  # none if stopped before
     run.request_stop("enough")
     run.wait(60)
     with h5py.File(tmp_path / "run.h5") as file:

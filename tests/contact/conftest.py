@@ -54,6 +54,7 @@ def _pair(
     uneven=0.3,
     noise=2.0,
     peak=80.0,
+    passed=1.0,
 ):
     rng = np.random.default_rng(seed)
     background, loaded = (20 * s for s in _speckle(rng, shape, 1.3, shift))
@@ -63,7 +64,7 @@ def _pair(
     light = 1 - uneven * (0.5 * u / shape[1] + (v / shape[0] - 0.4) ** 2)
 
     def picture(clean, brightness):
-        grey = clean * light * brightness + rng.normal(0, noise, shape)
+        grey = clean * light * brightness * passed + rng.normal(0, noise, shape)
         return np.clip(np.round(grey), 0, 255).astype(np.uint8)
 
     return picture(100 + background, 1.0), picture(100 + loaded + spots, lamp)
@@ -72,7 +73,7 @@ def _pair(
 @pytest.fixture
 def pair():
     """Maker of (background, image): ``pair(seed, shape, radius, (x, y), shift=..., law=...,
-    density=..., lamp=..., uneven=...)``.
+    density=..., lamp=..., uneven=..., passed=...)``.
     """
     return _pair
 

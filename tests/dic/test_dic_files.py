@@ -13,6 +13,7 @@ from blobs import Speckle
 from scipy.interpolate import RegularGridInterpolator
 
 from analysis.dic import Correlation
+from analysis.saturation import end_of_scale
 from app.errors import UserError
 from app.exchange.correlating import PLANES, correlate_files
 from app.exchange.images import read_image
@@ -221,7 +222,7 @@ def test_a_mask_and_a_region_leave_the_rest_out(pictures, tmp_path, method):
 
 @pytest.mark.parametrize(("scale", "full_scale"), [(257, 0), (16, 4095)])
 def test_images_of_twelve_and_sixteen_bits(tmp_path, scale, full_scale):
-    """Twelve bits in a file of sixteen: saturation is seen only if the full scale is given."""
+    """Twelve bits in a file of sixteen: saturation is seen, also if the full scale is not given."""
     speckle = Speckle((120, 160))
     deep = [
         np.minimum(
@@ -238,7 +239,8 @@ def test_images_of_twelve_and_sixteen_bits(tmp_path, scale, full_scale):
     with np.load(tmp_path / "scaled.npz") as file:
         assert np.nanmedian(file["ux_px"]) == pytest.approx(1.2, abs=0.02)
     if full_scale:
-        assert correlate_files(files[0], files[1:], tmp_path / "not.npz").statuses["saturated"] == 0
+        found = correlate_files(files[0], files[1:], tmp_path / "found.npz").statuses
+        assert found["saturated"] == summary.statuses["saturated"]
 
 
 def test_lost_points_are_nan_with_a_reason(pictures, tmp_path):
@@ -272,8 +274,6 @@ def unusable(kind, pictures, folder):
         save(path, grey[:-1])
     elif kind == "depth":
         save(path, grey.astype(np.uint16))
-    elif kind == "pages":
-        cv2.imencodemulti(".tif", [grey, grey])[1].tofile(path)
     return path
 
 
@@ -287,7 +287,6 @@ def unusable(kind, pictures, folder):
         ("colour", "colour image"),
         ("size", "160 x 119 uint8 found"),
         ("depth", "160 x 120 uint16 found"),
-        ("pages", "several images in one file"),
     ],
 )
 @pytest.mark.parametrize("ending", ["csv", "h5", "npz"])
@@ -349,3 +348,65 @@ def test_an_existing_file_is_replaced_only_on_request(pictures, tmp_path, ending
     correlate_files(pictures[0], pictures[1:], output, overwrite=True)
     assert output.stat().st_size > 1000
     assert list(tmp_path.iterdir()) == [output]
+
+
+def overexposed(speckle, ux, top, scale=1):
+    """A 16-bit picture of a camera of fewer bits, cut off at `top`."""
+    grey = speckle.grey(ux, 0, contrast=700 * scale, level=2100 * scale)
+    return np.clip(np.rint(grey), 0, top).astype(np.uint16)
+
+
+@pytest.mark.parametrize(("top", "scale"), [(4095, 1), (1023, 0.25), (16383, 4), (3800, 1)])
+def test_saturation_is_seen_where_the_grey_scale_ends_below_that_of_the_type(tmp_path, top, scale):
+    speckle = Speckle((120, 160))
+    paths = [tmp_path / f"{n}.tif" for n in range(2)]
+    for n, path in enumerate(paths):
+        save(path, overexposed(speckle, 0.7 * n, top, scale))
+    settings = Correlation(box=20, step=10, max_saturated=0.02)
+    found = correlate_files(paths[0], paths[1:], tmp_path / "a.npz", settings)
+    given = Correlation(box=20, step=10, max_saturated=0.02, full_scale=top)
+    known = correlate_files(paths[0], paths[1:], tmp_path / "b.npz", given)
+    assert found.full_scale == top
+    assert 0.005 < found.saturated < 0.2
+    assert found.statuses == known.statuses
+    assert found.statuses["saturated"] > 10
+    assert known.full_scale == 0  # the user knows it
+
+
+def test_a_picture_that_is_not_overexposed_has_no_end_of_its_grey_scale(tmp_path):
+    speckle = Speckle((240, 320))
+    for top, shift in ((65535, 0), (4095, 4)):
+        grey = speckle.grey(0, 0, contrast=150, level=900)
+        image = np.clip(np.rint(grey), 0, top).astype(np.uint16) << shift
+        assert image.max() < 65535
+        assert end_of_scale(image, 65535) == 65535
+    clipped = np.full((50, 50), 255, np.uint8)
+    assert end_of_scale(clipped, 255) == 255
+
+
+def test_a_stack_is_not_one_image(pictures, tmp_path):
+    stack = tmp_path / "stack.tif"
+    cv2.imwritemulti(str(stack), [read_image(path) for path in pictures])
+    with pytest.raises((UserError, ValueError), match="several images in one file"):
+        read_image(stack)
+
+
+def test_a_stack_and_a_folder_are_correlated_image_by_image(pictures, tmp_path):
+    images = [read_image(path) for path in pictures]
+    cv2.imwritemulti(str(tmp_path / "stack.tif"), images)
+    settings = Correlation(box=20, step=10)
+    one = correlate_files(pictures[0], pictures[1:], tmp_path / "files.npz", settings)
+    stack = tmp_path / "stack.tif"
+    cases = [(stack, []), (pictures[0].parent, []), (pictures[0], [pictures[1], stack])]
+    for n, (first, others) in enumerate(cases):
+        found = correlate_files(first, others, tmp_path / f"{n}.npz", settings)
+        assert found.frames == (4 if n == 2 else 2)
+        assert n == 2 or found.statuses == one.statuses
+    with np.load(tmp_path / "files.npz") as a, np.load(tmp_path / "0.npz") as b:
+        np.testing.assert_array_equal(a["ux_px"], b["ux_px"])
+        assert str(b["images"][0]) == f"{tmp_path / 'stack.tif'}, page 1"
+
+
+def test_a_single_image_has_nothing_to_be_compared_with(pictures, tmp_path):
+    with pytest.raises(UserError, match="there are no images to correlate with it"):
+        correlate_files(pictures[0], [], tmp_path / "a.npz")

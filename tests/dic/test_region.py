@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 from blobs import Speckle, way
 from matplotlib.path import Path as Outline
+from short_run import SMALL
 from typer.testing import CliRunner
 
-from analysis.dic import Correlation, Status, open_tracker
+from analysis.dic import Correlation, Status, compile_kernels, open_tracker
 from analysis.region import measured
+from app import config, live
 from app.cli.program import app
+from app.session.reader import SessionReader
 
 SPECKLE = Speckle((240, 320))
 IMAGES = [SPECKLE.image(noise=2, seed=1), SPECKLE.image(1.3, -0.4, noise=2, seed=2)]
@@ -113,3 +116,41 @@ def test_a_polygon_is_written_as_it_is_read() -> None:
     for text in SHAPES:
         (polygon,) = Correlation(region=(text,)).polygons
         assert polygon.text == text
+
+
+@pytest.mark.parametrize("part", ["all", "field", "search"])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"region": ("inside 100 100 1500 100 1500 1100 100 1100",)},
+        {"region": ("outside 0 0 200 0 200 200 0 200",)},
+        {"max_saturated": 0.0, "full_scale": 1},
+        {"min_contrast": 250.0, "min_correlation": 0.99},
+        {"quality": "auto", "region": SHAPES},
+        {"method": "icgn", "region": SHAPES},
+    ],
+    ids=str,
+)
+def test_kernels_are_compiled_whatever_is_asked_of_the_picture(part: str, settings: dict) -> None:
+    """They are compiled on a small picture of its own."""
+    compile_kernels(Correlation(threads=1, **settings), np.uint8, part)
+
+
+@pytest.mark.parametrize("way_off", [(340, 240, 470, 350), (250, 20, 470, 120)])
+def test_a_live_run_measures_in_a_region_away_from_the_corner(
+    tmp_path: Path, way_off: tuple[int, int, int, int]
+) -> None:
+    left, top, right, bottom = way_off
+    region = f"inside {left} {top} {right} {top} {right} {bottom} {left} {bottom}"
+    settings = config.load(None, [*SMALL, "run.travel=5", f"dic.region=['{region}']"])
+    run = live.make_run(settings, tmp_path / "a.h5", pace=None)
+    run.start()
+    outcome = run.wait(300)
+    assert outcome is not None
+    assert (outcome.state, outcome.reason) == ("done", "the drive of 5 um is complete")
+    with SessionReader(tmp_path / "a.h5") as session:
+        (*_, last) = (s for s in session.snapshots() if s.field is not None)
+    x, y = np.meshgrid(run.grid_x_px, run.grid_y_px)
+    here = (x > left) & (x < right) & (y > top) & (y < bottom)
+    assert (last.field.status[here] == Status.OK).mean() > 0.9
+    assert (last.field.status[~here] != Status.OK).all()

@@ -147,7 +147,7 @@ print(json.dumps([field.ux_px.tolist(), field.zncc.tolist(), field.ux_std_px.tol
     def run(without: str):
         env = os.environ | {
             "NUMBA_DISABLE_JIT": without,
-            "PYTHONPATH": os.pathsep.join([".", str(Path(__file__).parent)]),
+            "PYTHONPATH": os.pathsep.join([".", str(Path(__file__).parents[1])]),
         }
         done = subprocess.run(
             [sys.executable, "-W", "ignore", "-c", code.replace("ORDER", str(order))],

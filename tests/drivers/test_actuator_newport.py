@@ -2,6 +2,7 @@
 their limits.
 """
 
+import math
 import subprocess
 import sys
 
@@ -263,6 +264,29 @@ def test_what_the_controller_can_not_be_told_the_driver_keeps(newport_open):
     assert stage.driver.travel_limits_m == pytest.approx((5e-3, 20e-3))
     with pytest.raises(OutOfLimits):
         stage.driver.move_to(4e-3)
+
+
+def test_limits_of_the_controller_that_are_narrower_hold(newport):
+    stage = newport(travel=(-5e-3, 25e-3))
+    stage.device.answers |= {"SL?": "1SL-2", "SR?": "1SR20"}
+    stage.driver.open()
+    stage.driver.make_ready()
+    assert stage.driver.travel_limits_m == pytest.approx((-2e-3, 20e-3))
+    for target in (-2.001e-3, 20.001e-3):
+        with pytest.raises(OutOfLimits, match=r"its travel is -2 to 20 mm"):
+            stage.driver.move_to(target)
+    assert not stage.sent("PA")
+
+
+def test_limits_that_the_settings_do_not_have_are_those_of_the_controller(newport):
+    stage = newport(travel=(-math.inf, math.inf))
+    stage.controller.parameters |= {"SL": -2.0, "SR": 20.0}
+    stage.driver.open()
+    assert stage.driver.travel_limits_m == pytest.approx((-2e-3, 20e-3))
+    stage.driver.make_ready()
+    assert stage.driver.travel_limits_m == pytest.approx((-2e-3, 20e-3))
+    with pytest.raises(OutOfLimits, match=r"its travel is -2 to 20 mm"):
+        stage.driver.move_to(20.001e-3)
 
 
 def test_limits_that_leave_nothing_are_refused(newport):

@@ -2,6 +2,7 @@
 within the limits of a run only.
 """
 
+import re
 from itertools import chain
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from newport_bench import wait_until
 from short_run import SMALL
 
 from app import config, live
-from app.commands.bench_check import _forces, check, unpressed
+from app.commands.bench_check import _forces, _hum, check, unpressed
+from app.engine.setup import sensor_chain
 from drivers.protocols import SampleBlock
 
 FREE = "sim.press_time=600"  # nothing is pressed meanwhile
@@ -192,3 +194,29 @@ def test_recorded_forces_are_what_an_operator_pressed_as_well():
     settings = config.load(None, ["forces.source=replay", "replay.session=a.h5"])
     findings = list(_forces(settings, newtons(settings, 1e-3, 0.5), settings.forces.block))
     assert [f.is_fine for f in findings] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("hz", "mn", "is_told"), [(50.0, 3.0, True), (60.0, 3.0, True), (50.0, 0.2, False)]
+)
+def test_hum_of_the_mains_is_named_with_what_averages_it_out(hz, mn, is_told):
+    settings = config.load(None, ["forces.source=nidaqmx"])
+    t = np.arange(2000) / settings.forces.sample_rate
+    newtons = np.random.default_rng(1).normal(0.0, 0.5e-3, (2000, 2))
+    newtons[:, 1] += mn * 1e-3 * np.sqrt(2.0) * np.sin(2 * np.pi * hz * t + 0.3)
+    volts = sensor_chain(settings).volts(newtons)
+    normal, shear = _forces(settings, volts, 50)
+    assert "rms" in normal.found
+    assert normal.is_fine
+    assert shear.is_fine != is_told
+    assert not shear.needed  # it forbids no run
+    if is_told:
+        told = re.search(rf"at {hz:g} Hz (\S+) mN rms", shear.found)
+        assert float(told[1]) == pytest.approx(mn, rel=0.02)
+        assert f"a block of {2 * round(1000 / hz)} samples (forces.block)" in shear.advice
+
+
+def test_hum_is_no_number_where_the_samples_do_not_reach_it():
+    settings = config.load(None, ["forces.source=nidaqmx", "forces.sample_rate=100"])
+    assert np.isnan(_hum(np.zeros(200), 60.0, settings)[1])
+    assert np.isfinite(_hum(np.zeros(2000), 40.0, settings)[1])

@@ -225,3 +225,132 @@ def test_without_harvesters_the_sentence_says_what_to_install(make, monkeypatch)
     for call in (camera_gentl.find, make().open):
         with pytest.raises(DeviceNotFound, match=r"pip install '\.\[gentl\]'"):
             call()
+
+
+# ------------------------------------------------------------------ behind a frame grabber
+
+
+@pytest.fixture
+def grabber(make, monkeypatch):
+    """Opens a camera that describes no features, or not these; its size and format are set by the
+    program of the frame grabber, and it runs as that lets it.
+    """
+    core = pytest.importorskip("harvesters.core")
+    create = core.Module._create_node_map
+    own = []
+
+    def described(module, **how):
+        nodes = create(module, **how)
+        if not isinstance(module, core.RemoteDevice):
+            return nodes
+        own.append(nodes)
+        return core.NodeMap()
+
+    monkeypatch.setattr(core.Module, "_create_node_map", described)
+
+    def opened(has, *, width=120, height=100, pixel_format="Mono8", **changes):
+        if has is not None:
+            monkeypatch.setattr(core.Module, "_create_node_map", create)
+        camera = make(**changes)
+        node = camera._node
+        if has is not None:
+            monkeypatch.setattr(camera, "_node", lambda name, **k: node(name, **k) if has else None)
+        camera.open()
+        nodes = own[-1] if own else camera._acquirer.remote_device.node_map
+        nodes.PixelFormat.value, nodes.Width.value = pixel_format, width
+        nodes.Height.value = height
+        if own:  # the stream of a frame grabber says it, this one does not
+            camera._acquirer.remote_device.node_map.PayloadSize.value = nodes.PayloadSize.value
+        arm = camera._arm
+
+        def arm_and_run(buffers):
+            arm(buffers)
+            if own:
+                nodes.AcquisitionStart.execute()
+
+        monkeypatch.setattr(camera, "_arm", arm_and_run)
+        return camera
+
+    return opened
+
+
+@pytest.mark.parametrize("has", [None, ()])
+def test_a_camera_without_features_is_used_as_its_frame_grabber_sets_it(grabber, clock, has):
+    camera = grabber(has)
+    assert "120 x 100 Mono8, trigger and exposure as the camera is set" in camera.describe()
+    camera.start(TRAIN)
+    clock.start()
+    clock.advance(10_000)
+    frames = [camera.read(60.0) for _ in range(3)]
+    assert [frame.index for frame in frames] == [0, 1, 2]
+    assert all(frame.image.shape == (100, 120) for frame in frames)
+    camera.stop()
+    camera.close()
+
+
+@pytest.mark.parametrize("has", [None, ()])
+@pytest.mark.parametrize(
+    ("other", "found"),
+    [
+        ({"width": 140}, "140 x 100 px of Mono8"),
+        ({"width": 100, "height": 120}, "100 x 120 px of Mono8"),
+        ({"pixel_format": "RGBa8"}, "120 x 100 px of RGBa8"),
+    ],
+)
+def test_images_of_a_frame_grabber_that_are_not_as_the_settings_say_are_told(
+    grabber, clock, has, other, found
+):
+    camera = grabber(has, **other)
+    camera.start(TRAIN)
+    clock.start()
+    clock.advance(10_000)
+    with pytest.raises(DeviceFault, match=f"its images are {found}, and the settings say 120 x 1"):
+        camera.read(60.0)
+
+
+def test_what_a_frame_grabber_alone_can_set_is_refused_with_what_to_write(grabber):
+    with pytest.raises(
+        OutOfLimits, match=r"ExposureTime = .*no such feature .*leave camera\.trigger_line and"
+    ):
+        grabber(None, trigger_line="Line1")
+
+
+def test_a_producer_that_gives_no_way_to_the_camera_is_told(make, monkeypatch):
+    core = pytest.importorskip("harvesters.core")
+    monkeypatch.setattr(core.Module, "_create_node_map", lambda module, **how: None)
+    with pytest.raises(DeviceFault, match="gives no way to the camera that harvesters can use"):
+        make().open()
+
+
+def test_a_feature_that_can_only_be_read_must_have_the_value_asked(make, monkeypatch):
+    camera = make()
+    node = camera._node
+
+    def read_only(name, *, to_read=False):
+        return None if name == "Width" and not to_read else node(name, to_read=to_read)
+
+    monkeypatch.setattr(camera, "_node", read_only)
+    with pytest.raises(
+        OutOfLimits, match=r"Width = 120 was requested, it is \d+ and can not be set from here"
+    ):
+        camera.open()
+
+
+@pytest.mark.parametrize(
+    ("offered", "chosen"),
+    [
+        (("Off", "ReadOut", "PreviousFrame"), ["ReadOut"]),
+        (("Off", "PreviousFrame"), ["PreviousFrame"]),
+        (("Off",), []),
+        (None, []),
+    ],
+)
+def test_triggers_during_the_readout_count_where_the_camera_can(make, monkeypatch, offered, chosen):
+    camera, assigned = make(trigger_line="Line1"), []
+    given = None if offered is None else "TriggerOverlap"
+    monkeypatch.setattr(camera, "_node", lambda n, **_: given if n == given else f"node {n}")
+    monkeypatch.setattr(camera, "_offer", lambda n: offered if n == given else ())
+    monkeypatch.setattr(camera, "_assign", lambda n, value: assigned.append((n, value)))
+    camera._set_trigger("Line1")
+    assert [value for n, value in assigned if n == "TriggerOverlap"] == chosen
+    assert ("node TriggerMode", "On") in assigned

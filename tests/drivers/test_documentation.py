@@ -34,3 +34,11 @@ def test_a_bench_that_comes_with_the_program_is_well_formed(name):
     settings = config.load(Path(name))
     assert settings != Config()
     assert config.from_data(__import__("tomllib").loads(config.bench_text(name)), name) == settings
+
+
+def test_the_example_of_a_test_on_the_emulated_bench_runs(tmp_path):
+    blocks = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    (code,) = [block for block in blocks if "def test_" in block]
+    names = {}
+    exec(compile(code, "docs/bench.md", "exec"), names)
+    names["test_a_noisy_line_ends_nothing"](tmp_path)

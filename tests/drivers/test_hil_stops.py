@@ -86,8 +86,8 @@ def stopped_s(silence):
         ("force_driver", "NI board 'Dev1': it was asked and no force came for 2 s"),
         ("controller", "emulated SMC100: .* gave no answer to 'T[PS]' within 0.6 s"),
         ("actuator_driver", "emulated SMC100: it was asked and no force came for 2 s"),
-        ("camera", "emulated pylon camera: trigger .* had no answer for"),
-        ("camera_driver", "emulated pylon camera: trigger .* had no answer for"),
+        ("camera", "emulated pylon camera: no image came for .* has had no answer"),
+        ("camera_driver", "emulated pylon camera: no image came for .* has had no answer"),
     ],
 )
 def test_whatever_falls_silent_in_the_drive_is_named_and_the_stage_stops(ended, part, named):

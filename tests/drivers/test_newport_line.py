@@ -8,11 +8,13 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
-from newport_bench import Aside, benches, wait_until
+from newport_bench import PATIENT_S, Aside, benches, wait_until
 
+from drivers import newport_line
 from drivers.actuator_newport import ConexCc, Smc100, find
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
@@ -178,6 +180,7 @@ def test_a_move_whose_acceptance_is_damaged_is_sent_again_and_moves_once(newport
     stage.driver.move_to(13e-3)
     assert stage.sent("PA") == ["1PA13", "1PA13"]
     assert stage.driver.is_moving()
+    assert stage.driver._line.pause_s == 0.01  # noise is not silence
 
 
 def test_a_move_about_which_nothing_is_known_is_stopped(newport_open):
@@ -304,6 +307,33 @@ def test_a_stop_comes_before_the_queries_that_wait(newport_open):
     assert commands[stopped:].count(b"1TP") == 3
 
 
+def test_no_byte_of_a_stop_comes_between_those_of_another_command(newport_open):
+    stage = newport_open()
+    stage.driver.move_to(13e-3)
+    port, write = stage.driver._line._port, stage.driver._line._port.write
+    wrote, is_half, is_second = [], threading.Event(), threading.Event()
+
+    def slowly(sent):
+        if is_half.is_set():
+            is_second.set()
+        wrote.append(sent[:2])
+        write(sent[:2])
+        if not is_half.is_set():
+            is_half.set()
+            is_second.wait(0.5)  # long enough for one that waits for nothing
+        wrote.append(sent[2:])
+        write(sent[2:])
+
+    port.write = slowly
+    asking = Aside(stage.driver.position_m)
+    assert is_half.wait(PATIENT_S)
+    stage.driver.stop()
+    asking.join()
+    assert wrote[:4] == [b"1T", b"P\r\n", b"1S", b"T\r\n"]
+    stage.pass_time(1.0)
+    assert not stage.driver.is_moving()
+
+
 def test_a_move_that_a_stop_overtakes_is_never_sent(newport_open):
     stage = newport_open()
     stage.device.hold("TE")
@@ -362,6 +392,52 @@ def test_a_strict_controller_takes_every_command_sent_apart(newport):
     assert all(command[:1] == b"1" for _, command in stage.line.arrivals)
 
 
+@pytest.mark.parametrize("deaf_ms", [15, 30, 60, 100])
+def test_a_controller_that_needs_long_to_interpret_a_command_is_used(newport, monkeypatch, deaf_ms):
+    monkeypatch.setattr(newport_line, "PATIENCE_S", 6.0)  # a busy computer may be late
+    stage = newport(line={"deaf_s": deaf_ms * 1e-3, "byte_s": 10 / 57600})
+    stage.driver.open()
+    stage.driver.make_ready()
+    for velocity in (1, 2, 3, 4, 5, 10):
+        stage.driver.set_velocity(velocity * 1e-6)
+    stage.driver.move_to(13e-3)
+    assert stage.driver.is_moving()
+    assert stage.controller.parameters["VA"] == pytest.approx(0.01)
+    # the pause that was found is kept: of 9 commands two at most, at two longer ones, came again
+    assert len(stage.sent("SL0") + stage.sent("SR25") + stage.sent("VA0") + stage.sent("PA")) <= 11
+    stage.driver.stop()
+    stage.pass_time(1.0)
+    assert not stage.driver.is_moving()
+
+
+def test_the_pause_of_the_settings_is_that_of_the_first_sending(newport, monkeypatch):
+    monkeypatch.setattr(newport_line, "PATIENCE_S", 6.0)
+    stage = newport(line={"deaf_s": 0.08}, command_pause=0.12).opened()
+    stage.driver.set_velocity(10e-6)
+    assert stage.sent("VA0.01") == ["1VA0.01"]
+    assert not stage.line.ignored
+
+
+def test_a_controller_deaf_for_longer_than_can_be_waited_is_told_with_the_setting(newport):
+    stage = newport(line={"deaf_s": 5.0})
+    stage.driver.open()
+    took, error = seconds(stage.driver.make_ready)
+    assert took < 1.0
+    assert isinstance(error, DeviceTimeout)
+    assert "gave no answer to 'SL0' within 0.6 s" in str(error)
+    assert "raise actuator.command_pause if it needs longer" in str(error)
+
+
+def test_repetitions_with_their_pauses_fit_in_what_a_query_may_take(newport):
+    for first_s in (0.001, 0.01, 0.05, 0.15):
+        used_s, sent = 0.0, 0
+        for pause_s in newport_line.pauses_s(first_s):
+            if used_s + pause_s + newport_line.LEAST_ANSWER_S <= newport_line.PATIENCE_S:
+                used_s, sent = used_s + pause_s + newport_line.LEAST_ANSWER_S, sent + 1
+        assert sent >= 2, first_s
+        assert sent == 3 or first_s > 0.01, first_s
+
+
 @pytest.mark.parametrize("strict", [False, True])
 @pytest.mark.parametrize("wire", WIRES)
 def test_another_process_stops_the_stage_while_the_driver_has_the_port(newport, wire, strict):
@@ -371,7 +447,18 @@ def test_another_process_stops_the_stage_while_the_driver_has_the_port(newport, 
     given = pickle.dumps(stage.driver.stopper()).hex()
     program = f"import pickle; pickle.loads(bytes.fromhex('{given}')).stop()"
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
-    assert len(stage.sent("ST")) == 2
+    assert len(stage.sent("ST")) == 3
+    stage.pass_time(1.0)
+    assert not stage.driver.is_moving()
+
+
+def test_a_stop_from_outside_reaches_a_controller_that_is_deaf_by_the_command_before_it(newport):
+    stage = newport(line={"deaf_s": 0.1}, over="tcp", command_pause=0.15).opened()
+    stage.driver.move_to(13e-3)
+    stopper = stage.driver.stopper()
+    stage.line._deaf_until = time.monotonic() + 0.1
+    stopper.stop()
+    wait_until(lambda: stage.sent("ST"))
     stage.pass_time(1.0)
     assert not stage.driver.is_moving()
 

@@ -11,7 +11,7 @@ from worlds import scenario
 from drivers import actuator_newport
 from drivers.clock import SampleClock
 from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
-from drivers.errors import DeviceFault
+from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
 
@@ -225,6 +225,35 @@ def test_a_noisy_line_changes_nothing_but_takes_longer():
     driver.close()
 
 
+@pytest.mark.parametrize("fault", ["slow-controller 0 60", "deaf-controller 0 60"])
+def test_a_slow_or_deaf_controller_moves_as_asked(fault):
+    driver, world = emulated(fault)
+    driver.set_velocity(1e-3)
+    driver.move_to(12.6e-3)
+    while driver.is_moving():
+        world.advance(10)
+    assert driver.position_m() == pytest.approx(12.6e-3, abs=0.04e-6)
+    if "deaf" in fault:
+        assert driver._far_end.ignored
+        assert driver._line.pause_s > 0.01
+    else:
+        assert driver._far_end.think_s == 0.06
+    driver.close()
+
+
+def test_a_mute_controller_is_told_from_its_sample_on():
+    driver, world = emulated("mute-controller 800")
+    driver.set_velocity(100e-6)
+    driver.move_to(12.7e-3)
+    world.advance(700)
+    assert driver.is_moving()
+    world.advance(200)
+    with pytest.raises(DeviceTimeout, match="gave no answer to 'TS'"):
+        driver.is_moving()
+    with pytest.raises(DeviceTimeout):
+        driver.close()
+
+
 def test_what_the_world_does_not_model_is_told_in_its_words():
     world = World(scenario(press_time=0.0, press_samples=10), pace=None)
     driver = EmulatedConexCc(ActuatorSettings(), SampleClock(1000.0), world)
@@ -237,3 +266,122 @@ def test_what_the_world_does_not_model_is_told_in_its_words():
     ):
         driver.move_to(12e-3)
     driver.close()
+
+
+# ------------------------------------------------------------------ a stop beside a move
+
+
+def moving_on(newport):
+    """A stage that moves, goes on whatever it is told, and takes new targets meanwhile."""
+    stage = newport().opened()
+    stage.driver.move_to(13e-3)
+    stage.stage.halt = lambda acceleration: None
+    stage.device.answers["TE"] = "1TE@"
+    return stage
+
+
+def renews_late(driver, monkeypatch):
+    """A new target comes when the stop has begun, and has not been sent."""
+    line, send = driver._line, driver._line.stop
+
+    def stop():
+        monkeypatch.setattr(line, "stop", send)
+        driver.move_to(14e-3)
+        send()
+
+    monkeypatch.setattr(line, "stop", stop)
+    driver.stop()
+
+
+def stops_early(driver, monkeypatch):
+    """The stop has been sent when the new target is still being prepared."""
+    monkeypatch.setattr(driver, "_is_prepared", False)
+    monkeypatch.setattr(driver, "_prepare", lambda line: driver.stop())
+    driver.move_to(14e-3)
+
+
+def stops_while_refused(driver, monkeypatch):
+    """The stop is sent while the new target is on its way, which the controller refuses."""
+    line = driver._line
+
+    def tell(command, **_):
+        driver.stop()
+        return "M"
+
+    monkeypatch.setattr(line, "tell", tell)
+    with pytest.raises(DeviceFault, match="not allowed while it moves"):
+        driver.move_to(14e-3)
+
+
+@pytest.mark.parametrize("race", [renews_late, stops_early, stops_while_refused])
+def test_a_new_target_beside_a_stop_does_not_end_the_check_that_the_stage_stops(
+    newport, monkeypatch, race
+):
+    stage = moving_on(newport)
+    race(stage.driver, monkeypatch)
+    monkeypatch.setattr(actuator_newport, "STOPS_WITHIN_S", -1.0)
+    with pytest.raises(DeviceFault, match=r"was told to stop .* and is still MOVING"):
+        stage.driver.is_moving()
+
+
+def test_a_move_after_a_stop_is_not_blamed_for_it(newport, monkeypatch):
+    stage = newport().opened()
+    stage.driver.move_to(13e-3)
+    stage.driver.stop()
+    stage.pass_time(1.0)
+    stage.driver.move_to(14e-3)
+    monkeypatch.setattr(actuator_newport, "STOPS_WITHIN_S", -1.0)
+    assert stage.driver.is_moving()
+
+
+def test_a_look_that_was_answered_before_a_move_began_does_not_forget_the_move(
+    newport, monkeypatch
+):
+    stage = newport().opened()
+    driver, read = stage.driver, stage.driver._read_again
+    driver.move_to(13e-3)
+    stage.pass_time(100.0)
+
+    def read_before_a_move(*args):
+        found = read(*args)
+        driver.move_to(14e-3)
+        return found
+
+    monkeypatch.setattr(driver, "_read_again", read_before_a_move)
+    assert not driver.is_moving()
+    driver.close()
+    wait_until(lambda: stage.sent("ST"))
+
+
+# ------------------------------------------------------------------ a state that came damaged
+
+
+@pytest.mark.parametrize("word", ["000428", "000014", "000033", "800028", "00013D", "00002A"])
+def test_a_state_that_one_reading_names_is_not_believed(newport_open, word):
+    stage = newport_open()
+    stage.driver.move_to(13e-3)
+    stage.device.answers["TS"] = [f"1TS{word}", "1TS000028"]
+    assert stage.driver.is_moving()
+    assert stage.driver.position_m() >= 12.5e-3
+    stage.device.answers.clear()
+    stage.pass_time(100.0)
+    assert not stage.driver.is_moving()
+    assert stage.driver.position_m() == pytest.approx(13e-3)
+
+
+def test_an_error_bit_that_persists_is_a_fault_while_the_stage_moves(newport_open):
+    stage = newport_open()
+    stage.driver.move_to(13e-3)
+    stage.device.answers["TS"] = "1TS000428"
+    with pytest.raises(DeviceFault, match="peak current limit; it is now MOVING"):
+        stage.driver.is_moving()
+
+
+def test_a_damaged_state_before_a_true_failure_does_not_hide_it(newport_open):
+    stage = newport_open()
+    stage.driver.move_to(13e-3)
+    stage.device.answers["TS"] = ["1TS000014", "1TS00203D", "1TS00003D"]  # TS clears the bits
+    with pytest.raises(
+        DeviceFault, match=r"following error: .*; it is now DISABLE from MOVING; its motor is off"
+    ):
+        stage.driver.is_moving()

@@ -19,7 +19,7 @@ newport = pytest.fixture(benches)
 def stops_of(driver):
     """The stops of a run on this stage, which is connected and was sent off at 5 um/s."""
     stage = Stage(config.load(None, SMALL), SimpleNamespace(actuator=driver))
-    stage.velocity_m_s = 5e-6
+    stage.velocity_m_s, stage.may_move = 5e-6, True
     driver.set_velocity(5e-6)
     driver.move_to(12.6e-3)
     ending = Ending(lambda: None)

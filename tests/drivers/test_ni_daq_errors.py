@@ -2,6 +2,7 @@
 sentence that says what to do.
 """
 
+import contextlib
 import signal
 import subprocess
 import sys
@@ -150,6 +151,45 @@ def test_a_server_that_accepts_calls_and_does_not_answer_is_a_fault_in_time(ni, 
         assert time.monotonic() - began < 5.0
     finally:
         silent.set()
+
+
+def test_a_server_that_falls_silent_or_is_slow_by_a_fault_of_the_world(ni):
+    slow = ni.emulated("slow-server 0 50", pace=1.0)
+    slow.open()
+    slow.start(TRAIN)
+    assert slow.read(5.0).first == 0
+    slow.close()
+    silent = ni.emulated("silent-server 300", pace=1.0, answer_time=0.5)
+    silent.open()
+    silent.start(TRAIN)
+
+    def read_on():
+        for _ in range(200):
+            with contextlib.suppress(DeviceTimeout):
+                silent.read(0.2)
+
+    with pytest.raises(DeviceFault, match="does not answer"):
+        read_on()
+    assert silent.world.now >= 300
+
+
+def test_the_first_call_of_a_connection_may_take_longer_as_it_loads_the_driver(ni, monkeypatch):
+    server, loaded, began = ni.serve(pace=1.0), threading.Event(), threading.Event()
+    check = server.board.check
+
+    def load():
+        """Every call waits until the first has let the server load its driver."""
+        if not began.is_set():
+            began.set()
+            threading.Timer(1.5, loaded.set).start()
+        loaded.wait(20.0)
+        check()
+
+    monkeypatch.setattr(server.board, "check", load)
+    forces = ni.connect(server.address, answer_time=0.5)
+    forces.open()
+    assert loaded.is_set()
+    forces.close()
 
 
 # ------------------------------------------------------------------ what can not be opened

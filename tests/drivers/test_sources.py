@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.options import as_written, options
+from analysis.options import as_written, option, options
 from app import config
 from app.commands.inspect import changed_settings
 from app.config import ConfigError, from_record, load, revised, to_toml
@@ -100,7 +100,7 @@ def test_options_that_can_not_be_used_are_refused_like_any_setting(lab, override
     [
         ("nowhere:Stage", "", "can not be imported (ModuleNotFoundError: No module named"),
         ("lab_stage:Stge", STAGE, "can not be imported (AttributeError: module 'lab_stage' has"),
-        ("lab_stage:Stage", "1 / 0", "(ZeroDivisionError: division by zero); install its package"),
+        ("lab_stage:Stage", "1 / 0", "(ZeroDivisionError: division by zero); correct that in it"),
         ("lab_stage:Stage", STAGE.replace('"mm"', '"furlong"'), "the unit 'furlong'"),
         ("lab_stage:Stage", "Stage = 3", "is no class but a int"),
         ("lab_stage:Stage", "class Stage: Options = 3", "`Options` of the driver"),
@@ -175,3 +175,43 @@ def test_only_devices_have_options_of_a_driver():
     assert "options" not in options(ActuatorSettings)
     assert Path(config.__file__).exists()
     assert issubclass(UnknownDevice, DeviceNotFound)
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy", "not_said"),
+    [
+        (
+            "from analysis.options import option\noption(1.0, 'Speed', 'furlong')\n",
+            "the unit 'furlong' .* correct that in it$",
+            "PYTHONPATH",
+        ),
+        ("import no_such_library\n", "install its package, or put", "current folder"),
+    ],
+)
+def test_a_driver_that_can_not_be_imported_is_told_what_helps(
+    tmp_path, monkeypatch, text, remedy, not_said
+):
+    (tmp_path / "odd_driver.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "odd_driver", raising=False)
+    with pytest.raises(UnknownDevice, match=remedy) as caught:
+        assert driver("actuator", "odd_driver:Stage").made
+    assert not_said not in str(caught.value)
+
+
+def test_a_driver_in_the_current_folder_is_told_that_this_is_not_looked_in(tmp_path, monkeypatch):
+    (tmp_path / "here_driver.py").write_text("class Stage: ...", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    with pytest.raises(UnknownDevice, match=r"it lies in the current folder, .* set PYTHONPATH=\."):
+        assert driver("actuator", "here_driver:Stage").made
+
+
+@pytest.mark.parametrize(
+    ("unit", "held"), [("mm/s", 2e-3), ("mm/s2", 2e-3), ("A", 2.0), ("mA", 2e-3), ("degC", 2.0)]
+)
+def test_units_that_drivers_of_stages_need_are_known(unit, held):
+    declared = option(1.0, "Something", unit).metadata
+    (found,) = declared.values()
+    assert found.si(2.0) == pytest.approx(held)
+    assert found.written(found.si(2.0)) == 2.0

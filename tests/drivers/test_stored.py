@@ -9,6 +9,7 @@ from short_run import SMALL
 
 from app import config, live
 from app.session.reader import SessionReader
+from drivers import stored
 from drivers.bench import make_bench
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
@@ -94,6 +95,30 @@ def test_a_stored_stage_goes_where_it_went_once_it_is_told(clock):
         stage.home()
     with pytest.raises(OutOfLimits):
         stage.set_velocity(float("nan"))
+
+
+def test_a_recorded_motion_that_goes_beyond_what_is_asked_is_refused_before_it_begins(clock):
+    stage = StoredActuator(ActuatorSettings(), clock, Tape())
+    stage.open()
+    with pytest.raises(
+        OutOfLimits,
+        match=r"stage of tape: a move of 500\.0 um was requested, the .* goes 1000\.0 um; set run",
+    ):
+        stage.move_to(1.5e-3)
+    assert not stage.is_moving()
+    there_and_back = Tape()
+    there_and_back.position_samples = np.arange(0, 900)
+    there_and_back.positions_m = 1e-3 + 1e-6 * np.concatenate(
+        [np.arange(300.0), np.arange(300.0, -300.0, -1.0)]
+    )
+    stage = StoredActuator(ActuatorSettings(), clock, there_and_back)
+    stage.open()
+    clock.start()
+    stage.move_to(1.3e-3)
+    clock.advance(300)
+    with pytest.raises(OutOfLimits, match=r"a move of 200\.0 um was .*, the .* goes 599\.0 um"):
+        stage.move_to(1.1e-3)
+    stage.move_to(0.7e-3)
 
 
 def test_a_gap_stays_a_gap_and_the_end_is_told(clock):
@@ -228,3 +253,35 @@ def test_a_session_that_is_not_there_is_one_sentence(tmp_path):
             tmp_path / "x.h5",
             pace=1.0,
         )
+
+
+def test_what_a_block_costs_does_not_grow_with_what_is_left(clock, monkeypatch):
+    """An hour at full speed: gaps are looked for once, not in all that is left at each block."""
+    looked, isnan = [], np.isnan
+
+    def noted(values):
+        looked.append(values.size)
+        return isnan(values)
+
+    monkeypatch.setattr(stored.np, "isnan", noted)
+    tape = Tape(gap=(0, 0))
+    tape.volts = np.ones((200_000, 2))
+    tape.volts[1000:1020] = tape.volts[150_010:160_000] = np.nan
+    forces = StoredForces(ForceSettings(), clock, tape)
+    forces.open()
+    forces.start(TRAIN)
+    blocks, end = [], 0
+    while end < 200_000:
+        block = forces.read(1.0)
+        assert block.first == end
+        end = block.end
+        blocks.append(block)
+    assert sum(looked) <= 3 * tape.volts.size
+    lost = [(b.first, b.count) for b in blocks if isinstance(b, LostSamples)]
+    assert lost == [(1000, 20), (150_010, 9990)]
+    assert all(len(b.volts) <= 50 for b in blocks if not isinstance(b, LostSamples))
+    assert (
+        sum(len(b.volts) for b in blocks if not isinstance(b, LostSamples)) == 200_000 - 20 - 9990
+    )
+    with pytest.raises(DeviceFault, match="ends before sample 200000"):
+        forces.read(1.0)

@@ -62,7 +62,7 @@ def test_the_values_are_recorded_in_their_units(session):
 
 def test_they_are_exported_and_shown(session, tmp_path, capsys):
     export(session, tmp_path / "forces.csv", what="forces")
-    lines = (tmp_path / "forces.csv").read_text(encoding="utf-8").splitlines()[1:]
+    lines = (tmp_path / "forces.csv").read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(lines))
     assert float(rows[0]["temperature_degC"]) == 50
     assert float(rows[0]["lvdt_mm"]) == 1.5

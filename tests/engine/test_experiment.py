@@ -189,3 +189,14 @@ def test_the_drive_waits_for_forces_that_are_new_and_is_refused_without_them():
     behind.go(1.0, 0.5)
     with pytest.raises(ExperimentFailed, match=r"forces: the drive was not begun, .* 7 s old"):
         behind.go(10.0, 0.5, age_s=7.0)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_limit_of_the_normal_force_holds_for_either_sign(sign):
+    """With the wrong forces.sign the operator presses, and P falls without end."""
+    bench = Bench("limits.normal_force=1")
+    bench.go(1.0)
+    bench.go(1.0, sign * 0.99)
+    with pytest.raises(ExperimentFailed, match=rf"reached {sign * 1.01:.3f} N") as told:
+        bench.go(0.05, sign * 1.01)
+    assert ("forces.sign" in str(told.value)) == (sign < 0)

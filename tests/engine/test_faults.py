@@ -216,12 +216,22 @@ def test_a_cut_line_ends_the_run_and_says_that_the_stop_was_not_confirmed(ended)
     assert e.world.stage_m() <= 30.001e-6
 
 
-def test_a_line_that_is_not_there_can_not_be_noisy(ended, tmp_path):
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        ("noisy-line 5", "it has no line that could be noisy"),
+        ("mute-controller 5", "for the fault 'mute-controller'"),
+        ("deaf-controller 5", "for the fault 'deaf-controller'"),
+        ("silent-server 5", "they come from no server"),
+        ("slow-server 5", "for the fault 'slow-server'"),
+    ],
+)
+def test_what_is_not_there_can_not_be_at_fault(tmp_path, fault, sentence):
     run = live.make_run(
-        config.load(None, [*SMALL, "sim.faults=['noisy-line 5']"]), tmp_path / "x.h5", pace=None
+        config.load(None, [*SMALL, f"sim.faults=['{fault}']"]), tmp_path / "x.h5", pace=None
     )
     run.start()
-    assert "it has no line that could be noisy" in run.wait(TIMEOUT).reason
+    assert sentence in run.wait(TIMEOUT).reason
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from app.bench_view import HOLD_S, State
 from app.engine import preview as preview_module
 from app.engine.preview import Preview
 from app.engine.setup import sensor_chain
+from app.errors import UnderLoad
 from app.live import make_bench
 from app.stopping import Stop
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
@@ -381,13 +382,35 @@ def test_zero_gives_the_readings_without_a_force():
     with connected(world=(f"forces.zero={list(true)}",)) as preview:
         all_ready(preview)
         assert abs(preview.look().forces.newest[0]) > 0.03
-        found = preview.zero()
+        with pytest.raises(UnderLoad, match=r"P reads 0\.05"):
+            preview.zero()
+        assert abs(preview.look().forces.newest[0]) > 0.03  # and the zero is as it was
+        found = preview.zero(under_load=True)
         assert found == pytest.approx(true, abs=1e-3)
         wait_for(lambda: abs(preview.look().forces.newest[0]) < 1e-3)
         settings = config.load(None, FREE)
         settings = replace(settings, forces=replace(settings.forces, zero=found))
         newtons = sensor_chain(settings).forces(np.array([true]))
         assert newtons == pytest.approx(np.zeros((1, 2)), abs=1e-3)
+
+
+def test_a_free_block_is_zeroed_without_a_question():
+    with connected() as preview:
+        all_ready(preview)
+        assert preview.zero() == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+def test_a_pressed_block_is_not_zeroed_without_a_word_and_the_zero_can_be_given_back():
+    with connected("sim.press_time=0.01", "run.normal_force=0.5") as preview:
+        all_ready(preview)
+        wait_for(lambda: preview.look().forces.newest[0] > 0.4)
+        with pytest.raises(UnderLoad, match=r"zero: P reads 0\.(4|5)\d\d N .* hang free"):
+            preview.zero()
+        assert preview.look().forces.newest[0] > 0.4
+        preview.zero(under_load=True)
+        wait_for(lambda: abs(preview.look().forces.newest[0]) < 0.01)
+        preview.set_zero((0.0, 0.0))
+        wait_for(lambda: preview.look().forces.newest[0] > 0.4)
 
 
 def test_zero_is_refused_while_the_stage_moves():

@@ -4,10 +4,12 @@ ends when something breaks.
 
 import threading
 import time
+from dataclasses import asdict
 
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_equal
 from short_run import DRIVE, SMALL, TRACTION
 
 from app import config, live
@@ -136,7 +138,7 @@ def test_replay_gives_the_live_results_to_the_bit(tmp_path):
     assert outcome.summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.01)
     replay = replayed(tmp_path / "whole.h5")
     assert replay.comparison().all_identical, replay.comparison()
-    assert replay.outcome().summary == outcome.summary
+    assert_equal(asdict(replay.outcome().summary), asdict(outcome.summary))
 
 
 def test_replay_skips_what_the_live_run_skipped(session, tmp_path):
@@ -187,7 +189,7 @@ def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(t
     replay = replayed(tmp_path / "old.h5")
     assert (replay.config.dic.method, replay.config.dic.search) == ("direct", 16)
     assert replay.comparison().all_identical, replay.comparison()
-    assert replay.outcome().summary == outcome.summary
+    assert_equal(asdict(replay.outcome().summary), asdict(outcome.summary))
 
 
 def test_another_seed_is_another_run(session, tmp_path):
@@ -433,5 +435,5 @@ def test_a_run_starts_once(tmp_path):
     run.start()
     with pytest.raises(RuntimeError, match="make a new run"):
         run.start()
-    run.request_stop("enough")
-    assert run.wait(TIMEOUT).reason == "enough"
+    run.request_stop("enough")  # before it began or after
+    assert run.wait(TIMEOUT).reason.endswith("enough")

@@ -3,6 +3,7 @@ newest.
 """
 
 import dataclasses
+import threading
 
 import numpy as np
 import pytest
@@ -64,6 +65,8 @@ def test_rings_are_kept_of_evenly_chosen_frames_of_those_that_were_inverted(coun
     for n in range(count):
         series.append(dataclasses.replace(one, frame=10 + n))
     kept = [s.frame for s in series.since(0)[:-1] if s.rings is not None]
+    at_rest, kept = kept[:2], kept[2:]
+    assert at_rest == [2, 7]
     assert MOST_RINGS / 2 <= len(kept) <= MOST_RINGS
     assert kept[0] == 10
     every = kept[1] - kept[0]
@@ -71,3 +74,29 @@ def test_rings_are_kept_of_evenly_chosen_frames_of_those_that_were_inverted(coun
     assert (
         every == {MOST_RINGS: 1, MOST_RINGS + 1: 2, 2 * MOST_RINGS + 1: 4, 5 * MOST_RINGS: 8}[count]
     )
+
+
+def test_the_newest_is_whole_whenever_it_is_read():
+    """A frame that comes while the results are read takes nothing from the one before it."""
+    series = Series()
+    series.append(snapshot(0))
+    inside, later, found = threading.Event(), snapshot(1), []
+
+    class Rows(type(series._rows)):
+        def __getitem__(self, where):
+            inside.set()
+            appending.join(0.5)  # it either waits for this, or has come by then
+            return super().__getitem__(where)
+
+    series._rows = Rows("d", series._rows)
+
+    def append():
+        inside.wait(30)
+        series.append(later)
+
+    appending = threading.Thread(target=append)
+    appending.start()
+    found = series.since(0)
+    appending.join()
+    assert found[-1].field is not None
+    assert series.since(0)[-1] is later

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,8 @@ from short_run import SMALL
 from app import config, live
 from app.engine import run as run_module
 from app.engine import stops as stops_module
+from app.engine import watchdog as watchdog_module
+from app.engine.course import Go
 from app.engine.ending import Ending
 from app.engine.stage import Stage
 from app.engine.stops import Stops
@@ -56,12 +59,47 @@ class Actuator:
 def stops_of(actuator, velocity_m_s=5e-6):
     """The stops of a run at the pace of a bench whose stage that is, connected."""
     stage = Stage(config.load(None, SMALL), SimpleNamespace(actuator=actuator))
-    stage.velocity_m_s = velocity_m_s
+    stage.velocity_m_s, stage.may_move = velocity_m_s, True
     ending = Ending(lambda: None)
     stops = Stops(stage, Watchdog(ending, 1.0, is_direct=False))
     ending._stop_actuator = stops.send
     stops.is_connected = True
     return stops, ending
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_power_is_not_to_be_cut_before_any_motion_was_asked_for(hangs):
+    actuator = Actuator()
+    actuator.began = actuator.stopped_at = time.monotonic()
+    actuator.refuses = "stage X: no answer to 'ST'"
+    stops, ending = stops_of(actuator)
+    stops._stage.may_move = False
+    if hangs:
+        actuator.hangs, actuator.refuses = threading.Event(), ""
+        stops._watchdog.given_up.add("stage X")
+    ending.call("stage X gave no answer to 'SL0'", failed=True)
+    stops.confirm()
+    answer = stops.told("armed")
+    assert (answer.kind, answer.is_final) == (Stop.NOT_CONNECTED, True)
+    assert CUT_POWER not in answer.sentence
+    assert answer.sentence.startswith("STOP MOTION: no motion was asked of the stage X, ")
+    assert hangs or actuator.refuses in answer.sentence
+    assert ending.failed
+    if hangs:
+        actuator.hangs.set()
+
+
+def test_power_is_to_be_cut_from_the_first_move_on_and_where_the_stage_was_found_moving():
+    actuator = Actuator()
+    actuator.refuses = "stage X: no answer to 'ST'"
+    actuator.move_to, actuator.set_velocity = lambda m: None, lambda v: None
+    for asked in ("go", "drive", "arm", "aim"):
+        stops, ending = stops_of(actuator)
+        stops._stage.may_move = False
+        with suppress(DeviceFault):
+            getattr(stops._stage, asked)(*[Go(1e-6, 5e-6)] * (asked == "go"))
+        ending.call("enough", failed=True)
+        assert stops.answer.sentence.startswith(CUT_POWER), asked
 
 
 def test_a_stop_that_was_sent_says_so_before_the_position_is_read():
@@ -222,25 +260,84 @@ def test_a_stop_before_the_run_and_after_its_end_is_sent_to_nothing(tmp_path):
     assert "the run has ended and its bench is closed" in answer.sentence
 
 
-def test_a_stop_while_the_bench_is_made_ready_is_sent_once_it_is_open(tmp_path, monkeypatch):
-    run, answers = made(tmp_path / "x.h5"), []
-    opens, check = run._bench.actuator.open, run_module.check_camera
+@pytest.mark.parametrize("moment", ["compiles", "opens", "checks", "arms"])
+def test_a_stop_while_the_run_is_made_ready_starts_and_writes_nothing(
+    tmp_path, monkeypatch, moment
+):
+    run, answers, done = made(tmp_path / "x.h5"), [], []
 
-    def opened():
-        answers.append(run.stop_motion())
-        opens()
+    def noted(what, step):
+        def call(*arguments):
+            done.append(what)
+            if what == moment:
+                answers.append(run.stop_motion())
+            return step(*arguments)
 
-    def checked(*asked):
-        answers.append(run.stop_motion())
-        check(*asked)
+        return call
 
-    run._bench.actuator.open = opened
-    monkeypatch.setattr(run_module, "check_camera", checked)
+    bench = run._bench
+    run._prepare = noted("compiles", run._prepare)
+    monkeypatch.setattr(run_module, "check_camera", noted("checks", run_module.check_camera))
+    run._stage.arm = noted("arms", run._stage.arm)
+    for device in (bench.forces, bench.camera, bench.actuator):
+        name = "opens" if device is bench.actuator else f"open {device.name}"
+        device.open = noted(name, device.open)
+    for device in (bench.forces, bench.camera):
+        device.start = noted("start", device.start)
+    run._create_sink = noted("session", run._create_sink)
     run.start()
-    run.wait(TIMEOUT)
-    assert [answer.kind for answer in answers] == [Stop.NOT_CONNECTED, Stop.SENT]
-    assert "not connected yet" in answers[0].sentence
-    assert run.stop_answer().kind is Stop.AT_REST
+    outcome = run.wait(TIMEOUT)
+    assert (outcome.state, outcome.ended_as) == ("done", "stopped")
+    assert outcome.reason == "the run was stopped before it began: STOP MOTION was pressed"
+    assert run.health().state == "done"
+    assert outcome.counts.triggers == outcome.counts.samples == 0
+    assert not {"start", "session"} & set(done)
+    assert any(what.startswith("open") for what in done) == (moment != "compiles")
+    assert list(tmp_path.glob("*.h5")) == []
+    is_open = moment in ("checks", "arms")
+    assert [answer.kind for answer in answers] == [Stop.SENT if is_open else Stop.NOT_CONNECTED]
+    if is_open:
+        assert run.stop_answer().kind is Stop.AT_REST
+    else:
+        assert "not connected yet; the run ends before it begins" in answers[0].sentence
+
+
+def test_a_stop_while_a_bench_hangs_as_it_opens_ends_the_run_in_good_order(tmp_path, monkeypatch):
+    """What it has opened is closed, should it ever return."""
+    monkeypatch.setattr(watchdog_module, "PATIENCE_S", 0.2)
+    opening, release, closed = threading.Event(), threading.Event(), threading.Event()
+
+    def wrap(bench):
+        def hang():
+            opening.set()
+            release.wait(TIMEOUT)
+            bench.open()
+
+        devices = {name: getattr(bench, name) for name in ("forces", "camera", "actuator")}
+        return SimpleNamespace(open=hang, close=lambda: (bench.close(), closed.set()), **devices)
+
+    run = live.make_run(config.load(None, SMALL), tmp_path / "x.h5", pace=1.0, wrap=wrap)
+    run.start()
+    assert opening.wait(TIMEOUT)
+    assert run.stop_motion().kind is Stop.NOT_CONNECTED
+    outcome = run.wait(TIMEOUT)
+    assert (outcome.state, outcome.ended_as) == ("done", "stopped")
+    assert not closed.is_set()
+    release.set()
+    assert closed.wait(TIMEOUT)
+    assert list(tmp_path.glob("*.h5")) == []
+
+
+def test_a_failure_while_the_run_is_made_ready_is_still_one(tmp_path):
+    run = made(tmp_path / "x.h5")
+
+    def fail():
+        raise DeviceFault("stage X: it is not there")
+
+    run._bench.actuator.open = fail
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert (outcome.state, outcome.reason) == ("failed", "stage X: it is not there")
 
 
 def test_a_stop_in_the_drive_and_one_while_the_run_ends(tmp_path):
@@ -287,4 +384,21 @@ def test_a_run_that_ends_by_itself_leaves_a_stage_that_was_read_at_rest(tmp_path
     run.start()
     assert run.wait(TIMEOUT).ended_as == "done"
     assert run.health().progress == 1.0
+    assert run.stop_answer().kind is Stop.AT_REST
+
+
+def test_a_stop_while_the_session_is_made_ends_the_run(tmp_path):
+    run = made(tmp_path / "x.h5")
+    create, answers = run._create_sink, []
+
+    def created():
+        answers.append(run.stop_motion())
+        return create()
+
+    run._create_sink = created
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert outcome is not None, "it did not end"
+    assert (outcome.state, outcome.ended_as) == ("done", "stopped")
+    assert [answer.kind for answer in answers] == [Stop.SENT]
     assert run.stop_answer().kind is Stop.AT_REST

@@ -66,7 +66,7 @@ class Stressed:
         nothing to do.
         """
         run, workers = self.run, self.run._workers
-        due = run._train.count_before(self.world.now - run._exposure + 1)
+        due = run._train.count_before(self.world.now - run.config.exposure_samples + 1)
         is_analysed = self.is_driving() or not run._to_analysis._items
         in_step = (
             workers.receiver.answered >= due
@@ -108,7 +108,7 @@ class Stressed:
         bit, and the receipt says so.
         """
         volts = np.concatenate([block.volts for block in self.blocks])
-        camera, half = self.run._bench.camera, self.run._exposure // 2
+        camera, half = self.run._bench.camera, self.run.config.exposure_samples // 2
         with SessionReader(self.path) as session:
             assert (session.outcome.state, session.outcome.reason) == (
                 self.outcome.state,

@@ -2,15 +2,21 @@
 results.
 """
 
+import csv
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from short_run import SMALL
 
 from app import config, live
+from app.exchange.exporting import export
 from app.gui.cells import Tone, count_cells
 from app.offline.replay import Replay
+from app.records import REVOKED, Event
+from app.session.datasets import as_certain_as_told, uncertain_triggers
 from app.session.reader import SessionReader
+from app.session.tables import session_table
 from drivers.protocols import Frame
 
 
@@ -60,3 +66,55 @@ def test_a_doubt_changes_no_displacement(tmp_path):
     # t_s lies between two frames, of which one is missing now
     assert doubtful.summary.mu_s == pytest.approx(plain.summary.mu_s, rel=5e-3)
     assert not any("uncertain" in note for note in plain.summary.notes)
+
+
+def revoked_run(path, first):
+    run = live.make_run(config.load(None, SMALL), path, pace=None)
+    run._bench.camera.uncertain_from = lambda: first
+    run.start()
+    return run, run.wait(300)
+
+
+@pytest.mark.parametrize("first", [60, None])
+def test_an_account_that_does_not_hold_revokes_certainty(tmp_path, first):
+    path = tmp_path / "a.h5"
+    run, outcome = revoked_run(path, first)
+    frames = outcome.counts.frames_analysed
+    wanted = list(range(60, frames)) if first else []
+    assert run.health().uncertain == len(wanted)
+    notes = [note for note in outcome.summary.notes if "is uncertain" in note]
+    with SessionReader(path) as session:
+        assert uncertain_triggers(session) == wanted
+        texts = [event.text for event in session.events() if event.kind == REVOKED]
+    assert len(notes) == len(texts) == bool(first)
+    replay = Replay(path, pace=None)
+    replay.start()
+    assert replay.wait(300).summary.notes == outcome.summary.notes
+    assert replay.health().uncertain == len(wanted)
+    assert replay.comparison().all_identical
+    if first:
+        assert "from frame 60 on because the account does not hold" in notes[0]
+        assert f"{len(wanted)} triggers are uncertain" in outcome.resources["receipt"]
+
+
+def test_tables_show_revoked_frames_as_uncertain(tmp_path):
+    path = tmp_path / "a.h5"
+    count = revoked_run(path, 60)[1].counts.triggers
+    with SessionReader(path) as session:
+        table = session_table(session, "triggers")
+        export(path, tmp_path / "images")
+    with (tmp_path / "images" / "metadata.csv").open(encoding="utf-8") as file:
+        exported = [(int(row["first"]), int(row["last"])) for row in csv.DictReader(file)]
+    spans = list(zip(table["first"].tolist(), table["last"].tolist(), strict=True))
+    assert spans == exported == [(n, n) for n in range(60)] + [(60, count)] * (count - 60)
+
+
+@pytest.mark.parametrize("revoked", [0, 3, 4])
+def test_each_revoked_frame_can_be_more_than_one(revoked):
+    kinds = [(name, "i8") for name in ("index", "first", "last")]
+    rows = np.array([(n, n - (n == 3) * 3, n + (n == 1)) for n in range(5)], kinds)
+    told = as_certain_as_told(rows, [Event(0, REVOKED, f"{revoked}: the account does not hold")])
+    assert told[:revoked].tolist() == rows[:revoked].tolist()
+    assert (told["last"][revoked:] == 5).all()
+    assert told["first"][revoked:].tolist() == [0 if n == 3 else revoked for n in range(revoked, 5)]
+    assert rows["last"].tolist() == [0, 2, 2, 3, 4]

@@ -18,6 +18,7 @@ from analysis.friction.master_curve import master_curve
 from analysis.friction.pressure import check_pressure, micro_contact_chi2
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
+from app.quantities import doubts
 
 ROUGH, SMOOTH = world.H, 0.0
 NOISE = 40e-9  # metres, of a box
@@ -136,6 +137,7 @@ def test_another_law_is_told_by_its_misfit():
     law = fit_local_law(rings_of(run, ux, sd), 0.5, Q, inversion(0.5))
     assert law.reduced_chi2 > 4
     assert "does not follow mu p (1 - exp(-s/(mu L)))" in law.notes[1]
+    assert doubts(law.notes) == [law.notes[1]]
 
 
 def test_what_cannot_be_told_is_not():

@@ -19,6 +19,12 @@ def forgetful(tmp_path_factory: pytest.TempPathFactory) -> None:
     QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, folder)
 
 
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """STOP in a window stops every run of its user; those of other programs are not the test's."""
+    monkeypatch.setattr("app.processes.launch.running", lambda: [])
+
+
 @pytest.fixture(scope="session")
 def frozen() -> None:
     """What was imported stays, and need not be looked at each time."""

@@ -74,6 +74,7 @@ class ScriptedRun:
         )
         self.free = np.clip(light + 14 * speckle, 0, 255).astype(np.uint8)
         self.pressed = np.clip(light + 14 * speckle + bright, 0, 255).astype(np.uint8)
+        self.reference = self.pressed.copy()
         self._snapshots = [self._snapshot(n) for n in range(frames)]
 
     def at(self, frame: int) -> ScriptedRun:
@@ -173,6 +174,9 @@ class ScriptedRun:
         return (
             None if not self.frame else self.free if self.frame < BACKGROUND + 4 else self.pressed
         )
+
+    def reference_image(self) -> np.ndarray | None:
+        return self.reference if self.frame >= REFERENCE - 4 else None
 
     def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
         return self._snapshots[n : self.frame]

@@ -17,12 +17,19 @@ from app.gui.campaign_panel import NUMBER, STATE, CampaignPanel
 from app.gui.desk import Desk
 from app.settings import Config
 
+
+def as_toml(setting: str) -> str:
+    """A setting as the command line takes it, as a line of a campaign: its words are quoted."""
+    name, _, value = setting.partition("=")
+    return setting if value[0].isdigit() else f'{name} = "{value}"'
+
+
 THREE = f"""
 name = "loads"
 sessions = "{{name}}-{{load:.2f}}N"
 
 [settings]
-{chr(10).join(one.replace("none", '"none"') for one in SMALL if "normal" not in one)}
+{chr(10).join(as_toml(one) for one in SMALL if "normal" not in one)}
 recording.results = "forces"
 run.velocity = 30
 

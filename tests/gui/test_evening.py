@@ -153,7 +153,7 @@ class Evening:
         self.hand.type(setup.row("about.sample").editor, sample)
         self.hand.press(setup.only_changed)  # which leaves the last field
         self.hand.press(setup.only_changed)
-        assert setup.place.text() == f"{self.folder / name}.h5 is free"
+        self.qtbot.waitUntil(lambda: setup.place.text() == f"{self.folder / name}.h5 is free")
         assert not setup.refused.isVisible()
         assert desk.config.run.normal_force == float(load_n)
 
@@ -252,7 +252,8 @@ class Evening:
             )
         )
         assert f"frame {number} " in window.playback.number.text()
-        assert window.top.sentence.text().startswith("At t = ")
+        # it may still be compiling
+        self.qtbot.waitUntil(lambda: window.top.sentence.text().startswith("At t = "))
 
     def sees_all_closed(self) -> None:
         """The window is gone, and what is in the folder is what was recorded and exported."""

@@ -156,8 +156,7 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, desk: Des
 
     assert standings(panel) == "○○○○○"
     assert panel.button.text() == "Start the run  F5"
-    panel.button.setFocus()
-    qtbot.keyClick(panel.button, Qt.Key.Key_Return)
+    qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
     assert run.started
     panel.show_setup(setup_of(run))
     assert not panel.button.isEnabled()

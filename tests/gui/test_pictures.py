@@ -133,7 +133,9 @@ def test_the_difference_is_to_the_image_of_the_reference(
     before = look(run.at(REFERENCE - 1))
     brighter = np.clip(run.pressed.astype(int) + 40, 0, 255).astype(np.uint8)
     after = replace(look(run.at(60), before), image=shown_image(brighter))
-    assert after.reference is before.image
+    assert before.reference is not None
+    assert before.reference.full is run.reference
+    assert after.reference is before.reference
     picture.show_view(after)
     choose(picture, "difference")
     low, high = picture.canvas._colours[1]
@@ -310,6 +312,7 @@ def test_earlier_runs_are_seen_faintly_behind(curves: CurvesView, run: ScriptedR
     lines = curves.cells[0].canvas.chart.lines
     faint = [line for line in lines if line.is_faint]
     assert len(faint) == 5
+    assert [line.name for line in faint] == [f"earlier run {n}" for n in (3, 4, 5, 6, 7)]
     assert all(len(line.x) <= 310 for line in faint)
     assert lines[-1] is not faint[-1]
     assert "earlier" in curves.cells[0].caption.text()

@@ -56,12 +56,41 @@ def test_every_quantity_has_both_parts_of_its_uncertainty(panel):
     shown = cells(panel)
     assert len(shown) == 11
     # 0.5 % of 3.421 MPa by two inputs, 0.4 and 0.3 %
-    assert shown["Young's modulus from the stress"] == ["3.421", "0.032", "0.017", "MPa"]
-    assert shown["apparent radius"] == ["2.205", "0.041", "0.007", "mm"]
+    assert shown["Young's modulus from the stress"] == ["3.42", "0.032", "0.017", "MPa"]
+    assert shown["apparent radius"] == ["2.20", "0.041", "0.0066", "mm"]
     # mu_s has no budget here: its part by the inputs is that of the sensors, 0.77 % of 0.926
-    assert shown["static friction"] == ["0.9262", "0.0042", "0.0071", ""]
+    assert shown["static friction"] == ["0.926", "0.0042", "0.0071", ""]
     assert shown["dynamic friction"][1] == "0.9214–0.9388"
     assert shown["length of the local law"] == ["–", "–", "–", "µm"]
+
+
+def test_a_length_that_is_not_resolved_is_told_so(panel):
+    unresolved = replace(DONE.summary, law_length_m=0.03e-6, law_length_sd_m=0.05e-6)
+    panel.show_card(card_of("a run", replace(DONE, summary=unresolved), is_live=True))
+    shown = cells(panel)["length of the local law"]
+    assert shown == ["not resolved, below 0.2", "–", "–", "µm"]
+
+
+NO_LAW = (
+    "local law: traction against slip does not follow mu p (1 - exp(-s/(mu L))): the points lie 2.4"
+    " times their uncertainty off it"
+)
+
+
+def test_a_law_that_does_not_hold_is_told_above_the_numbers(panel):
+    doubted = replace(DONE.summary, notes=("law: too few frames", NO_LAW))
+    card = card_of("a run", replace(DONE, summary=doubted), is_live=True)
+    panel.show_card(card)
+    assert panel.doubt.isVisible()
+    assert "does not follow" in panel.doubt.text()
+    assert "does not follow" not in panel.notes.text()
+    assert "Note: law: too few frames" in panel.notes.text()
+    assert (
+        f"WARNING: {NO_LAW}\n"
+        in card_of("a run", replace(DONE, summary=doubted), is_live=True).text()
+    )
+    panel.show_card(card_of("a run", DONE, 3, is_live=True))
+    assert not panel.doubt.isVisible()
 
 
 def test_the_account_and_the_notes_stand_beside_them(panel):
@@ -96,7 +125,7 @@ def test_the_card_is_copied_as_text_and_as_a_table(qtbot, panel):
     qtbot.mouseClick(panel.copy_text, Qt.MouseButton.LeftButton)
     text = QGuiApplication.clipboard().text()
     assert text.startswith("a run: complete (the drive of 190 um is complete)\n")
-    assert "static friction\tmu_s\t0.9262\t0.0042\t0.0071" in text
+    assert "static friction\tmu_s\t0.926\t0.0042\t0.0071" in text
     qtbot.mouseClick(panel.copy_csv, Qt.MouseButton.LeftButton)
     rows = list(csv.DictReader(io.StringIO(QGuiApplication.clipboard().text())))
     modulus = next(row for row in rows if row["symbol"] == "E")

@@ -205,15 +205,18 @@ def test_what_the_operator_says_of_the_run_is_in_its_settings(
 def test_the_session_is_named_and_its_full_path_shown(
     qtbot: QtBot, panel: SetupPanel, desk: Desk, tmp_path: Path
 ) -> None:
-    assert "named by date and time" in panel.place.text()
+    def says(words: str) -> None:
+        qtbot.waitUntil(lambda: words in panel.place.text())
+
+    says("named by date and time")
     write(qtbot, panel.session, "P0.5N")
     assert desk.session == Path("P0.5N.h5")
-    assert panel.place.text() == f"{tmp_path / 'P0.5N.h5'} is free"
+    says(f"{tmp_path / 'P0.5N.h5'} is free")
     (tmp_path / "P0.5N.h5").touch()
     desk.set_busy(True)
-    assert f"{tmp_path / 'P0.5N-2.h5'} is the next free name" in panel.place.text()
+    says(f"{tmp_path / 'P0.5N-2.h5'} is the next free name")
     write(qtbot, panel.session, "nowhere/x")
-    assert "the folder nowhere does not exist" in panel.place.text()
+    says("the folder nowhere does not exist")
     write(qtbot, panel.row("run.velocity").editor, "6")
     assert "the folder nowhere does not exist" in panel.place.text()
     assert panel.session.text() == "nowhere/x"

@@ -131,7 +131,7 @@ def test_during_a_run_and_after_its_end(
         qtbot.waitUntil(lambda run=run: is_shown(window, run))
         has_ended = state == "end"
         if state == "question":
-            assert window.top.sentence.text().startswith(QUESTION)
+            qtbot.waitUntil(lambda: window.top.sentence.text().startswith(QUESTION))
         else:
             assert window._view.phase == state
         key = Qt.Key.Key_Escape if number % 2 else Qt.Key.Key_F12
@@ -139,7 +139,11 @@ def test_during_a_run_and_after_its_end(
         qtbot.waitUntil(lambda run=run: run.calls == ["stop_motion"])
         badge = "DONE" if has_ended else "STOPPED"  # how a run has ended is not told anew
         qtbot.waitUntil(lambda badge=badge: window.top.badge.text() == badge)
-        assert (window.top.sentence.text() == "STOP MOTION was pressed") != has_ended
+        qtbot.waitUntil(
+            lambda has_ended=has_ended: (
+                (window.top.sentence.text() == "STOP MOTION was pressed") != has_ended
+            )
+        )
         qtbot.waitUntil(window.top.start.isEnabled)
 
 
@@ -235,7 +239,7 @@ def test_a_second_run_that_is_stopped_while_it_is_made_has_an_end(
     qtbot.waitUntil(lambda: window.source is second and window.outcome() is not None)
     assert window.top.badge.text() == "STOPPED"
     told = "The run was stopped before it began: STOP MOTION was pressed"
-    assert window.top.sentence.text() == told
+    qtbot.waitUntil(lambda: window.top.sentence.text() == told)
     qtbot.waitUntil(lambda: window.result.verdict.text() == "STOPPED")
     assert not (tmp_path / "x.h5").exists()
     second.start()  # somebody may be late; it stays as it is

@@ -347,6 +347,27 @@ def test_a_disk_with_room_for_few_images_changes_colour(
     assert (cell.value, cell.tone) == (text, tone)
 
 
+@pytest.mark.parametrize(("pixel_format", "bytes_a_pixel"), [("Mono8", 1), ("Mono12", 2)])
+def test_the_disk_is_judged_by_the_bytes_of_a_pixel(
+    run: ScriptedRun, pixel_format: str, bytes_a_pixel: int
+) -> None:
+    camera = replace(run.config.camera, pixel_format=pixel_format)
+    config = replace(run.config, camera=camera)
+    a_second = camera.width * camera.height * bytes_a_pixel * config.frame_rate_hz
+    for seconds, tone in ((610, Tone.NEUTRAL), (590, Tone.WARN), (59, Tone.BAD)):
+        health = replace(run.health(), disk_free_bytes=int(seconds * a_second))
+        assert disk_cell(health, config).tone is tone, seconds
+
+
+def test_the_difference_is_to_the_image_that_the_correlation_uses(run: ScriptedRun) -> None:
+    views = [None]
+    for frame in range(REFERENCE - 4, REFERENCE + 10, 3):
+        run.pressed = run.pressed.copy()  # another image with each look
+        views.append(look(run.at(frame), views[-1]))
+    assert views[-1].reference.full is run.reference
+    assert views[-1].reference is views[-2].reference
+
+
 def test_how_a_run_ended_is_told_with_proper_symbols(run: ScriptedRun) -> None:
     run.request_stop("the drive of 190 um is complete at mu_s = -0.5")
     view = look(run.at(60))

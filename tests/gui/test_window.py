@@ -337,7 +337,7 @@ def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(
 
     window = open_window(desk=desk_of(none))
     window.stop_motion()
-    assert "no bench is connected" in window.notice.text.text()
+    qtbot.waitUntil(lambda: "no bench is connected" in window.notice.text.text())
     qtbot.keyClick(window, Qt.Key.Key_F5)
     sentence = "The run could not be made: camera: no such driver 'redlak'"
     qtbot.waitUntil(lambda: window.notice.text.text() == sentence)
@@ -364,6 +364,29 @@ def test_closing_during_a_run_asks_in_the_window_and_stops_first(
     assert run.calls == ["stop_motion"]
     assert window.outcome() is not None
     assert not window.isVisible()
+
+
+@pytest.mark.parametrize("is_stopped", [False, True])
+def test_whether_to_close_is_not_asked_any_more_once_the_run_has_ended(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun, is_stopped: bool
+) -> None:
+    begin(qtbot, window, run, 30)
+    run.outcome = lambda: None  # type: ignore[method-assign]
+    if is_stopped:
+        window.stop_motion()
+        qtbot.waitUntil(lambda: "at rest" in window.notice.text.text())
+    answer = window.notice.text.text()
+    window.close()
+    assert window.notice.is_question
+    del run.outcome
+    run.at(60)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    qtbot.waitUntil(lambda: not window.notice.is_question)
+    assert window.notice.isVisible() == is_stopped
+    assert window.notice.stays == is_stopped
+    if is_stopped:
+        assert window.notice.text.text() == answer
+        assert not window.notice.yes.isVisible()
 
 
 def test_a_point_is_read_in_px_mm_and_um(run: ScriptedRun) -> None:

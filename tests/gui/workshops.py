@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.settings import Config
+from app.stopping import StopAnswer
 
 
 class Makes:
@@ -25,3 +26,12 @@ class Makes:
 
     def preview(self, config: Config) -> Any:
         raise OSError("scripted bench: it can not be connected without a run")
+
+    def runs_under_way(self) -> list[tuple[str, str]]:
+        return []
+
+    def attach(self, name: str) -> Any:
+        raise OSError(f"{name}: no such run")
+
+    def stop_others(self, own: Any) -> StopAnswer | None:
+        return None

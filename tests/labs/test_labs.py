@@ -3,9 +3,11 @@ the contracts, by the command that its author would use, and takes part in a who
 """
 
 import json
+import os
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -16,18 +18,28 @@ from labs import fake_ljm
 from labs.zaber_emulator import ZaberEmulator
 
 from app import config, live
-from app.commands.check_driver import check_driver
+from app.commands import bench_check, experiment
+from app.commands.check_driver import check, check_driver
 from app.errors import UserError
+from app.processes import launch
 from app.session.reader import SessionReader
 from app.toml import parse_toml
 from drivers.bench import make_bench
+from drivers.contracts import CONTRACTS
+from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
+from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import LostSamples, TriggerTrain
 from drivers.sources import UnknownDevice
 
 LABS = Path(__file__).parent
 TIMEOUT = 300
+CONTRACT_NAMES = list(map(str, CONTRACTS["actuator"]))
+LOCK = "stop returns soon from any thread also during a query"
+OWN_END = "a move ends at its target although the program dies"
+SUPERVISOR = "another process can stop it"
+CUT = "a dead line is a device error"
 QUICK = (*short_run.SHORT, "run.travel=4", "run.background_time=0.2", "run.reference_time=0.4")
 
 
@@ -105,8 +117,9 @@ def test_the_stage_keeps_every_contract(capsys, zaber, seconds):
         seconds[0] += wanted
 
     settings = zaber_settings(zaber)
-    found = checked(capsys, "labs.zaber:ZaberStage", *settings, pass_time=pass_time)
-    assert found == (0, {})
+    code, left = checked(capsys, "labs.zaber:ZaberStage", *settings, pass_time=pass_time)
+    assert (code, list(left)) == (0, [SUPERVISOR])
+    assert "it has no stopper(), so that no supervisor stops the stage" in left[SUPERVISOR]
 
 
 def test_nothing_moves_unless_it_is_allowed(capsys, zaber):
@@ -195,7 +208,10 @@ def test_a_run_with_webcam_and_stage_of_a_lab(tmp_path, film, monkeypatch):
     assert len(moved) == 1
     with SessionReader(tmp_path / "run.h5") as session:
         actuator = parse_toml(session.header.config_toml)["actuator"]
+        told = [event for event in session.events() if event.kind == "supervisor"]
         positions = session.positions()[1]
+    assert [event.sample for event in told] == [0]
+    assert "no supervisor can stop the stage of 'labs.zaber:ZaberStage'" in told[0].text
     assert actuator["source"] == "labs.zaber:ZaberStage"
     assert actuator["options"] == {"microstep": 0.047625}
     assert np.nanmax(positions) - np.nanmin(positions) == pytest.approx(4e-6, abs=0.1e-6)
@@ -216,6 +232,35 @@ def replays_without_its_drivers(session):
             encoding="utf-8",
         )
         assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("source", "is_told"),
+    [
+        ("labs.zaber:ZaberStage", True),
+        ("labs.mutants:Supervised", False),
+        ("smc100", False),
+        ("conex-cc-emulated", False),
+        ("sim", False),
+    ],
+)
+def test_a_stage_without_a_supervisor_is_told_before_the_run_begins(
+    tmp_path, monkeypatch, capsys, source, is_told
+):
+    settings = config.load(None, [f"actuator.source={source}", "actuator.port=COM3", *QUICK])
+
+    def not_made(*_):
+        raise UserError("enough")
+
+    monkeypatch.setattr(launch, "launched_or_made", not_made)
+    with pytest.raises(UserError, match="enough"):
+        experiment.made_run(settings, tmp_path / "x.h5", 1.0, False, False)
+    told = " ".join(capsys.readouterr().err.split())
+    assert (f"no supervisor can stop the stage of '{source}'" in told) == is_told
+    make = partial(make_bench, settings.forces, settings.camera, settings.actuator)
+    if "emulated" not in source and source != "sim":
+        findings = [*bench_check.check(settings, make, home=False, move_um=0)]
+        assert ("supervisor" in [one.label for one in findings]) == is_told
 
 
 def test_a_run_with_the_board_of_a_lab(tmp_path, monkeypatch):
@@ -251,6 +296,91 @@ def test_a_broken_contract_is_named(capsys, zaber, seconds, tmp_path, monkeypatc
     assert code == 1
     assert "um off where it should be" in found["it moves at about the velocity asked"]
     assert "was refused (BADCOMMAND)" in found["what is out of limits changes nothing"]
+
+
+MISTAKES = {
+    "NoLock": (LOCK, "it needs a lock around"),
+    "Jog": (OWN_END, "its program was killed in a move of 2 s, and 4 s later it moves"),
+    "SlowStop": (LOCK, "stop() took 3.0 s, 1 s is the most"),
+    "OpenError": (CUT, "SerialException"),
+    "SilentStop": (CUT, "stop() with its line cut was not refused with DeviceError"),
+    "DeafStopper": (SUPERVISOR, "it moves 1 s after the stop() of its stopper()"),
+    "UnsentStopper": (SUPERVISOR, "cannot pickle"),
+}
+
+
+@pytest.mark.parametrize("over", ["pty", "tcp"] if os.name == "posix" else ["tcp"])
+def test_a_driver_of_the_program_keeps_the_contracts_of_its_process(over):
+    line = SerialLine(Controller(FreeStage()), over, byte_s=10 / 57600)
+    source = "drivers.actuator_newport:Smc100"
+    settings = config.load(None, [f"actuator.source={source}", f"actuator.port={line.start()}"])
+    names = [LOCK, OWN_END, SUPERVISOR, CUT]
+    try:
+        how = {"move": True, "pass_time": time.sleep, "only": names}
+        found = {one.label: one for one in check("actuator", settings, **how)}
+    finally:
+        line.cut()
+    assert list(found) == names
+    wrong = {name: one.found for name, one in found.items() if not one.is_fine}
+    assert list(wrong) == [CUT] * (os.name != "posix"), wrong
+
+
+@pytest.mark.skipif(os.name != "posix", reason="another process reaches the line by its name")
+@pytest.mark.parametrize("mistake", [*MISTAKES, "Supervised", "Example"])
+def test_each_mistake_of_a_driver_is_found_by_the_contract_that_it_breaks(mistake):
+    """On the clock of the wall, so that a thread of the driver's own has its time."""
+    line = SerialLine(ZaberEmulator(time.monotonic), byte_s=10 / 115200)
+    line.start()
+    names, found = [LOCK, OWN_END, SUPERVISOR, CUT], {}
+    broken, sentence = MISTAKES.get(mistake, (None, ""))
+    source = f"labs.mutants:{mistake}"
+    if mistake == "Example":
+        source = "labs.zaber:ZaberStage"
+    settings = config.load(None, [f"actuator.source={source}", f"actuator.port={line.url}"])
+    try:
+        for finding in check("actuator", settings, move=True, pass_time=time.sleep, only=names):
+            found[finding.label] = finding
+    finally:
+        line.cut()
+    assert list(found) == [name for name in CONTRACT_NAMES if name in names]
+    wrong = {name: one.found for name, one in found.items() if one.needed and not one.is_fine}
+    assert list(wrong) == [broken] * bool(broken), wrong
+    assert sentence in wrong.get(broken, ""), wrong
+    left = [name for name, one in found.items() if not one.needed]
+    assert left == [SUPERVISOR] * ("topper" not in mistake and mistake != "Supervised")
+
+
+@pytest.mark.parametrize(
+    ("mistake", "name", "sentence"),
+    [
+        ("Millimetres", "its position lies within its travel", "its position is 12.5 m and its"),
+        ("Nanometres", "it moves at about the velocity asked", "times what was asked; check the"),
+        ("Fast", "it moves at about the velocity asked", "9.99 times what was asked; check the"),
+    ],
+)
+def test_a_mistake_of_scale_is_told_once_and_as_such(
+    capsys, zaber, seconds, mistake, name, sentence
+):
+    def pass_time(wanted):
+        time.sleep(0.02)
+        seconds[0] += wanted
+
+    code = check_driver(
+        f"labs.mutants:{mistake}",
+        [f"actuator.port={zaber.url}"],
+        move=True,
+        as_json=True,
+        pass_time=pass_time,
+    )
+    assert code == 1
+    said = {one["name"]: one for one in json.loads(capsys.readouterr().out)["contracts"]}
+    broken = {
+        key: one["found"] for key, one in said.items() if one["needed"] and not one["is_fine"]
+    }
+    assert list(broken) == [name]
+    assert sentence in broken[name]
+    left = said["stop ends the motion now"]["found"]
+    assert left == f"not tried, {name} is broken; mend that first"
 
 
 def test_what_is_no_driver_can_not_be_checked():

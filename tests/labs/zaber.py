@@ -68,8 +68,9 @@ class ZaberStage:
             try:
                 self.stop()
             finally:
-                self._line.close()
-                self._line = None
+                with self._lock:  # no other thread is in the middle of a question
+                    self._line.close()
+                    self._line = None
 
     def _ask(self, command):
         *_, flag, _, _, data = self._reply(command)

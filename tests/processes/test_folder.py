@@ -7,8 +7,20 @@ import time
 
 import pytest
 
+from app.errors import UserError
 from app.processes import folder as folders
-from app.processes.folder import ANSWER, KEPT_S, RunningBench, new_folder, publish, tell, told
+from app.processes import launch
+from app.processes.folder import (
+    ANSWER,
+    KEPT_S,
+    RunningBench,
+    claim,
+    new_folder,
+    publish,
+    running,
+    tell,
+    told,
+)
 from app.stopping import sent_from_outside
 
 
@@ -50,3 +62,95 @@ def test_an_answer_stays_for_those_who_ask_for_it_and_not_for_ever(dead):
     age(folder, KEPT_S + 1)
     new_folder()
     assert not folder.exists()
+
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="folders of Windows have no mode")
+
+
+@posix
+@pytest.mark.parametrize("mode", [0o777, 0o755, 0o750])
+def test_a_folder_that_others_reach_is_refused(tmp_path, monkeypatch, mode):
+    """A bench in it could be anybody's, and what it answers is unpickled."""
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    ours = tmp_path / f"slipscope-{os.getuid()}"
+    ours.mkdir()
+    ours.chmod(mode)
+    for look in (running, new_folder, lambda: launch.attached(None)):
+        with pytest.raises(UserError, match=rf"slipscope-.*mode is {mode:o}.*remove it"):
+            look()
+    assert told("a bench") is None
+    assert not list(ours.iterdir())
+
+
+@posix
+def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    ours = new_folder().parent
+    user = os.getuid() + 1
+    monkeypatch.setattr(folders.os, "getuid", lambda: user)
+    ours.rename(tmp_path / f"slipscope-{user}")
+    with pytest.raises(UserError, match="it belongs to another user"):
+        running()
+
+
+@posix
+def test_a_link_to_a_folder_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path)
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    (tmp_path / f"slipscope-{os.getuid()}").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UserError, match="is no folder"):
+        new_folder()
+
+
+def claimed_by(folder):
+    """A process that uses a folder, as a preview or a bench that is not published yet."""
+    code = (
+        "import sys; from pathlib import Path; from app.processes.folder import claim;"
+        "claim(Path(sys.argv[1])); print(flush=True); sys.stdin.read()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert process.stdout.readline()
+    return process
+
+
+def test_what_a_killed_preview_has_left_goes_a_while_after_it_was_found_dead(dead):
+    folder = new_folder()
+    with claimed_by(folder) as preview:
+        age(folder, 10 * KEPT_S)  # it is connected for long
+        new_folder()
+        assert folder.exists()
+        preview.kill()
+    new_folder()
+    assert folder.exists()  # its supervisor may still answer
+    new_folder()
+    assert folder.exists()
+    age(folder, KEPT_S + 1)
+    new_folder()
+    assert not folder.exists()
+
+
+def test_what_a_launch_that_was_killed_has_left_goes(dead):
+    folder = new_folder()
+    new_folder()
+    assert folder.exists()
+    age(folder, KEPT_S + 1)
+    new_folder()
+    assert not folder.exists()
+
+
+def test_a_file_that_lies_there_does_no_harm(dead):
+    stray = new_folder().with_name("stray")
+    stray.touch()
+    age(stray, 2 * KEPT_S)
+    new_folder()
+    assert running() == []
+
+
+def test_a_process_claims_its_folder_once(dead):
+    folder = new_folder()
+    claim(folder)
+    age(folder, 10 * KEPT_S)
+    new_folder()
+    assert folder.exists()

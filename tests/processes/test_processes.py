@@ -4,6 +4,7 @@ import signal
 import sys
 import time
 
+import numpy as np
 import pytest
 from processes.launched import (
     PATIENT_S,
@@ -75,6 +76,15 @@ def test_the_window_reads_everything_and_keeps_it_after_the_end(ended):
     assert len(run.force_history(100)[0]) > 50
     assert run.latest_image().shape == (360, 480)
     assert run.health().state == "done"
+
+
+def test_the_reference_image_is_that_of_the_correlation(ended):
+    path, run, _ = ended
+    with SessionReader(path) as session:
+        (taken,) = (event for event in session.events() if event.kind == "reference")
+        reference = session.frame(int(taken.text.removeprefix("frame ")))[2]
+    assert np.array_equal(run.reference_image(), reference)
+    assert run.reference_image() is run.reference_image()
 
 
 def test_nothing_is_left_of_a_bench_that_has_ended(ended):

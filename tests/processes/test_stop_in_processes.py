@@ -2,17 +2,23 @@
 
 import os
 import signal
+import subprocess
 import sys
+from dataclasses import replace
 
+import psutil
 import pytest
 from processes.launched import PATIENT_S, OutsideStage, drives, kill, launched, wait_until
 
 from app.commands import experiment as commands
-from app.processes import launch
+from app.processes import launch, urgent
+from app.processes.calls import Gone, Silent
+from app.processes.folder import RunningBench
 from app.processes.supervisor import Watch, _stop
-from app.stopping import CUT_POWER, Stop
+from app.stopping import CUT_POWER, Stop, at_rest, failed, not_connected, of_all, sent_to
 from drivers.errors import DeviceFault
 
+NO_MORE = (psutil.STATUS_STOPPED, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
 
@@ -50,6 +56,14 @@ def test_a_stop_whose_line_is_cut_has_failed(tmp_path, capfd):
     assert outside.stage.is_moving()
 
 
+def runs_no_more(pid):
+    """Whether a signal has arrived, which on a busy machine it does after `kill` has returned."""
+    try:
+        return psutil.Process(pid).status() in NO_MORE
+    except psutil.NoSuchProcess:
+        return True
+
+
 @posix
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_supervisor_answers_for_a_bench_that_is_gone(tmp_path, number):
@@ -58,6 +72,7 @@ def test_the_supervisor_answers_for_a_bench_that_is_gone(tmp_path, number):
         run.start()
         wait_until(lambda: drives(run), "the drive")
         os.kill(run.bench.pid, number)
+        wait_until(lambda: runs_no_more(run.bench.pid), "the end of its threads")
         answer = run.stop_motion()
         assert answer.kind is Stop.SENT, answer
         assert "by the supervisor" in answer.sentence
@@ -97,3 +112,103 @@ def test_a_supervisor_whose_way_is_cut_says_that_it_has_failed(tmp_path, monkeyp
     answer = told(tmp_path.name)
     assert answer.kind is Stop.FAILED
     assert "'ST' can not be sent, the line is dead" in answer.sentence
+
+
+class FakeRun:
+    """A run in another process, by the name of its bench."""
+
+    def __init__(self, bench):
+        if bench.name == "gone":
+            raise Gone("config: the other process is gone")
+        self.bench = bench
+
+    def stop_motion(self):
+        if self.bench.name == "silent":
+            raise Silent("stop_motion: no answer within 5 s")
+        return sent_to("stage X")
+
+    def stop_answer(self):
+        return at_rest("stage X", 12.5e-3)
+
+
+def fake_bench(name):
+    return RunningBench(name, f"bench {name}", f"/data/{name}.h5", "", "", 1, 0.0)
+
+
+def test_a_stop_without_a_name_stops_all_and_each_has_its_answer(monkeypatch, capfd):
+    benches = [fake_bench(name) for name in ("one", "silent", "gone", "two")]
+    monkeypatch.setattr(urgent, "Called", FakeRun)
+    monkeypatch.setattr(urgent, "running", lambda: benches)
+    assert commands.stop(None) == 1
+    said = " ".join(capfd.readouterr().err.split())
+    rests = "STOP MOTION: the stage X is at rest at 12.5000 mm; its position was read twice. (bench"
+    assert f"{rests} one, which records one.h5)" in said
+    assert f"{rests} two, which records two.h5)" in said
+    assert f"{CUT_POWER}: bench: stop_motion: no answer within 5 s (bench silent" in said
+    assert "nothing was sent, because its process has just ended. (bench gone" in said
+    del benches[1]
+    assert commands.stop(None) == 0
+    worst = of_all(launch.stopped([fake_bench("one"), fake_bench("silent")]))
+    assert worst.kind is Stop.FAILED
+    assert "records one.h5" in worst.sentence
+    assert worst.sentence.startswith(CUT_POWER)
+    some = [at_rest("stage X", 0.0), sent_to("stage Y"), not_connected("it has ended")]
+    assert of_all(some).kind is Stop.SENT
+    assert of_all([*some, failed("it moves")]).kind is Stop.FAILED
+    assert of_all([some[2], some[0]]).kind is Stop.AT_REST
+
+
+HEAVY = ("numpy", "typer", "rich", "pydantic", "msgspec", "app.config", "app.engine", "h5py")
+
+
+def test_slipscope_stop_imports_nothing_that_takes_time(tmp_path):
+    """It says that nothing runs, by itself, as soon as it has looked."""
+    code = (
+        "import sys; from app.cli import main\n"
+        "try:\n    main()\nfinally:\n"
+        f"    print(sorted(set({HEAVY!r}) & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "stop", "no-such-bench"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        encoding="utf-8",
+        env=os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stdout.strip() == "[]"
+    assert "stop: no" in done.stderr
+
+
+def test_what_is_no_plain_stop_is_left_to_the_commands():
+    for arguments in (["stop", "--help"], ["stop", "a", "b"], ["run"], [], ["--debug", "stop"]):
+        assert urgent.at_once(arguments) is None
+
+
+def test_a_plain_stop_answers_and_ends_with_its_code(monkeypatch, capfd):
+    bench = fake_bench("one")
+    monkeypatch.setattr(urgent, "Called", FakeRun)
+    monkeypatch.setattr(urgent, "running", lambda: [bench])
+    monkeypatch.setattr(urgent, "running_as", lambda name, who: bench)
+    assert urgent.at_once(["stop"]) == 0
+    said = capfd.readouterr().err
+    assert "slipscope: STOP MOTION: the stage X is at rest at 12.5000 mm" in said
+    assert "slipscope: bench one: its run ends and saves one.h5" in said
+    silent = fake_bench("silent")
+    monkeypatch.setattr(urgent, "running_as", lambda name, who: silent)
+    assert urgent.at_once(["stop", "silent"]) == 1
+    assert f"slipscope: {CUT_POWER}: bench: stop_motion: no answer" in capfd.readouterr().err
+
+
+def test_a_bench_that_is_gone_is_answered_by_its_supervisor(monkeypatch):
+    answers = [None, None, failed("SMC100: the line is dead")]
+    monkeypatch.setattr(
+        urgent, "told", lambda name: answers.pop(0) if len(answers) > 1 else answers[0]
+    )
+    monkeypatch.setattr(urgent, "known", lambda bench: replace(bench, supervisor_pid=os.getpid()))
+    monkeypatch.setattr(urgent, "Called", FakeRun)
+    (answer,) = urgent.stopped([fake_bench("gone")])
+    assert answer.kind is Stop.FAILED
+    assert "the line is dead" in answer.sentence

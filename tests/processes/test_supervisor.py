@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from itertools import count
 
 import pytest
 from processes.launched import PATIENT_S, OutsideStage, bench_of, drives, kill, launched, wait_until
@@ -31,12 +32,16 @@ class FileStop:
 class Supervised:
     """A supervisor, and a bench that is the test; `kill` is sent to a process that sleeps."""
 
-    def __init__(self, path, age_s=0.5):
+    def __init__(self, path, age_s=0.5, answer=None):
         self.path = path
         path.touch()
         self.victim = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
         watch = Watch(
-            FileStop(str(path)), self.victim.pid, age_s, 100e-6, path.parent / "stop.json"
+            FileStop(str(path)),
+            self.victim.pid,
+            age_s,
+            100e-6,
+            answer or path.parent / "stop.json",
         )
         self.process = started("app.processes.supervisor", watch)
         hello_of(self.process)
@@ -75,6 +80,41 @@ def test_forces_that_stand_still_while_the_stage_drives_stop_it(supervised):
     assert supervised.victim.poll() is None
 
 
+def test_every_stall_is_guarded(supervised):
+    sample = 0
+    for stall in (1, 2, 3):
+        for _ in range(3):
+            sample += 1
+            supervised.beat(sample)
+            time.sleep(0.1)
+        for _ in range(8):
+            supervised.beat(sample)
+            time.sleep(0.1)
+        wait_until(lambda stall=stall: supervised.stops() == stall, f"stop {stall}")
+    assert supervised.victim.poll() is None
+
+
+def test_a_stall_that_goes_on_is_stopped_again(supervised):
+    """The line may have lost the command, and the stage is still said to drive."""
+    for _ in range(28):
+        supervised.beat(1)
+        time.sleep(0.1)
+    wait_until(lambda: supervised.stops() >= 2, "the second stop")
+    assert supervised.victim.poll() is None
+
+
+def test_a_stop_that_can_not_be_noted_is_no_end_of_the_watch(tmp_path):
+    supervised = Supervised(tmp_path / "stops", answer=tmp_path / "gone" / "stop.json")
+    try:
+        for stall in (1, 2):
+            supervised.beat(stall, 101e-6 * (stall % 2))
+            wait_until(lambda: supervised.stops() == 1, "the stop")
+        supervised.beat(3, 101e-6)
+        wait_until(lambda: supervised.stops() == 2, "the second stop")
+    finally:
+        supervised.end()
+
+
 def test_forces_may_wait_while_nothing_drives(supervised):
     for _ in range(10):
         supervised.beat(9, drives=0)
@@ -84,8 +124,39 @@ def test_forces_may_wait_while_nothing_drives(supervised):
 
 @pytest.mark.parametrize("travel_m", [101e-6, -101e-6])
 def test_a_stage_beyond_its_limit_is_stopped(supervised, travel_m):
-    supervised.beat(1, travel_m)
+    samples = count()
+
+    def is_stopped():
+        supervised.beat(next(samples), travel_m)  # neither silent nor without forces
+        return supervised.stops()
+
+    wait_until(is_stopped, "the stop")
+    assert supervised.stops() == 1
+    assert supervised.victim.poll() is None
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stage_that_goes_on_beyond_its_limit_is_stopped_again(supervised, sign):
+    for sample, travel_um in enumerate((99, 102, 103, 104, 90, 99)):
+        supervised.beat(sample, sign * travel_um * 1e-6, drives=0)
+    supervised.beat(10, 0.0, drives=0)
     wait_until(supervised.stops, "the stop")
+    time.sleep(0.3)
+    assert supervised.stops() == 1  # on its way back it is let go
+    supervised.beat(11, sign * 103e-6)
+    wait_until(lambda: supervised.stops() == 2, "the stop of the next time")
+    supervised.beat(12, sign * 112e-6)
+    wait_until(lambda: supervised.stops() == 3, "the stop of one that went on")
+
+
+def test_a_bench_that_says_nothing_while_nothing_moves_is_not_ended(supervised):
+    supervised.beat(1, drives=0)
+    time.sleep(2.5)
+    assert supervised.victim.poll() is None
+    assert supervised.stops() <= 1  # it may have begun to move before it fell silent
+    supervised.beat(2)
+    wait_until(lambda: supervised.victim.poll() is not None, "the end of one that drives")
+    assert supervised.stops() >= 2
 
 
 def test_a_bench_that_says_nothing_is_ended(supervised):

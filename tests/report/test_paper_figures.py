@@ -132,7 +132,8 @@ def test_fig_11_is_johnson_smoothed_by_the_box(results: Results, softer: Results
 def test_fig_12_compares_with_the_model_without_adjusting_it(results: Results) -> None:
     drawn = draw("12", results)
     table = drawn.tables["a"]
-    np.testing.assert_allclose(table["ux_over_a_H"], table["ux_CM_over_a_H"], atol=2e-8)
+    # the model is that of Q smoothed over the frames: 7 nm, next to Q_s
+    np.testing.assert_allclose(table["ux_over_a_H"], table["ux_CM_over_a_H"], atol=5e-6)
     times = np.unique(table["time_s"])
     assert np.abs(np.diff(times) - 1).max() < 0.35  # a frame every second, as near as they come
     off = drawn.tables["b"]
@@ -146,6 +147,20 @@ def test_fig_12_compares_with_the_model_without_adjusting_it(results: Results) -
     ]
     for name in list(off)[2:]:
         assert np.nanmax(np.abs(off[name])) < 0.12  # by the straight lines between rings
+
+
+def test_noise_of_q_does_not_make_the_deviations_of_fig_12_jump(results: Results) -> None:
+    """1 mN, of ten samples: the model, which is steep near mu P, took it over by 0.3 to 0.6 um."""
+    noisy = []
+    for seed, run in enumerate(results.runs):
+        frames, rng = run.frames.copy(), np.random.default_rng(seed)
+        frames["shear_force_n"] += 1e-3 * rng.standard_normal(len(frames))
+        noisy.append(replace(run, frames=frames))
+    off = draw("12", replace(results, runs=tuple(noisy))).tables["b"]
+    climbs = off["Q_N"] < 0.97 * exact.MU * 0.3
+    assert climbs.sum() > 40
+    for name in ("dux_0.5a_H_um", "dux_a_H_um", "dux_1.5a_H_um"):
+        assert np.abs(np.diff(off[name][climbs])).max() < 0.1
 
 
 def test_fig_12_shows_what_a_softer_block_does(softer: Results) -> None:
@@ -266,6 +281,61 @@ def test_fields_keep_place_and_unit(results: Results) -> None:
 @pytest.fixture(scope="module")
 def drawn(results: Results) -> dict[str, Drawn]:
     return {name: draw(name, results) for name in FIGURES}
+
+
+def barely_slid(run: RunResult) -> RunResult:
+    """Up to 1.2 t_s, so that the curves of Fig. 7 pass low on its right."""
+    times = run.frames["time_s"]
+    return sliced(run, slice(0, int(np.searchsorted(times[1:], 1.2 * run.summary.onset_time_s))))
+
+
+def of_rising_friction(run: RunResult) -> RunResult:
+    """Loads of 0.1 to 1.4 N of which mu rises, so that Fig. 8 begins low on its left."""
+    s = run.summary
+    P = 2 * s.normal_force_n if s.normal_force_n > 0.5 else s.normal_force_n
+    mu = 0.93 * P**0.01
+    told = {"normal_force_n": P, "mu_s": mu, "mu_d": mu + 0.002, "mu_d_range": (mu, mu + 0.004)}
+    return replace(run, summary=replace(s, **told))
+
+
+@pytest.mark.parametrize(("name", "odd"), [("7", barely_slid), ("8", of_rising_friction)])
+def test_neither_a_legend_nor_a_text_lies_on_the_data(
+    name: str, odd: Any, results: Results
+) -> None:
+    figure = draw(name, replace(results, runs=tuple(map(odd, results.runs)))).figure
+    figure.canvas.draw()
+    renderer = figure.canvas.get_renderer()
+    (axes,) = figure.axes
+    legend = axes.get_legend()
+    texts = [text for text in axes.texts if text.get_text() not in ("", "$t_s$")]
+    boxes = [one.get_window_extent(renderer) for one in (legend, *texts)]
+    fine = np.linspace(0, 1, 400)
+    checked = 0
+    for line in axes.get_lines():
+        x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
+        if len(x) < 2 or line.get_transform() != axes.transData:
+            continue
+        at = fine * (len(x) - 1)
+        points = [np.interp(at, np.arange(len(x)), v) for v in (x, y)]
+        shown = axes.transData.transform(np.column_stack(points))
+        checked += 1
+        for box in boxes:
+            inside = (
+                (box.x0 < shown[:, 0]) & (shown[:, 0] < box.x1)
+                & (box.y0 < shown[:, 1]) & (shown[:, 1] < box.y1)
+            )  # fmt: skip
+            assert not inside.any(), line.get_label()
+    assert checked >= 2
+
+
+def test_the_panels_of_fig_13_are_in_order_and_their_model_is_smooth(
+    drawn: dict[str, Drawn],
+) -> None:
+    assert list(drawn["13"].tables) == ["a", "b", "c", "d"]
+    assert "84 µm" in drawn["13"].caption  # over which u_x is a mean: 12 px, not the box of 20
+    lines = drawn["13"].figure.axes[0].get_lines()
+    models = [line for line in lines if line.get_linestyle() == "--"]
+    assert max(len(line.get_xdata()) for line in models if line.get_linewidth() < 1) >= 200
 
 
 def test_no_text_covers_another_or_leaves_the_figure(drawn: dict[str, Drawn]) -> None:

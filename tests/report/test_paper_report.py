@@ -6,6 +6,8 @@ import html
 import json
 import math
 import re
+import shutil
+import subprocess
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.exchange.tables import FORCE, LENGTH, read_table
+from app.report.document import WIDE, Grid, Heading, as_html
 from app.session.results import write_results
 from app.summary import Summary
 
@@ -125,6 +128,13 @@ def test_the_report_holds_every_number_of_the_summary(
                 continue
             own = [line for line in lines if number["name"] in line and "|" in line]
             assert own, key
+            if (bound := number.get("not_resolved_upper_bound")) is not None:
+                assert number["value"] <= 2 * math.hypot(
+                    number["sd_noise"] or 0, number["sd_inputs"] or 0
+                )
+                told = f"within ± {shown(key, bound):g}"
+                assert any(f"not resolved, {told}" in line for line in own), (key, told)
+                continue
             texts_of(key, number, " ".join(own))
     for one in data["runs"]:
         for number in one["numbers"].values():
@@ -134,6 +144,50 @@ def test_the_report_holds_every_number_of_the_summary(
         assert any(item in line and value in line for line in lines), item
     for one in data["figures"].values():
         assert any(one["caption"] in line for line in lines)
+
+
+def test_the_printed_report_leaves_nothing_out(folder: Path) -> None:
+    """In print a table has no scroll bar: it is as wide as the page, which lies across for wide
+    ones, together with their headings.
+    """
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    printed = text[text.index("@media print") : text.index("</style>")]
+    assert "table { display: table; overflow: visible;" in printed
+    assert "figure { break-inside: avoid; }" in printed
+    assert "h3 { break-after: avoid; }" in printed
+    assert ".wide { page: wide; }" in printed
+    assert "@page wide { size: A4 landscape; }" in text
+    tables = re.findall(r"(<h\d[^>]*>[^\n]*)?\n?<table([^>]*)>\n<thead><tr>(.*?)</tr>", text)
+    assert len(tables) > 5
+    for heading, kind, header in tables:
+        is_wide = header.count("<th>") >= WIDE
+        assert ('class="wide"' in kind) == is_wide
+        assert not heading or ('class="wide"' in heading) == is_wide
+    assert re.search(r"\d\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}\d", text)
+
+
+@pytest.mark.skipif(
+    not (shutil.which("chromium") and shutil.which("pdftotext")), reason="needs a browser"
+)
+def test_a_browser_prints_every_column_of_a_wide_table(tmp_path: Path) -> None:
+    """Eleven inputs, as a run has: the columns from the ninth on were cut."""
+    page, pdf = tmp_path / "report.html", tmp_path / "report.pdf"
+    inputs = [f"uncertain input number {n}" for n in range(11)]
+    rows = [tuple(f"{row}.{n:02d}5" for n in range(12)) for row in range(10, 30)]
+    table = Grid(("", *inputs), tuple(rows))
+    page.write_text(as_html([Heading(3, "What each input costs"), table]), encoding="utf-8")
+    browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu"]
+    subprocess.run(
+        [*browser, f"--print-to-pdf={pdf}", page.as_uri()], check=True, capture_output=True,
+        timeout=300,
+    )  # fmt: skip
+    told = subprocess.run(
+        ["pdftotext", "-layout", str(pdf), "-"], check=True, capture_output=True, timeout=100
+    )
+    printed = told.stdout.decode()
+    for row in rows:
+        for cell in row:
+            assert cell in printed
 
 
 def test_the_summary_is_what_the_results_say(data: dict[str, Any]) -> None:

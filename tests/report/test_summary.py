@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.commands.ending import tell_notes
+from app.quantities import NO_LAW, Measurement, decimals_for
 from app.records import Counts, Outcome, Phase
-from app.report.quantities import Measurement, decimals_for
+from app.report.card import Card, card_quantities
 from app.report.summary import compared_rows, outcome_data, outcome_rows, plain, summary_rows
+from app.results import Joint
 from app.summary import Summary
 
 NAN = math.nan
@@ -43,10 +46,12 @@ MEASURED = Summary(
 @pytest.mark.parametrize(
     ("value", "sd", "unit", "text"),
     [
-        (2.2046e-3, 0.0413e-3, "mm", "2.205 ± 0.041 mm"),
+        (2.2046e-3, 0.0413e-3, "mm", "2.20 ± 0.04 mm"),
         (20.234, 0.0996, "s", "20.23 ± 0.10 s"),
-        (20.234, 0.99, "s", "20.23 ± 0.99 s"),
-        (20.234, 0.999, "s", "20.2 ± 1.0 s"),
+        (20.234, 0.99, "s", "20.2 ± 1.0 s"),
+        (20.234, 0.949, "s", "20.2 ± 0.9 s"),
+        (20.234, 0.354, "s", "20.23 ± 0.35 s"),
+        (20.234, 0.356, "s", "20.2 ± 0.4 s"),
         (123.4e-6, 12.3e-6, "um", "123 ± 12 um"),
         (1234.5e-6, 123.0e-6, "um", "1234 ± 123 um"),
         (-0.5, 0.02, "", "-0.500 ± 0.020"),
@@ -90,15 +95,15 @@ def test_a_range_sets_the_digits_too(
 def test_the_summary_is_reported_in_the_units_of_the_paper() -> None:
     assert {row.symbol: row.value for row in summary_rows(MEASURED)} == {
         "P": "0.500 N",
-        "a": "2.205 ± 0.041 mm",
+        "a": "2.20 ± 0.04 mm",
         "a_H": "2.19 mm",
         "t_s": "20.23 ± 0.10 s",
         "Q_s": "0.4631 ± 0.0021 N",  # sd(mu_s) P
-        "mu_s": "0.9262 ± 0.0042",
+        "mu_s": "0.926 ± 0.004",
         "mu_d": "0.9301 (0.9214 to 0.9388)",
         "v": "4.83 um/s",
         "mu": "0.931 ± 0.011",
-        "L": "0.803 ± 0.045 um",
+        "L": "0.80 ± 0.04 um",
         "E": "3.421 ± 0.032 MPa",
         "u(mu)": "± 0.8 %",
     }
@@ -117,12 +122,89 @@ def test_noise_and_inputs_are_told_apart_and_the_dearest_input_first() -> None:
         budget=(0.0, -0.01, 0.008, 0.004, 0.0, 0.0001),
     )
     rows = {row.symbol: row.value for row in summary_rows(budgeted)}
-    assert rows["mu_d"] == "0.93011 ± 0.00020 ± 0.00744"
-    assert rows["E"] == "3.421 ± 0.032 ± 0.037 MPa"
-    assert rows["Q_s"] == "0.46311 ± 0.00040 N"
+    assert rows["mu_d"] == "0.930 ± 0.007"  # of both parts, the digits too
+    assert rows["E"] == "3.42 ± 0.05 MPa"
+    assert rows["Q_s"] == "0.4631 ± 0.0004 N"
     assert rows["u(mu)"] == "0.8 %: shear force +0.8"
     assert rows["u(E)"] == "1.1 %: pixel size -1, shear force +0.4"
     assert rows[""] == "0.9214 to 0.9388"
+
+
+UNRESOLVED = replace(
+    MEASURED,
+    law_length_m=0.0301e-6,
+    law_length_sd_m=0.0045e-6,
+    budget_inputs=("drift",),
+    budget_quantities=("law_length",),
+    budget=(1.651,),
+)
+"""Of a rigid contact: L is 0.0301 ± 0.0045 ± 0.0497 um."""
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "systematic", "is_signed", "text"),
+    [
+        (0.0301e-6, 0.0045e-6, 0.0497e-6, False, "not resolved, below 0.2 um"),  # 0.1299
+        (0.0301e-6, 0.0045e-6, 0.0049e-6, False, "0.030 ± 0.007 um"),
+        (0.0301e-6, 0.0150e-6, NAN, False, "0.030 ± 0.015 um"),  # twice
+        (0.0301e-6, 0.0151e-6, NAN, False, "not resolved, below 0.07 um"),
+        (0.0301e-6, NAN, 0.0351e-6, False, "not resolved, below 0.2 um"),  # 0.1003
+        (0.0299e-6, NAN, 0.0350e-6, False, "not resolved, below 0.1 um"),  # 0.0999
+        (-0.1e-6, 0.06e-6, NAN, False, "not resolved, below 0.2 um"),
+        (0.0, 0.05e-6, NAN, False, "not resolved, below 0.1 um"),
+        (-0.1e-6, 0.06e-6, NAN, True, "not resolved, within ± 0.3 um"),
+        (-0.1e-6, 0.04e-6, NAN, True, "-0.10 ± 0.04 um"),
+    ],
+)
+def test_what_is_not_resolved_is_told_by_its_bound(
+    value: float, sd: float, systematic: float, is_signed: bool, text: str
+) -> None:
+    """Value + 2 u, by noise and inputs together, rounded up to one digit."""
+    told = Measurement("", "", value, sd, "um", systematic=systematic, is_signed=is_signed)
+    assert str(told) == text
+    assert told.is_resolved == ("not" not in text)
+
+
+def test_a_length_that_is_not_resolved_is_no_number_anywhere() -> None:
+    by_symbol = {row.symbol: row.value for row in summary_rows(UNRESOLVED)}
+    told = "not resolved, below 0.2 um"
+    assert by_symbol["L"] == told
+    data = json.loads(json.dumps(plain(UNRESOLVED)))
+    assert data["not_resolved_upper_bound"] == {"law_length_m": pytest.approx(0.2e-6)}
+    assert data["law_length_m"] == 0.0301e-6
+    assert plain(MEASURED)["not_resolved_upper_bound"] == {}
+    card = Card("run", "complete", "", card_quantities(UNRESOLVED), (), (), ())
+    row = next(row for row in card.rows if row.symbol == "L")
+    assert row[2:] == ("not resolved, below 0.2", "", "", "um")
+    assert compared_rows(MEASURED, UNRESOLVED) == [
+        ("length of the local law", "L", f"0.80 ± 0.04 um -> {told}"),
+    ]
+    assert told in str(UNRESOLVED)
+    assert "0.80 ± 0.04 um" in str(MEASURED)
+    assert "0.0301" not in str(UNRESOLVED)
+
+
+def test_a_law_that_does_not_hold_is_said_beside_its_numbers(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    told = f"{NO_LAW} mu p (1 - exp(-s/(mu L))): the points lie 2.4 times their uncertainty off it"
+    doubted = replace(MEASURED, notes=("a note", told))
+    by_symbol = {row.symbol: row.value for row in summary_rows(doubted)}
+    assert by_symbol["L"] == "0.80 ± 0.04 um; the law does not hold"
+    assert by_symbol["mu"] == "0.931 ± 0.011; the law does not hold"
+    assert sum("does not hold" in value for value in by_symbol.values()) == 2
+    tell_notes(doubted.notes)
+    assert capsys.readouterr().out.splitlines() == [f"WARNING: {told}", "note: a note"]
+
+
+def test_what_runs_have_in_common_is_told_by_its_bound_too() -> None:
+    joint = Joint(decay=2e-6, decay_sd=83e-6, length_m=0.03e-6, length_sd_m=0.05e-6)
+    assert "not resolved, within ± 0.0002" in str(joint)
+    assert "not resolved, below 0.2 um" in str(joint)
+    assert plain(joint)["not_resolved_upper_bound"] == {
+        "decay": pytest.approx(0.0002),
+        "length_m": pytest.approx(0.2e-6),
+    }
 
 
 def test_two_analyses_are_compared_where_their_digits_differ() -> None:

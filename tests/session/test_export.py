@@ -32,7 +32,7 @@ PIXEL = 7.04e-6
 
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+        return list(csv.DictReader(file))
 
 
 def number(cell: str) -> float:
@@ -152,8 +152,15 @@ def test_forces_with_all_their_digits_and_gaps_as_empty_cells(
 
 def test_fields_as_a_table_that_invert_reads(session: Session, tmp_path: Path) -> None:
     export(session.path, tmp_path / "fields.csv")
-    assert (tmp_path / "fields.csv").read_text(encoding="utf-8").startswith("# a pixel is 7.04 um")
-    found = read_fields(tmp_path / "fields.csv", PIXEL)
+    (constants,) = {
+        (row["pixel_um"], row["box_px"], row["noise_box_px"])
+        for row in rows_of(tmp_path / "fields.csv")
+    }
+    assert constants[0] == "7.04"
+    found = read_fields(tmp_path / "fields.csv", None)
+    assert found.notes[0] == "a pixel is 7.04 um, as fields.csv states"
+    assert found.box_m == pytest.approx(float(constants[1]) * PIXEL)
+    assert found.noise_box_m == pytest.approx(float(constants[2]) * PIXEL)
     measured = [snapshot for snapshot in session.snapshots if snapshot.field]
     assert found.frames == tuple(snapshot.frame for snapshot in measured)
     np.testing.assert_allclose(found.x_m, GRID_X * PIXEL)

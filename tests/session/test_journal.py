@@ -160,6 +160,24 @@ def test_a_record_that_does_not_follow_from_the_one_before_is_told(
     assert all(one.nbytes == 0 for one in damage)
 
 
+def test_who_rewrites_a_journal_is_not_found_out_and_no_page_says_so(tmp_path: Path) -> None:
+    """The hash has no key: what finds accidents is no proof against a forger."""
+    changed = Journal(AppendedFile(tmp_path / "j", overwrite=False))
+    for one in RECORDS:
+        changed.append(dataclasses.replace(one, text="forged") if isinstance(one, Event) else one)
+    changed.file.close()
+    assert not [one for one in read_journal(tmp_path / "j") if isinstance(one, Damage)]
+    pages = (journal_module.__doc__, *map(page_of, ("format.md", "promises.md")))
+    for page in pages:
+        said = " ".join(page.split())
+        assert "find accidental damage" in said or "Both find accidental damage only" in said
+        assert "unseen" not in said
+
+
+def page_of(name: str) -> str:
+    return (Path(__file__).parents[2] / "docs" / name).read_text(encoding="utf-8")
+
+
 def test_a_journal_of_false_beginnings_takes_no_time(tmp_path: Path) -> None:
     """Each promises a record of all that is left; looking at all of them would take days."""
     about = journal_module._ABOUT.pack(1, 1 << 22, bytes(16))
@@ -168,6 +186,24 @@ def test_a_journal_of_false_beginnings_takes_no_time(tmp_path: Path) -> None:
     began = time.process_time()
     assert list(read_journal(tmp_path / "false")) == [Damage((tmp_path / "false").stat().st_size)]
     assert time.process_time() - began < 10
+
+
+def test_a_journal_of_nothing_but_marks_takes_no_time(tmp_path: Path) -> None:
+    (tmp_path / "marks").write_bytes(journal_module.MAGIC + journal_module._MARK * (2 << 20))
+    began = time.process_time()
+    (damage,) = read_journal(tmp_path / "marks")
+    assert damage == Damage((tmp_path / "marks").stat().st_size - len(journal_module.MAGIC))
+    assert time.process_time() - began < 10
+
+
+def test_what_follows_many_damaged_records_is_found(tmp_path: Path) -> None:
+    ends = make_journal(tmp_path / "j")
+    content = (tmp_path / "j").read_bytes()
+    marks = journal_module._MARK * 20_000
+    (tmp_path / "j").write_bytes(content[: ends[0]] + marks + content[ends[0] :])
+    found = list(read_journal(tmp_path / "j"))
+    assert len(found) == len(RECORDS) + 1
+    assert found[1] == Damage(len(marks))
 
 
 def test_full_disk_leaves_no_half_record_and_is_not_asked_again(

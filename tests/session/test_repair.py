@@ -101,6 +101,19 @@ def test_all_comes_back_from_the_journal(tmp_path: Path) -> None:
     assert not journal_of(tmp_path / "repaired.h5").exists()
 
 
+@pytest.mark.parametrize("as_json", [False, True])
+def test_what_is_missing_is_said_first_and_with_what_to_do(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], as_json: bool
+) -> None:
+    written = cut_short(tmp_path)
+    images_of(written.path).write_bytes(bytes(images_of(written.path).stat().st_size))
+    assert repair_command(written.path, tmp_path / "b.h5", False, as_json) == 1
+    said = " ".join(capfd.readouterr().err.split())
+    assert f"{written.path.name}: not all of it is left: 7 of 7 recorded images and 0" in said
+    assert "of images is cut.h5.images" in said
+    assert "if there is a copy" in said
+
+
 def test_torn_image_is_a_lost_frame_with_that_reason(tmp_path: Path) -> None:
     written = cut_short(tmp_path)
     content = bytearray(images_of(written.path).read_bytes())

@@ -170,7 +170,7 @@ def _broken_resources(path: Path) -> None:
     ("spoil", "sentence"),
     [
         (_nothing, "there is no such session"),
-        (_folder, "there is no such session"),
+        (_folder, "this is a folder, not a session"),
         (_text, "not an HDF5 file"),
         (_cut, "cut short"),
         (_foreign, "not a SlipScope session"),

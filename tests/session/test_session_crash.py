@@ -332,6 +332,43 @@ def test_what_is_damaged_before_the_close_is_not_certified(
     repair(written.path, tmp_path / "repaired.h5")
 
 
+def test_frames_that_come_before_a_removed_folder_is_noticed_are_kept(tmp_path: Path) -> None:
+    """The disk of a folder that is gone can not be asked for its room."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    writer, written = record(folder / "a.h5")
+    shutil.rmtree(folder)
+    writer.append(ReceivedFrame(8, 1005, np.ones(SHAPE, np.uint8)))
+    writer.flush()
+    writer.append(ReceivedFrame(9, 1006, np.ones(SHAPE, np.uint8)))
+    shutil.rmtree(folder)
+    writer.append(ReceivedFrame(10, 1007, np.ones(SHAPE, np.uint8)))
+    writer.append(OUTCOME)
+    writer.close()
+    with SessionReader(writer.path) as read:
+        assert [index for index, _, _ in read.frames()] == [*written.images, 8, 9, 10]
+        assert len([event for event in read.events() if event.kind == "recording"]) == 2
+
+
+def test_what_is_copied_while_it_grows_is_whole_on_a_system_without_pread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where reading at a place moves that at which the file is written."""
+    monkeypatch.delattr(os, "pread", raising=False)
+    monkeypatch.setattr(disk, "COPY_BYTES", 1000)
+    file = AppendedFile(tmp_path / "a", overwrite=False)
+    parts = [bytes([n % 251]) * 777 for n in range(400)]
+    file.append(*parts[:200])
+    growing = threading.Thread(target=lambda: [file.append(part) for part in parts[200:]])
+    growing.start()
+    copy = file.copy_to(tmp_path / "b")
+    growing.join()
+    copy.catch_up(file)
+    for held in (file, copy):
+        held.close()
+        assert held.path.read_bytes() == b"".join(parts)
+
+
 def test_a_recording_that_can_not_go_on_beside_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

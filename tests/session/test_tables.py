@@ -37,7 +37,7 @@ ABSENT = ("law", "cycles", "slides")
 
 def read(path: Path) -> dict[str, list[str]]:
     with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+        rows = list(csv.DictReader(file))
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
@@ -213,6 +213,48 @@ def test_pandas_takes_a_table_as_it_is(session: Session) -> None:
         frame = pandas.DataFrame(s.table("rings"))
         assert frame.groupby("frame")["ux_um"].count().sum() == frame["ux_um"].notna().sum()
         assert list(pandas.DataFrame(s.table("events"))["kind"].unique()) == ["phase"]
+
+
+def test_xarray_takes_a_table_through_pandas(session: Session) -> None:
+    """As the docstring of `table` says: a variable for each column."""
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    with Opened(session.path) as s:
+        table = s.table("rings")
+    held = xarray.Dataset.from_dataframe(pandas.DataFrame(table))
+    assert list(held.data_vars) == list(table)
+    for name, values in table.items():
+        assert_array_equal(held[name].to_numpy(), values)
+
+
+def test_every_exported_table_is_one_line_of_names_and_rows_as_long(
+    session: Session, tables: Path, tmp_path: Path
+) -> None:
+    """So that pandas.read_csv, R and a spreadsheet read it as it is."""
+    export(session.path, tmp_path / "images")
+    export(session.path, tmp_path / "fields.csv")
+    files = [*tables.glob("*.csv"), *(tmp_path / "images").glob("*.csv"), tmp_path / "fields.csv"]
+    assert {path.name for path in files} >= {"forces.csv", "metadata.csv", "fields.csv"}
+    for path in files:
+        with path.open(newline="", encoding="utf-8") as file:
+            header, *rows = csv.reader(file)
+        assert rows, path
+        assert all(re.fullmatch(r"[A-Za-z][\w.]*", name) for name in header), path
+        assert {len(row) for row in rows} == {len(header)}, path
+        assert path.read_bytes().endswith(b"\n")
+
+
+def test_pandas_reads_the_exported_tables_as_they_are(
+    session: Session, tables: Path, tmp_path: Path
+) -> None:
+    pandas = pytest.importorskip("pandas")
+    export(session.path, tmp_path / "images")
+    forces = pandas.read_csv(tmp_path / "images" / "forces.csv")
+    assert_array_equal(forces[["P_N", "Q_N"]].to_numpy(), session.forces)
+    frames = pandas.read_csv(tmp_path / "images" / "metadata.csv")
+    assert frames["frame"].tolist() == list(range(8))
+    assert frames["P_N"].dtype == float
+    rings = pandas.read_csv(tables / "rings.csv")
+    assert rings["ux_um"].dtype == float
 
 
 def test_a_field_is_a_table(session: Session) -> None:

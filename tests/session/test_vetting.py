@@ -118,6 +118,22 @@ def test_without_fork_each_file_has_a_process(
 
 
 @POSIX
+class _Emptied(dict[str, object]):
+    """What is remembered while other threads look at many files: it is gone at once."""
+
+    def __setitem__(self, key: str, value: object) -> None:
+        super().__setitem__(key, value)
+        self.clear()
+
+
+def test_what_another_thread_has_pushed_out_is_given_all_the_same(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vetting, "_seen", _Emptied())
+    with SessionReader(session.path) as read:
+        assert len(list(read.frames())) == len(session.images)
+
+
 def test_a_process_that_was_killed_is_replaced(session: Session) -> None:
     SessionReader(session.path).close()
     os.utime(session.path)

@@ -19,7 +19,7 @@ def world_of(**sim: object) -> World:
     settings = SimSettings(
         press_time=0.0,
         force_noise=0.0,
-        law="elasto-plastic",
+        pressure="hertz",
         friction=MU,
         **{"ageing": BETA, "ageing_time": T0, "ageing_slip": DC, **sim},
     )

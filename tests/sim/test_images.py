@@ -13,7 +13,7 @@ from worlds import scenario
 from benchmarks.render import apparent_shift_px
 from drivers.errors import DeviceFault
 from drivers.sim import speckle, warp
-from drivers.sim.images import LIGHT, Renderer
+from drivers.sim.images import LIGHT, Renderer, dust
 from drivers.sim.world import World
 
 PIXEL = 40e-6  # a whole contact in a small picture; gradients keep their size
@@ -398,3 +398,19 @@ def test_an_unknown_renderer_is_refused():
 def test_an_elastic_displacement_beyond_the_pattern_is_refused(renderer):
     with pytest.raises(DeviceFault, match="33 px can not be drawn, 32 px is the limit"):
         renderer.image(Block(g=(33.0, 0.0)), 0)
+
+
+def test_dust_stays_where_it_is_and_takes_its_share_of_the_light(renderer):
+    clean = {"read_noise": 0.0, "full_well": 0.0}
+    passed = dust(SHAPE, 40, SCENARIO.sim.seed)
+    for state in (Block(), Block(rigid=(3.3, -1.7))):
+        seen = Renderer(scenario(SCENARIO, dust=40, **clean)).image(state, 0).astype(float)
+        grey = Renderer(scenario(SCENARIO, **clean)).grey(state, exact=False)
+        assert np.abs(seen - np.clip(grey * passed, 0, 255)).max() < 0.6
+    assert 0.4 < passed.min() < 0.8
+    assert passed.max() > 1.1
+    dark, bright = passed < 0.95, passed > 1.05
+    assert dark.sum() > 2 * bright.sum() > 0
+    _, marks = ndimage.label(np.abs(passed - 1) > 0.02)
+    assert 25 < marks <= 40
+    assert (dust(SHAPE, 0, 1) == 1).all()

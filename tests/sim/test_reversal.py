@@ -14,6 +14,7 @@ from drivers.sim.world import World
 
 def driven(ends: list[float], **sim: object) -> tuple[World, np.ndarray, np.ndarray]:
     """A world after these places of the stage; travel and force every 100 samples."""
+    sim = {"pressure": "hertz", **sim}
     settings = SimSettings(press_time=0.0, force_noise=0.0, **sim)
     world = World(Scenario(sim=settings, press_samples=1), pace=None)
     world.start()
@@ -53,4 +54,4 @@ def test_what_a_camera_sees_of_a_block_that_came_back_is_a_state_of_its_own() ->
 
 def test_a_law_without_memory_can_not_turn_back() -> None:
     with pytest.raises(OutOfLimits, match=r"move back by 50 um .* use 'elasto-plastic'"):
-        driven([60e-6, 10e-6])
+        driven([60e-6, 10e-6], law="cattaneo-mindlin")

@@ -110,7 +110,9 @@ def test_an_error_that_is_none_is_refused(text: str) -> None:
 
 
 def test_cattaneo_and_mindlin_have_no_rough_contact() -> None:
-    sim = SimSettings(pressure="greenwood-tripp")
+    sim = SimSettings(law="cattaneo-mindlin")
     scenario = Scenario(sim=sim, sample=Sample(), forces=ForceSettings(), camera=CameraSettings())
-    with pytest.raises(ValueError, match="has no rough contact; use 'elasto-plastic'"):
+    with pytest.raises(
+        ValueError, match=r"has no rough contact; use 'elasto-plastic', or sim\.pressure = 'hertz'"
+    ):
         World(scenario)

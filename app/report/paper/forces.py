@@ -12,10 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.report.figures import GREY, RADII, RADII_COLOURS, RED, draw_numbers
+from app.report.figures import RADII, RADII_COLOURS, RED, draw_numbers
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import Experiment, load_text, nearest
 from app.report.paper.style import SINGLE, Drawn, NotDrawn, new_figure, stacked
+
+FIT = "#e67e00"  # a line that is fitted to a curve, and lies upon it
 
 
 def shear_forces(runs: Sequence[Experiment]) -> Drawn:
@@ -82,16 +84,15 @@ def ring_displacements(runs: Sequence[Experiment]) -> Drawn:
     if math.isfinite(s.onset_time_s * s.sliding_velocity_m_s):
         end = float(time[-1])
         slid = s.sliding_velocity_m_s * (end - s.onset_time_s) * 1e6
-        axes.plot([s.onset_time_s, end], [0, slid], "-.", color=GREY, lw=1.2, zorder=3)
+        velocity = s.sliding_velocity_m_s * 1e6
+        told = rf"$\Delta u_x/\Delta t$ = {velocity:.3g} µm/s"
+        axes.plot([s.onset_time_s, end], [0, slid], "-.", color=FIT, lw=1.4, zorder=3, label=told)
         low = -0.16 * float(np.nanmax(at))
         axes.annotate(
             "$t_s$", (s.onset_time_s, 0), (s.onset_time_s, low), ha="center", va="bottom",
             arrowprops={"arrowstyle": "->", "lw": 0.9},
         )  # fmt: skip
         axes.set_ylim(bottom=1.2 * low)
-        velocity = s.sliding_velocity_m_s * 1e6
-        told = rf"$\Delta u_x/\Delta t$ = {velocity:.3g} µm/s"
-        axes.text(0.98, 0.23, told, transform=axes.transAxes, fontsize=7, ha="right")
         slope = (
             f" Dash-dotted: linear fit of u_x(r = 0) at long times, slope {velocity:.3g} µm/s; its"
             f" intersection with u_x = 0 (arrow) is t_s = {s.onset_time_s:.2f} s."
@@ -131,7 +132,7 @@ def friction_coefficients(runs: Sequence[Experiment]) -> Drawn:
     axes.set(xlabel="normal load $P$ (N)", ylabel=r"friction coefficients $\mu_s$, $\mu_d$")
     axes.set_xlim(0, 1.08 * P[-1])
     axes.set_ylim(bottom - 0.1 * (top - bottom), top + 0.75 * (top - bottom))
-    axes.legend(loc="lower left")
+    axes.legend(loc="upper left")  # the room above the data
     inset = axes.inset_axes((0.53, 0.63, 0.44, 0.34))
     inset.errorbar(P, Q_s, np.nan_to_num(Q_s_sd), fmt="o", color=RED, ms=3)
     inset.set(xlim=(0, 1.08 * P[-1]), ylim=(0, 1.12 * float(Q_s.max())))

@@ -130,7 +130,7 @@ def _draw_shifted(axes: Any, run: Experiment, top: float) -> Table:
     for n, row in enumerate(rows):
         Q, colour = float(run.Q[row]), blue_to_red(run.Q[row] / top)
         measured = run.ux[row, : len(r)] / a
-        model = run.cattaneo_mindlin_ux(r, Q) / a
+        model = run.cattaneo_mindlin_ux(r, float(run.steady_Q[row])) / a
         axes.plot(r / a, measured + n * step, ".", ms=1.8, color=colour)
         axes.plot(r / a, model + n * step, color=colour, lw=0.7)
         tables.append(
@@ -148,7 +148,8 @@ def _draw_deviations(axes: Any, run: Experiment, top: float) -> Table:
     radii[0] = run.radius[0]
     rows = np.flatnonzero(run.loading)
     Q = run.Q[rows]
-    model = np.array([run.cattaneo_mindlin_ux(radii, float(q)) for q in Q]).reshape(-1, len(radii))
+    steady = run.steady_Q[rows].tolist()
+    model = np.array([run.cattaneo_mindlin_ux(radii, q) for q in steady]).reshape(-1, len(radii))
     off = (run.ux_at(radii)[rows] - model) * 1e6
     colours = blue_to_red(Q / top)
     axes.axhline(0, color="black", lw=0.6)

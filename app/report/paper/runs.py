@@ -10,16 +10,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import make_smoothing_spline
 
-from analysis.friction.cycles import branches
 from analysis.mechanics import cattaneo_mindlin, hertz
 from app.config import from_record
-from app.legs import REVERSED_M
+from app.legs import first_loading_rows
 from app.records import F64, Phase
 from app.report.paper.style import NotDrawn, load_colours
 from app.results import Results, RunResult
 from app.settings import Config
 
+FEWEST_SMOOTHED = 10  # frames from which Q can be smoothed
 SAME_LOAD = 0.05  # loads that differ by a smaller share count as the paper's
 
 
@@ -53,8 +54,7 @@ class Experiment:
         """Rows of the first loading among the frames of the run."""
         frames = self.run.frames
         drive = np.flatnonzero((frames["phase"] == Phase.DRIVE) & np.isfinite(frames["time_s"]))
-        legs = branches(frames["travel_m"][drive], least=REVERSED_M) if len(drive) else []
-        return np.asarray(drive[legs[0]] if len(legs) > 1 else drive)
+        return drive[first_loading_rows(frames["travel_m"][drive], frames["step"][drive])]
 
     def series(self, name: str) -> F64:
         """One number of each frame of the first loading, by its name."""
@@ -69,6 +69,18 @@ class Experiment:
     def Q(self) -> F64:
         """Shear force of each frame."""
         return self.series("shear_force_n")
+
+    @cached_property
+    def steady_Q(self) -> F64:
+        """Q of each frame by a smoothing spline through the first loading (cross-validated): what
+        is predicted of it. The noise of the few samples of an exposure would make a prediction jump
+        where it is steep: c(Q) near mu P.
+        """
+        Q, known = self.Q.copy(), np.isfinite(self.Q) & np.isfinite(self.time)
+        time = self.time[known]
+        if known.sum() >= FEWEST_SMOOTHED and (np.diff(time) > 0).all():
+            Q[known] = make_smoothing_spline(time, Q[known])(time)
+        return Q
 
     @property
     def E(self) -> float:

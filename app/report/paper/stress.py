@@ -31,6 +31,7 @@ from app.report.paper.style import (
 
 FEWER = 10  # one measured point of so many is shown (Fig. 9)
 EVERY_S = 1.25  # a profile (Fig. 13)
+FINE = 200  # radii at which the model is drawn: the rings would cut its peaks
 
 
 def force_balance(runs: Sequence[Experiment]) -> Drawn:
@@ -49,7 +50,7 @@ def force_balance(runs: Sequence[Experiment]) -> Drawn:
         axes.plot(delta, run.Q, color="black", lw=1.0)
         some = slice(None, None, FEWER)
         axes.plot(delta[some], total[some], "o", ms=4, color=run.colour, mec="black", mew=0.4,
-                  label=run.name)  # fmt: skip
+                  label=f"sum of the traction, {run.name}")  # fmt: skip
         tables.append(
             {"P_N": run.P, "delta_um": delta, "Q_N": run.Q, "Q_of_stress_N": total,
              "Q_of_stress_sd_N": sd}
@@ -59,7 +60,7 @@ def force_balance(runs: Sequence[Experiment]) -> Drawn:
     axes.set_xlim(left=0)
     top = max(float(np.nanmax(run.Q)) for run in shown)
     axes.set_ylim(0, 1.15 * top)
-    axes.legend(loc="upper left", title="sum of the traction, $P$")
+    axes.legend(loc="upper left")
     moduli = _moduli(axes, runs)
     tables_of = {"": stacked(tables)} | ({"_inset": moduli} if moduli else {})
     sample = runs[0].config.sample
@@ -117,15 +118,16 @@ def stress_profiles(runs: Sequence[Experiment]) -> Drawn:
             panel.set_title(f"({letter})  $P$ = {run.P:.3g} N", loc="left")
         tables[letters[0]] = _draw_profiles(upper, run)
         tables[letters[1]] = _draw_over_force(lower, run)
-    letters_used = "(a), (b)" if len(shown) > 1 else "(a)"
+    above, below = ("(a), (b)", "(c), (d)") if len(shown) > 1 else ("(a)", "(c)")
     return Drawn(
         figure,
-        tables,
-        f"{letters_used} Angularly averaged stress sigma_xz(r) at"
+        dict(sorted(tables.items())),
+        f"{above} Angularly averaged stress sigma_xz(r) at"
         f" {loads_text(shown, STRESSES_AT)}, every {EVERY_S:g} s: small Q in blue, high Q"
         " in red, with the modulus of the run. Thin dashed: Cattaneo and Mindlin's profiles for the"
-        " same Q, with <mu_d> and a_H by that modulus, smoothed by the box of the correlation;"
-        " thick dashed: mu_s times Hertz's pressure. (c), (d) sigma_xz at r = 0 and at r = 0.5 a"
+        " same Q, with <mu_d> and a_H by that modulus, smoothed by the box of the correlation,"
+        f" {shown[0].box * 1e6:.0f} µm; thick dashed: mu_s times Hertz's pressure. {below} sigma_xz"
+        " at r = 0 and at r = 0.5 a"
         " against Q; lines: Cattaneo and Mindlin.",
     )
 
@@ -141,12 +143,14 @@ def _model(run: Experiment, r: F64, Q: float) -> F64:
 def _draw_profiles(axes: Any, run: Experiment) -> Table:
     r, rows, Q = run.stress_radius, run.every(EVERY_S), run.Q
     force = max(float(np.nanmax(Q[rows])), 1e-9)
+    fine = np.linspace(0, r[-1], FINE)
     tables = []
     for row in rows:
         colour = blue_to_red(Q[row] / force)
-        model = _model(run, r, float(Q[row])) * 1e-3
+        both = _model(run, np.append(r, fine), float(run.steady_Q[row])) * 1e-3
+        model, smooth = both[: len(r)], both[len(r) :]
         axes.plot(r * 1e3, run.stress[row] * 1e-3, color=colour, lw=0.9)
-        axes.plot(r * 1e3, model, "--", color=colour, lw=0.5)
+        axes.plot(fine * 1e3, smooth, "--", color=colour, lw=0.7)
         tables.append(
             {"time_s": run.time[row], "Q_N": Q[row], "r_mm": r * 1e3,
              "sigma_kPa": run.stress[row] * 1e-3, "sigma_CM_kPa": model}
@@ -179,7 +183,7 @@ def _draw_over_force(axes: Any, run: Experiment) -> Table:
     axes.set(xlabel="shear force $Q$ (N)", ylabel=r"$\sigma_{xz}$ (kPa)")
     axes.set_xlim(0, 1.03 * run.mu * run.P)
     axes.legend(loc="upper left")
-    own = np.array([_model(run, radii, float(q)) for q in Q]) * 1e-3
+    own = np.array([_model(run, radii, float(q)) for q in run.steady_Q[rows]]) * 1e-3
     return {
         "Q_N": Q,
         "sigma_0_kPa": measured[:, 0],

@@ -1,0 +1,36 @@
+"""A process that sends a stage off and is killed while it moves, by which `slipscope check-driver`
+sees whether the move ends by itself.
+"""
+
+from __future__ import annotations
+
+import time
+
+from app.processes.starting import end_with_parent, payload, say_hello
+from app.settings import Config
+from drivers.clock import SampleClock
+from drivers.errors import DeviceError
+from drivers.sources import driver
+
+MOVES = "it moves"
+
+
+def main() -> None:
+    """Begin the move, say so, and wait for the end."""
+    config: Config
+    config, target_m, velocity_m_s = payload()
+    settings = config.actuator
+    clock = SampleClock(float(config.forces.sample_rate))
+    try:
+        stage = driver("actuator", settings.source).made(settings, clock)
+        stage.open()
+        stage.set_velocity(velocity_m_s)
+        stage.move_to(target_m)
+    except Exception as error:
+        named = f"{type(error).__name__}: {error}; a driver raises DeviceError only"
+        say_hello(error if isinstance(error, DeviceError) else named)
+        return
+    say_hello(MOVES)
+    end_with_parent()
+    while True:
+        time.sleep(1.0)

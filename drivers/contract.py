@@ -1,0 +1,116 @@
+"""What a contract of a driver is, and how it is broken."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.errors import DeviceError
+from drivers.protocols import TriggerTrain
+
+TRAIN = TriggerTrain(first=0, divisor=100)
+PATIENCE_S = 5.0
+
+
+class BrokenContract(Exception):
+    """A driver does not do what it must; the message says what was found instead."""
+
+
+class WrongScale(BrokenContract):
+    """Positions or velocities are not in metres; what else moves would only say so again."""
+
+
+class NotTried(Exception):
+    """It can not be tried on this device; the message says why, and what that means."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contract:
+    """One thing that every driver of a kind must do.
+
+    Attributes
+    ----------
+    kind : str
+        "forces", "camera" or "actuator".
+    name : str
+        What it must do, with underscores.
+    moves : bool
+        Whether a stage moves, by up to 1 mm, for which there must be room both ways.
+    """
+
+    kind: str
+    name: str
+    moves: bool
+    function: Callable[..., None]
+
+    def __str__(self) -> str:
+        return self.name.replace("_", " ")
+
+    def check(self, device: Any, **means: Any) -> None:
+        """Try a device; it is closed again only where the contract is kept.
+
+        Parameters
+        ----------
+        means : callables
+            For a camera ``run_until(sample)``, which starts the clock and lets it pass up to there,
+            and ``end_clock()``. For an actuator ``pass_time(seconds)``; ``may_move()``, whether
+            the stage may move; ``cut()``, which cuts the line to it; ``dying_move(target_m,
+            velocity_m_s)``, which sends it off from a process that is killed meanwhile.
+
+        Raises
+        ------
+        BrokenContract
+            It does something else; any other error is the driver's own.
+        NotTried
+        """
+        self.function(device, **{name: means[name] for name in self.needs})
+
+    @property
+    def needs(self) -> list[str]:
+        """Names of the means that it needs."""
+        return list(inspect.signature(self.function).parameters)[1:]
+
+
+CONTRACTS: dict[str, list[Contract]] = {"forces": [], "camera": [], "actuator": []}
+
+
+def contract(*kinds: str, moves: bool = False) -> Callable[[Callable[..., None]], None]:
+    """Add a function to the contracts of these kinds of devices."""
+
+    def add(function: Callable[..., None]) -> None:
+        for kind in kinds:
+            CONTRACTS[kind].append(Contract(kind, function.__name__[1:], moves, function))
+
+    return add
+
+
+def that(is_so: Any, found: str) -> None:
+    """Raise `BrokenContract`, with what was found, if it is not so."""
+    if not is_so:
+        raise BrokenContract(found)
+
+
+@contextmanager
+def refused(kind: type[DeviceError], what: str) -> Iterator[None]:
+    """What must raise an error of this kind; `BrokenContract` if it does not."""
+    try:
+        yield
+    except kind:
+        return
+    raise BrokenContract(f"{what} was not refused with {kind.__name__}")
+
+
+def named(error: Exception) -> str:
+    """An error as a sentence, with its kind if it is none of a driver."""
+    return str(error) if isinstance(error, DeviceError) else f"{type(error).__name__}: {error}"
+
+
+def missing(device: object, protocol: type) -> str:
+    """What a device lacks of a protocol."""
+    wanted = {name for name in dir(protocol) if not name.startswith("_")}
+    wanted |= set(protocol.__annotations__)
+    lacks = sorted(name for name in wanted if not hasattr(device, name))
+    return f"it has no {', '.join(lacks)}"

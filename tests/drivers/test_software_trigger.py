@@ -1,0 +1,64 @@
+"""A camera whose images the program asks for, and that does not give them."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from drivers import software_trigger
+from drivers.clock import SampleClock
+from drivers.errors import DeviceTimeout
+from drivers.protocols import TriggerTrain
+from drivers.settings import CameraSettings
+from drivers.software_trigger import SoftwareTriggered
+
+
+class Hanging(SoftwareTriggered):
+    name = "webcam"
+
+    def __init__(self, clock):
+        super().__init__(CameraSettings(), clock, 0.01)
+        self.grabs, self.may_return, self.released = threading.Event(), threading.Event(), []
+
+    def claim(self):
+        pass
+
+    def grab(self):
+        self.grabs.set()
+        self.may_return.wait(60)
+        return np.zeros(self.shape, self.dtype)
+
+    def release(self):
+        self.released.append(True)
+
+
+def test_a_camera_that_does_not_return_keeps_nobody(monkeypatch):
+    monkeypatch.setattr(software_trigger, "PATIENCE_S", 0.1, raising=False)
+    clock = SampleClock(1000.0)
+    camera = Hanging(clock)
+    camera.open()
+    camera.start(TriggerTrain(0, 100))
+    (thread,) = (t for t in threading.enumerate() if t.name == "webcam")
+    clock.start()
+    clock.advance(150)
+    assert camera.grabs.wait(30)
+    assert thread.daemon  # it does not keep the program
+    problems, returned = [], threading.Event()
+
+    def close():
+        try:
+            camera.close()
+        except DeviceTimeout as error:
+            problems.append(str(error))
+        returned.set()
+
+    threading.Thread(target=close, daemon=True).start()
+    assert returned.wait(30)
+    assert "webcam: it did not return from a call within 0.1 s" in problems[0]
+    assert not camera.released  # the library is in use
+    with pytest.raises(DeviceTimeout, match="did not return"):
+        camera.start(TriggerTrain(0, 100))  # no second thread beside the first
+    camera.may_return.set()
+    thread.join(30)
+    camera.close()
+    assert camera.released

@@ -1,0 +1,194 @@
+"""A thread of a run that dies, at its first line or in the drive: nobody waits for it, and the run
+ends by name with a session that can be read.
+"""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import psutil
+import pytest
+from short_run import SMALL
+
+from app import config, live, priority
+from app.engine import analyst, receiver, recorder
+from app.engine.channels import LatestChannel
+from app.engine.ending import Ending
+from app.engine.history import History
+from app.records import Phase, ReceivedFrame, Samples
+from app.session.reader import SessionReader
+from drivers.errors import DeviceTimeout
+from drivers.protocols import TriggerTrain
+
+TIMEOUT = 60
+THREADS = ("recorder", "journal", "sync-0", "camera", "analysis")
+
+
+class Vanished(BaseException):
+    """What no `except Exception` sees, as a library that calls `sys.exit` raises."""
+
+
+def is_thread(name):
+    return threading.current_thread().name == f"slipscope-{name}"
+
+
+def dying(method, name, error, when=lambda: True):
+    """The method, which raises instead in the thread of that name."""
+
+    def call(*arguments, **options):
+        if is_thread(name) and when():
+            raise error
+        return method(*arguments, **options)
+
+    return call
+
+
+def ended(run):
+    run.start()
+    outcome = run.wait(TIMEOUT)
+    assert outcome is not None, "the run did not end"
+    assert run.health().state == outcome.state
+    return outcome
+
+
+def made(path, pace, *overrides):
+    return live.make_run(config.load(None, [*SMALL, *overrides]), path, pace=pace)
+
+
+def kill_in_sink(run, name, error, when):
+    """Let the thread die as it hands something to the session."""
+    create = run._create_sink
+
+    def created():
+        sink = create()
+        sink.append = dying(sink.append, name, error, when)
+        return sink
+
+    run._create_sink = created
+
+
+def accounted(path, outcome):
+    """Whether the session can be read, and its account holds."""
+    counts = outcome.counts
+    with SessionReader(path) as session:
+        assert session.outcome.state == outcome.state
+        assert len(list(session.frames())) == counts.frames_recorded
+        session.forces()
+        session.events()
+    assert counts.triggers == counts.frames_recorded + counts.frames_lost
+    return True
+
+
+@pytest.mark.parametrize("pace", [None, 1.0])
+@pytest.mark.parametrize("error", [PermissionError(13, "not you"), Vanished("away")], ids=repr)
+@pytest.mark.parametrize("name", THREADS)
+def test_a_thread_that_dies_at_its_first_line_ends_the_run_by_name(
+    tmp_path, monkeypatch, name, error, pace
+):
+    for module in (recorder, receiver, analyst):
+        monkeypatch.setattr(module, "give_way", dying(priority.give_way, name, error))
+    run = made(tmp_path / "a.h5", pace)
+    if name == "journal":
+        kill_in_sink(run, name, error, lambda: True)
+    outcome = ended(run)
+    assert outcome.state == "failed"
+    assert str(error) in outcome.reason
+    assert accounted(tmp_path / "a.h5", outcome)
+
+
+@pytest.mark.parametrize("pace", [None, 20.0])
+@pytest.mark.parametrize("name", ["recorder", "journal"])
+def test_a_recorder_that_dies_in_the_drive_stops_it(tmp_path, name, pace):
+    run = made(tmp_path / "a.h5", pace)
+    in_drive = lambda: run._experiment.phase is Phase.DRIVE  # noqa: E731
+    kill_in_sink(run, name, Vanished("away"), in_drive)
+    outcome = ended(run)
+    assert (outcome.state, outcome.reason) == ("failed", f"{name}: Vanished: away")
+    assert accounted(tmp_path / "a.h5", outcome)
+    assert 0 <= run._bench.world.stage_m() < 60e-6
+
+
+def test_the_memory_that_can_not_be_read_costs_no_frame(tmp_path, monkeypatch):
+    def unknown():
+        raise psutil.AccessDenied(1)
+
+    hidden = SimpleNamespace(Process=unknown, Error=psutil.Error)
+    monkeypatch.setattr(recorder, "psutil", hidden)
+    outcome = ended(made(tmp_path / "a.h5", None, "run.travel=5"))
+    assert outcome.state == "done"
+    assert accounted(tmp_path / "a.h5", outcome)
+
+
+@pytest.mark.parametrize("sender_waits", [True, False])
+@pytest.mark.parametrize("kind", ["images", "forces"])
+def test_nobody_waits_for_a_recorder_that_died(kind, sender_waits):
+    """Its queue is full when it dies: who hands over is let go, and every frame is counted."""
+    may_die, put = threading.Event(), []
+
+    def die(record):
+        may_die.wait(TIMEOUT)
+        raise Vanished("away")
+
+    told = []
+    sink = SimpleNamespace(append=die, syncs=())
+    made = recorder.Recorder(sink, 1.0, 100, 1.0, sender_waits=sender_waits, on_failure=told.append)
+    image = np.zeros((20, 20), np.uint8)
+    volts = np.zeros((recorder.SMALL_QUEUE_BYTES // 16, 2))  # one block fills the queue
+    records = [
+        ReceivedFrame(n, n, image) if kind == "images" else Samples(n, volts, volts)
+        for n in range(4)
+    ]
+
+    def send():
+        for record in records:
+            made.append(record)
+            put.append(record)
+
+    works = dict(made.works())
+    ending = Ending(lambda: None)
+    dying = ending.spawn("recorder", works["recorder" if kind == "images" else "journal"])
+    sending = threading.Thread(target=send, daemon=True)
+    sending.start()
+    until(lambda: len(put) == 2)  # one is in the hands of the thread, one waits
+    may_die.set()
+    for thread in (sending, dying):
+        thread.join(TIMEOUT)
+        assert not thread.is_alive()
+    assert ending.failed
+    assert "Vanished: away" in ending.reason
+    assert made.frames_refused == (4 if kind == "images" else 0)
+    assert bool(told) == (not sender_waits)
+
+
+def until(condition):
+    give_up = time.monotonic() + TIMEOUT
+    while not condition():
+        assert time.monotonic() < give_up
+        time.sleep(0.005)
+
+
+def test_the_last_answers_are_not_waited_for_at_full_speed(monkeypatch):
+    """A simulated or recorded camera answers at once that there is nothing more."""
+    monkeypatch.setattr(receiver, "PATIENCE_S", 0.5)
+    reads, lost = [], []
+
+    def read(timeout_s):
+        reads.append(timeout_s)
+        raise DeviceTimeout("camera: nothing is due")
+
+    history = History(1000.0, 10)
+    history.append(0, np.zeros((100, 2)), 0.0, 100)
+    history.finish()
+    made = receiver.Receiver(
+        SimpleNamespace(name="camera", read=read),
+        TriggerTrain(0, 50),
+        history,
+        SimpleNamespace(append=lost.append),
+        LatestChannel(1, sender_waits=False),
+        Ending(lambda: None),
+        config.load(None, []).limits,
+    )
+    made.work()
+    assert 2 <= len(reads) <= 60
+    assert [record.index for record in lost] == [0, 1]

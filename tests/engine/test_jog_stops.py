@@ -1,0 +1,244 @@
+"""The stop of a jog that fails is tried again until it is taken, and meanwhile the stage counts as
+driven; nothing unexpected ends the watch over it.
+"""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from app import config
+from app.engine import jog as jog_module
+from app.engine.jog import JoggedStage
+from app.engine.preview import Preview
+from app.processes.preview import Order, _Served
+from app.stopping import CUT_POWER, Stop
+from drivers.errors import DeviceFault, DeviceTimeout
+
+UM = 1e-6
+
+
+class Stage:
+    """An actuator that goes on at its velocity until a stop is taken; the first `failing` are
+    not.
+    """
+
+    name, travel_limits_m = "stage X", (0.0, 25e-3)
+
+    def __init__(self, failing=0):
+        self.failing = failing
+        self.tried, self.targets = 0, []
+        self.velocity = self.began = None
+        self.at = 12.5e-3
+
+    def set_velocity(self, velocity):
+        self.velocity = velocity
+
+    def move_to(self, target):
+        self.targets.append(target)
+        self.began = time.monotonic()
+
+    def stop(self):
+        self.tried += 1
+        if self.tried <= self.failing:
+            raise DeviceFault("stage X: the line is noisy")
+        self.at, self.began = self.position_m(), None
+
+    def is_moving(self):
+        return self.began is not None
+
+    def position_m(self):
+        return self.at + (0 if self.began is None else 1e-6 * (time.monotonic() - self.began))
+
+
+def forces(normal=0.1, shear=0.0, age=0.0, used=(0.1, 0.1)):
+    return SimpleNamespace(normal_n=normal, shear_n=shear, age_s=age, used=used)
+
+
+@pytest.fixture(autouse=True)
+def _prompt(monkeypatch):
+    monkeypatch.setattr(jog_module, "AGAIN_S", 0.0, raising=False)
+
+
+def jogged(actuator, newest=forces, *overrides):
+    stage = JoggedStage(config.load(None, list(overrides)), actuator, newest)
+    stage.poll()
+    return stage
+
+
+def until_it_stands(stage):
+    """Look as the watch does."""
+    give_up = time.monotonic() + 30
+    while stage.is_driven:
+        assert time.monotonic() < give_up, "it is still driven"
+        stage.check()
+        time.sleep(0.001)
+
+
+def test_a_stop_that_fails_is_tried_until_it_is_taken():
+    actuator = Stage(failing=3)
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    stage._held_until = -1.0  # nobody holds it any more
+    stage.check()
+    assert (actuator.tried, stage.is_driven, actuator.is_moving()) == (1, True, True)
+    assert stage.failure.kind is Stop.FAILED
+    assert stage.said.startswith(CUT_POWER)
+    until_it_stands(stage)
+    assert (actuator.tried, actuator.is_moving()) == (4, False)
+    assert stage.failure is None  # it is no longer so
+    assert "the line is noisy" in stage.said
+    assert "stopped" in stage.said
+    assert CUT_POWER not in stage.said
+    stage.check()
+    assert actuator.tried == 4
+
+
+def test_a_stage_that_could_not_be_stopped_is_not_sent_on():
+    actuator = Stage(failing=99)
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    stage._held_until = -1.0
+    stage.check()
+    for direction in (1, -1):
+        with pytest.raises(DeviceFault, match="the line is noisy"):
+            stage.hold(direction, 10 * UM)
+    assert len(actuator.targets) == 1
+    assert stage.is_driven
+
+
+def test_a_release_whose_stop_fails_is_tried_again():
+    actuator = Stage(failing=2)
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    assert stage.let_go().kind is Stop.FAILED
+    assert stage.is_driven
+    until_it_stands(stage)
+    assert not actuator.is_moving()
+    assert stage.let_go().kind is Stop.AT_REST
+    stage.hold(-1, 10 * UM)  # what forbade a jog is forgotten
+    assert actuator.is_moving()
+
+
+def test_a_turn_whose_stop_fails_is_tried_again():
+    actuator = Stage(failing=1)
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    with pytest.raises(DeviceFault, match="noisy"):
+        stage.hold(-1, 10 * UM)
+    assert stage.is_driven
+    until_it_stands(stage)
+    assert not actuator.is_moving()
+
+
+def test_a_stage_that_takes_the_stop_and_moves_on_is_told_again(monkeypatch):
+    monkeypatch.setattr(jog_module, "STANDS_WITHIN_S", 0.2)
+    actuator = Stage()
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    stop, actuator.stop = actuator.stop, lambda: None  # the line loses it
+    assert stage.let_go().kind is Stop.FAILED
+    assert stage.is_driven
+    actuator.stop = stop
+    until_it_stands(stage)
+    assert not actuator.is_moving()
+
+
+def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch):
+    monkeypatch.setattr(jog_module, "PATIENCE_S", 0.05)
+    actuator, release = Stage(), threading.Event()
+    stage = jogged(actuator)
+    stage.hold(1, 10 * UM)
+    stop = actuator.stop
+    actuator.stop = lambda: (release.wait(30), stop())
+    stage._held_until = -1.0
+    before = threading.active_count()
+    for _ in range(20):
+        stage.check()
+    assert stage.is_driven
+    assert "did not return" in stage.failure.sentence
+    assert threading.active_count() <= before + 1
+    release.set()
+    until_it_stands(stage)
+    assert not actuator.is_moving()
+    assert stage.failure is None
+
+
+def test_a_move_whose_answer_does_not_come_is_stopped():
+    actuator = Stage()
+    move = actuator.move_to
+
+    def unanswered(target):
+        move(target)
+        raise DeviceTimeout("stage X: no answer")
+
+    actuator.move_to = unanswered
+    stage = jogged(actuator)
+    with pytest.raises(DeviceTimeout):
+        stage.hold(1, 10 * UM)
+    assert stage.is_driven
+    until_it_stands(stage)
+    assert not actuator.is_moving()
+
+
+def test_forces_that_can_not_be_judged_stop_the_jog():
+    actuator = Stage()
+    newest = [forces()]
+    stage = jogged(actuator, lambda: newest[0])
+    stage.hold(1, 10 * UM)
+    newest[0] = SimpleNamespace(age_s=None)
+    stage.check()
+    assert not actuator.is_moving()
+    assert "TypeError" in stage.said
+
+
+def test_nothing_unexpected_ends_the_watch():
+    """The thread that looks after a jog goes on, whatever is raised in it."""
+    settings = config.load(None, [])
+    device = SimpleNamespace(name="x")
+    bench = SimpleNamespace(forces=device, camera=device, actuator=device)
+    preview, looks = Preview(settings, bench), []
+
+    def check():
+        looks.append(True)
+        if len(looks) < 3:
+            raise [ValueError("odd"), SystemExit(1)][len(looks) - 1]
+        preview._closing.set()
+
+    preview._stage.check = check
+    preview._watch.start()
+    preview._watch.join(30)
+    assert len(looks) == 3
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_limit_of_the_normal_force_holds_for_either_sign(sign):
+    """With the wrong forces.sign an operator presses towards minus infinity."""
+    actuator, newest = Stage(), [forces()]
+    stage = jogged(actuator, lambda: newest[0], "limits.normal_force=1")
+    stage.hold(1, 10 * UM)
+    newest[0] = forces(normal=sign * 0.99)
+    stage.check()
+    assert actuator.is_moving()
+    newest[0] = forces(normal=sign * 1.01)
+    stage.check()
+    assert not actuator.is_moving()
+    assert f"P is {sign * 1.01:.3f} N" in stage.said
+    assert ("forces.sign" in stage.said) == (sign < 0)
+    stage.let_go()
+    with pytest.raises(DeviceFault, match=r"limits\.normal_force"):
+        stage.hold(1, 10 * UM)
+
+
+@pytest.mark.parametrize("is_driven", [True, False])
+def test_a_bench_that_can_not_stop_its_stage_leaves_it_to_the_supervisor(tmp_path, is_driven):
+    served = _Served(Order(config.load(None, []), tmp_path))
+    left = []
+    served.preview = SimpleNamespace(
+        close=lambda: left.append("bench"), motion=lambda: (0, 0.0, is_driven)
+    )
+    served._supervised = SimpleNamespace(close=lambda: left.append("supervisor"))
+    served.close()
+    assert left == ["bench", *["supervisor"] * (not is_driven)]
+    assert served.is_closed.is_set()

@@ -1,0 +1,66 @@
+"""When the camera counts as silent, in virtual time."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from app.engine import receiver
+from app.engine.receiver import Receiver
+from app.settings import Config, Limits
+from drivers.errors import DeviceTimeout
+from drivers.protocols import TriggerTrain
+
+
+class Bench:
+    """A receiver before a camera whose images are delivered, and answered when the test says so."""
+
+    def __init__(self, monkeypatch, divisor):
+        self.now_s = 100.0
+        monkeypatch.setattr(receiver, "time", SimpleNamespace(monotonic=lambda: self.now_s))
+        self.camera = SimpleNamespace(name="camera", delivered=0)
+        self.history = SimpleNamespace(end=0, exposure_samples=10, sample_rate_hz=1000.0)
+        self.divisor, train = divisor, TriggerTrain(0, divisor)
+        unused = [None] * 3
+        self.receiver = Receiver(self.camera, train, self.history, *unused, Limits())
+        self.receiver.is_behind(drives=True)
+
+    def wait(self, seconds, *, delivers, answers):
+        """Let time pass in steps of the history."""
+        began_s, before = self.now_s, self.camera.delivered
+        for step in range(round(seconds / 0.05)):
+            self.now_s = began_s + 0.05 * (step + 1)
+            self.history.end += 50
+            triggers = round((self.now_s - began_s) * 1000) // self.divisor
+            self.camera.delivered = before + triggers * delivers
+            if answers:
+                self.receiver.received = self.camera.delivered
+            self.receiver.is_behind(drives=True)
+
+
+@pytest.mark.parametrize("divisor", [42, 125, 250])
+def test_images_that_wait_for_a_proof_are_no_silence(monkeypatch, divisor):
+    assert Limits().age == Config().limits.age == 0.8
+    bench = Bench(monkeypatch, divisor)
+    bench.wait(3.0, delivers=True, answers=True)
+    bench.wait(2.0, delivers=True, answers=False)
+
+
+@pytest.mark.parametrize(("divisor", "within_s"), [(42, 0.8), (125, 0.8), (250, 0.85)])
+def test_a_camera_that_delivers_nothing_is_silent_within_the_limit(monkeypatch, divisor, within_s):
+    bench = Bench(monkeypatch, divisor)
+    bench.wait(3.0, delivers=True, answers=True)
+    silent_s = bench.now_s
+    with pytest.raises(DeviceTimeout, match=r"camera: no image came for 0\.\d+ s, trigger \d+"):
+        bench.wait(3.0, delivers=False, answers=False)
+    assert bench.now_s - silent_s <= within_s + 0.05
+
+
+def test_a_camera_that_does_not_tell_its_deliveries_is_judged_by_its_answers(monkeypatch):
+    bench = Bench(monkeypatch, 125)
+    bench.wait(3.0, delivers=True, answers=True)
+    del bench.camera.delivered
+    bench.now_s, bench.history.end = bench.now_s + 0.3, bench.history.end + 300
+    assert bench.receiver.is_behind(drives=True)
+    bench.now_s += 0.5
+    with pytest.raises(DeviceTimeout, match="no image came"):
+        bench.receiver.is_behind(drives=True)

@@ -1,0 +1,247 @@
+"""A run begins only with what stands in the form, and no key presses a button that moves something
+unless the operator meant it.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from operators import CTRL, Keyboard, Mouse, large
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QAbstractButton, QApplication, QPlainTextEdit
+from pytestqt.qtbot import QtBot
+from scripted_run import ScriptedRun
+from workshops import Makes
+
+from app.gui.desk import Desk
+from app.gui.window import MainWindow
+from app.settings import Config
+
+STEPS = 'run.steps = [{do = "drive", velocity = "fast"}]'
+
+
+class Shop(Makes):
+    """Keeps the settings of each run that was asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: ScriptedRun(320, 240, frames=60))
+        self.asked: list[tuple[Config, Path | None]] = []
+        self.runs: list[ScriptedRun] = []
+
+    def run(self, config: Config, session: Path | None) -> ScriptedRun:
+        self.asked.append((config, session))
+        self.runs.append(super().run(config, session))
+        return self.runs[-1]
+
+
+@pytest.fixture
+def shop() -> Shop:
+    return Shop()
+
+
+@pytest.fixture
+def window(
+    qtbot: QtBot, shop: Shop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[MainWindow]:
+    monkeypatch.chdir(tmp_path)
+    shown = MainWindow(desk=Desk(shop, Config()))  # type: ignore[arg-type]
+    with qtbot.waitActive(shown):
+        large(shown)
+    yield shown
+    shown._must_close = True
+    shown.close()
+    shown.deleteLater()
+
+
+def buttons_that_move(window: MainWindow) -> list[QAbstractButton]:
+    top, bench = window.top, window.bench
+    primary = (window.experiment.button, window.campaign.next)
+    return [top.start, top.stop, top.stop_motion, bench.zero, *bench.jogs, *primary]
+
+
+@pytest.mark.parametrize("way", ["F5", "click", "experiment"])
+def test_start_is_refused_while_a_field_is_and_goes_to_it(
+    qtbot: QtBot, window: MainWindow, shop: Shop, way: str
+) -> None:
+    mouse = Mouse(qtbot, window)
+    begin: dict[str, Callable[[], None]] = {
+        "F5": lambda: Keyboard(qtbot, window).key(Qt.Key.Key_F5),
+        "click": lambda: mouse.click(window.top.start),
+        "experiment": lambda: mouse.click(window.experiment.button),
+    }
+    load = window.setup.row("run.normal_force").editor
+    mouse.go_to("setup")
+    mouse.type(load, "0,7")
+    if way == "experiment":
+        mouse.go_to("experiment")
+    begin[way]()
+    qtbot.wait(100)
+    assert shop.asked == []
+    said = window.notice.text.text()
+    assert "The run was not started: Load P" in said
+    assert "0,7" in said
+    assert "with a point: 0.7" in said
+    assert window._making is None
+    assert not window.docks.by_name["setup"].visibleRegion().isEmpty()
+    assert QApplication.focusWidget() is load
+
+    mouse.type(load, "0.7")
+    qtbot.keyClick(load, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: not window.notice.isVisible())  # nothing is refused any more
+    begin["F5"]()
+    qtbot.waitUntil(lambda: bool(shop.asked))
+    assert shop.asked[0][0].run.normal_force == 0.7
+    qtbot.waitUntil(lambda: not window.notice.isVisible())
+
+
+@pytest.mark.parametrize("part", ["session", "steps", "hidden table"])
+def test_whatever_is_refused_is_gone_to(
+    qtbot: QtBot, window: MainWindow, shop: Shop, tmp_path: Path, part: str
+) -> None:
+    mouse, setup = Mouse(qtbot, window), window.setup
+    mouse.go_to("setup")
+    if part == "session":
+        mouse.type(setup.session, str(tmp_path / "no folder" / "x"))
+        qtbot.keyClick(setup.session, Qt.Key.Key_Return)
+        qtbot.waitUntil(lambda: bool(setup.refusal()))  # its folder is looked at beside the window
+        wanted, name = setup.session, "Session"
+    elif part == "steps":
+        mouse.press(setup.protocol.edit)
+        mouse.click(setup.protocol.text)
+        setup.protocol.text.selectAll()
+        qtbot.keyClicks(setup.protocol.text, STEPS)
+        wanted, name = setup.protocol.text, "Protocol"
+    else:
+        mouse.type(setup.search, "gauge")
+        setup.search.clear()
+        (view,) = (view for view in setup.groups if view.group.table == "camera")
+        view.head.click()
+        wanted, name = view.rows["camera.exposure"].editor, "exposure"
+        wanted.setFocus()
+        wanted.selectAll()
+        qtbot.keyClicks(wanted, "long")
+        mouse.click(setup.search)
+        view.head.click()
+        assert not wanted.isVisible()
+    mouse.click(window.top.start)
+    qtbot.waitUntil(lambda: f"not started: {name}" in window.notice.text.text())
+    assert shop.asked == []
+    assert QApplication.focusWidget() is wanted
+    assert wanted.isVisible()
+
+
+def test_what_stands_in_a_field_is_taken_by_a_click_on_start(
+    qtbot: QtBot, window: MainWindow, shop: Shop
+) -> None:
+    mouse = Mouse(qtbot, window)
+    mouse.go_to("setup")
+    mouse.type(window.setup.row("run.normal_force").editor, "0.25")
+    mouse.click(window.top.start)  # which takes no focus from the field
+    qtbot.waitUntil(lambda: bool(shop.asked))
+    assert shop.asked[0][0].run.normal_force == 0.25
+
+
+def test_an_exposure_that_was_not_left_is_taken_by_start(
+    qtbot: QtBot, window: MainWindow, shop: Shop
+) -> None:
+    mouse = Mouse(qtbot, window)
+    mouse.go_to("bench")
+    box = window.bench.exposure
+    box.setFocus()
+    box.selectAll()
+    qtbot.keyClicks(box, "7.5")
+    mouse.click(window.top.start)
+    qtbot.waitUntil(lambda: bool(shop.asked))
+    assert shop.asked[0][0].camera.exposure == pytest.approx(7.5e-3)
+
+
+@pytest.mark.parametrize("is_running", [False, True])
+def test_tab_leads_to_nothing_that_moves(
+    qtbot: QtBot, window: MainWindow, shop: Shop, is_running: bool
+) -> None:
+    if is_running:
+        window.begin()
+        qtbot.waitUntil(lambda: bool(shop.runs) and window.top.stop.isEnabled())
+    for button in buttons_that_move(window):
+        button.setEnabled(True)
+    keyboard = Keyboard(qtbot, window)
+    for part in ("bench", "setup", "experiment", "campaign"):
+        window.docks.show(part)
+        seen = set()
+        for key in (Qt.Key.Key_Tab, Qt.Key.Key_Backtab):
+            for _ in range(50):
+                keyboard.key(key)
+                seen.add(QApplication.focusWidget())
+        assert len(seen) > 5
+        assert not seen & set(buttons_that_move(window)), part
+
+
+def test_a_button_that_is_pressed_and_turns_grey_leaves_the_focus_to_none_that_moves(
+    qtbot: QtBot, window: MainWindow, shop: Shop
+) -> None:
+    mouse = Mouse(qtbot, window)
+    for button in buttons_that_move(window):
+        button.setEnabled(True)
+    window.docks.show("bench")
+    mouse.click(window.bench.zero)
+    window.bench.zero.setEnabled(False)
+    assert QApplication.focusWidget() not in buttons_that_move(window)
+    window.begin()
+    qtbot.waitUntil(lambda: bool(shop.runs))
+    shop.runs[0].at(30)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.phase == "drive")
+    Keyboard(qtbot, window).key(Qt.Key.Key_Space)
+    qtbot.wait(200)
+    assert shop.runs[0].calls == []
+
+
+def test_the_keys_of_the_window_go_on_to_work(qtbot: QtBot, window: MainWindow, shop: Shop) -> None:
+    keyboard = Keyboard(qtbot, window)
+    keyboard.key(Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: bool(shop.runs) and shop.runs[0].started)
+    keyboard.key(Qt.Key.Key_E, CTRL)
+    assert shop.runs[0].called.wait(60)
+    assert shop.runs[0].calls == ["the operator ended the run"]
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    keyboard.key(Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: len(shop.runs) == 2 and shop.runs[1].started)
+    keyboard.key(Qt.Key.Key_F12)
+    assert shop.runs[1].called.wait(60)
+    assert shop.runs[1].calls == ["stop_motion"]
+
+
+def test_a_protocol_that_is_refused_is_not_called_by_the_name_of_the_last(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    protocol = window.setup.protocol
+    protocol.choice.textActivated.emit("example of six steps")
+    assert protocol.choice.currentText() == "example of six steps"
+    assert "the protocol among them" in window.setup.compared.text()
+    Mouse(qtbot, window).go_to("setup")
+    protocol.edit.setChecked(True)
+    text: QPlainTextEdit = protocol.text
+    text.setFocus()
+    text.selectAll()
+    qtbot.keyClicks(text, STEPS)
+    qtbot.keyClick(text, Qt.Key.Key_Tab)
+    assert protocol.sentence.isVisible()
+    assert protocol.choice.currentText() == "steps of its own"
+
+
+@pytest.mark.parametrize("size", [(1366, 768), (1720, 1000), (1024, 700)])
+def test_no_click_at_the_place_of_connect_begins_a_run(
+    qtbot: QtBot, window: MainWindow, shop: Shop, size: tuple[int, int]
+) -> None:
+    window.resize(*size)
+    window.reset_layout()
+    window.resize(*size)
+    mouse, connect = Mouse(qtbot, window), window.bench.connect_button
+    mouse.go_to("bench")
+    qtbot.wait(100)
+    place = connect.rect().translated(connect.mapTo(window, connect.rect().topLeft()))
+    mouse.go_to("experiment")
+    qtbot.wait(100)
+    for button in buttons_that_move(window):
+        if button.isVisible():
+            there = button.rect().translated(button.mapTo(window, button.rect().topLeft()))
+            assert not there.intersects(place), button.text()

@@ -1,0 +1,109 @@
+"""Processes that do not begin as they should: why is told by name, and nobody waits for ever."""
+
+import sys
+
+import pytest
+from short_run import SMALL
+
+from app import config
+from app.processes import folder as folders
+from app.processes.client import LaunchedRun
+from app.processes.preview import LaunchedPreview
+from app.processes.starting import ProcessFailed, hello_of, started
+from drivers.errors import DeviceError
+
+BEGIN = "import os, sys, threading, time\nfrom app.processes.starting import say_hello, payload\n"
+
+
+@pytest.fixture
+def said_by(tmp_path, monkeypatch):
+    """What a process says whose `main` has these lines, and when it has ended."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def run(*lines, **limit):
+        body = "\n".join(f"    {line}" for line in lines)
+        name = f"begins_{len(list(tmp_path.iterdir()))}"
+        (tmp_path / f"{name}.py").write_text(f"{BEGIN}def main():\n{body}\n", encoding="utf-8")
+        log = tmp_path / "log"
+        process = started(name, "a payload", log)
+        try:
+            return hello_of(process, log, **limit)
+        finally:
+            process.kill()
+            process.communicate()
+
+    return run
+
+
+def test_what_others_print_does_not_reach_the_hello(said_by, tmp_path):
+    """A vendor's library may write to standard output while it is imported, also from C."""
+    hello = said_by(
+        "print('licence found', flush=True)",
+        "os.write(1, b'firmware 1.2')",
+        "sys.stdout.write('more')",
+        "say_hello(payload())",
+    )
+    assert hello == "a payload"
+    assert "licence found" in (tmp_path / "log").read_text(encoding="utf-8")
+
+
+def test_a_process_that_fails_tells_why_and_where(said_by):
+    with pytest.raises(ProcessFailed, match=r"KeyError: 'serial' \(begins_\d.py, line 4\)$"):
+        said_by("raise KeyError('serial')")
+
+
+def test_a_process_that_fails_ends_whatever_threads_it_has(said_by):
+    with pytest.raises(ProcessFailed, match="code 1 before it was ready: ValueError: 3"):
+        said_by("threading.Thread(target=time.sleep, args=(600,)).start()", "raise ValueError(3)")
+
+
+def test_a_process_that_hangs_is_ended(said_by):
+    with pytest.raises(ProcessFailed, match=r"begins_\d: its process was not ready within 2 s and"):
+        said_by("time.sleep(600)", within_s=2.0)
+
+
+def test_an_error_of_a_kind_that_nobody_else_knows_arrives_as_one_of_a_device(said_by):
+    with pytest.raises(DeviceError, match="the oven is at 40 degrees") as raised:
+        said_by(
+            "from drivers.errors import DeviceError",
+            "class Hot(DeviceError):",
+            "    def __init__(self, what, degrees):",
+            "        super().__init__(f'the {what} is at {degrees} degrees')",
+            "say_hello(Hot('oven', 40))",
+        )
+    assert type(raised.value) is DeviceError
+
+
+DRIVER = """
+print("a licence was found", flush=True)
+
+class Stage:
+    def __init__(self, *given, **named):
+        {}["serial"]
+
+    def open(self):
+        pass
+
+    close = open
+"""
+
+
+def run(settings, path):
+    LaunchedRun(settings, path, pace=1.0, overwrite=False)
+
+
+def preview(settings, _):
+    LaunchedPreview(settings)
+
+
+@pytest.mark.parametrize("launch", [run, preview])
+def test_a_driver_that_can_not_be_made_is_told_with_its_line(launch, tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "MEMORY", tmp_path / "memory")
+    (tmp_path / "memory").mkdir()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "broken_stage.py").write_text(DRIVER, encoding="utf-8")
+    settings = config.load(None, [*SMALL, "actuator.source=broken_stage:Stage"])
+    with pytest.raises(DeviceError, match=r"KeyError: 'serial' \(broken_stage.py, line 6\)"):
+        launch(settings, tmp_path / "a.h5")
+    assert not list(folders.root().iterdir())
+    sys.modules.pop("broken_stage", None)

@@ -1,0 +1,86 @@
+"""Who gives way to whom, also for an ordinary user and in a program that was started with a
+niceness of its own.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+# an ordinary user can not lower a niceness again, the administrator can
+PROGRAM = """
+import os, threading
+from app.priority import give_way
+
+if os.getuid() == 0:
+    os.setuid(65534)
+os.nice({start})
+found = []
+
+def look(niceness):
+    give_way(niceness)
+    found.append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+    deeper = threading.Thread(target=lambda: found.append(os.nice(0)))
+    deeper.start()
+    deeper.join()
+
+for niceness in {asked}:
+    thread = threading.Thread(target=look, args=(niceness,))
+    thread.start()
+    thread.join()
+print(found, os.nice(0))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a niceness for each thread")
+@pytest.mark.parametrize(("start", "order"), [(0, (3, 5, 10)), (10, (13, 15, 19)), (19, (19,) * 3)])
+def test_threads_give_way_to_the_program_as_it_was_started(start, order):
+    said = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(start=start, asked=(3, 5, 10))],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    base = os.nice(0)
+    twice = [min(19, base + n) for n in order for _ in range(2)]
+    assert said.stdout.strip() == f"{twice} {min(19, base + start)}"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a niceness for each thread")
+def test_a_process_that_is_started_by_who_gives_way_does_not_give_way_twice():
+    asked = """
+import os, subprocess, sys, threading
+child = "import os; from app.priority import give_way; give_way(10, to=os.getppid())"
+child += "; print(os.nice(0))"
+def start():
+    from app.priority import give_way
+    give_way(10)
+    subprocess.run([sys.executable, "-c", child], check=True)
+thread = threading.Thread(target=start)
+thread.start()
+thread.join()
+"""
+    said = subprocess.run(
+        [sys.executable, "-c", asked],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert int(said.stdout) == min(19, os.nice(0) + 10)
+
+
+def test_what_the_system_forbids_is_left(monkeypatch):
+    from app import priority
+
+    def forbidden(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "setpriority", forbidden, raising=False)
+    priority.give_way(3)
