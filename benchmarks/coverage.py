@@ -140,9 +140,7 @@ class World:
             scale = truth.pixel
             u = moved - seen_in_rings(even, rings.radius * scale, true_box, width * scale)
             centre = field[near] + moved - self._seen(state, x[near], y[near], true_box)
-            value, sd = central_value(
-                r[near], theta[near], centre, inner, box=box, noise_box=2 * width
-            )
+            value, sd = central_value(r[near], theta[near], centre, inner, box=box, shared=4.0)
             total = replace(rings, mean=rings.mean + u)
             traction, stress = tractions.of(total)
             P += FORCE_NOISE * rng.standard_normal()

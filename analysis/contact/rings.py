@@ -13,12 +13,10 @@ from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, I64, Bool
 from analysis.kernels import compiled
-from analysis.robust import SCALED, robust_sd
+from analysis.robust import SCALED
 
 FEWEST = 12  # points of a ring whose mean comes from a fit; with fewer it is the plain mean
-FEWEST_CENTRAL = 4  # points of a value at the centre
-CENTRAL_ROUNDS = 3
-FLATTEST = 1e-3  # least eigenvalue of a fit's normal equations, per point
+CENTRAL_RINGS = 4
 OUTLIER_SD = 5.0  # robust standard deviations from its ring at which a point is left out
 
 
@@ -103,10 +101,10 @@ def central_value(
     radius: float,
     *,
     box: float = 0.0,
-    noise_box: float = 0.0,
+    shared: float = 1.0,
 ) -> tuple[float, float]:
-    """Value of a field at the centre, and its standard uncertainty: of the paraboloid ``u0 + k r^2
-    + first and second harmonics of theta`` through the points within `radius`, outliers left out.
+    """Value of a field at the centre, and its standard uncertainty: of the parabola ``u0 + k r^2``
+    through its means over the rings within `radius`, outliers left out.
 
     A plain mean over the disc would be off by half of what the field bends over it. NaN where there
     are too few points.
@@ -116,72 +114,32 @@ def central_value(
     r, theta, values : array_like, any common shape
         Distance from the centre, azimuth and value of each grid point.
     radius : float
-        In the units of `r`, as are both boxes.
+        In the units of `r`, as is `box`.
     box : float
         Side of the boxes over which the values are means: the bending over them, k box^2/6, is
         taken off.
-    noise_box : float
-        Side of the boxes whose noise a value is the mean of: two points share as much of it as
-        their boxes overlap. 0: independent points.
+    shared : float
+        Number of boxes that overlap in a place, which share their noise.
     """
     if not radius > 0:
         return math.nan, math.nan
-    r, theta, values = (np.asarray(v, dtype=np.float64) for v in (r, theta, values))
-    inside = np.isfinite(values) & (r < radius)
-    if inside.sum() < FEWEST_CENTRAL:
+    width = radius / CENTRAL_RINGS
+    rings = ring_means(r, values, width, radius, theta=theta)
+    full = rings.count > 1
+    if full.sum() < CENTRAL_RINGS - 1:
         return math.nan, math.nan
-    r, u = r[inside] / radius, values[inside]
-    x, y = r * np.cos(theta[inside]), r * np.sin(theta[inside])
-    square = r * r + (box / radius) ** 2 / 6
-    columns = np.column_stack([np.ones(len(u)), square, x, y, x * x - y * y, x * y])
-    off, kept = u - np.median(u), np.empty(0, np.bool_)
-    for _ in range(CENTRAL_ROUNDS):  # outliers show better against the fit than against the median
-        keep = np.abs(off) <= OUTLIER_SD * robust_sd(off)
-        if np.array_equal(keep, kept):
-            break
-        kept, n = keep, int(keep.sum())
-        normal = columns[keep].T @ columns[keep]
-        size = 6 if n >= FEWEST and np.linalg.eigvalsh(normal)[0] > FLATTEST * n else 2
-        normal = normal[:size, :size]
-        if n < FEWEST_CENTRAL or not np.linalg.eigvalsh(normal)[0] > FLATTEST * n:
-            return math.nan, math.nan
-        found = np.linalg.solve(normal, columns[keep, :size].T)  # from values to coefficients
-        off = u - columns[:, :size] @ (found @ u[keep])
-    fitted, weights = columns[kept, :size], found[0]
-    left = np.column_stack([weights, found.T])
-    right = np.column_stack([weights, fitted])
-    of_value, *followed = _shared(left, right, x[kept], y[kept], noise_box / radius).tolist()
-    # of the points' noise, the fit takes away what it can follow
-    variance = float(off[kept] @ off[kept]) / max(n - sum(followed), 1.0) * of_value
-    return float(weights @ u[kept]), math.sqrt(variance)
-
-
-def _shared(left: F64, right: F64, x: F64, y: F64, box: float) -> F64:
-    """``left[:, i] R right[:, i]`` for each i, where R is the share of their boxes that two points
-    have in common; left and right of shape (n, k).
-    """
-    order = np.argsort(x)
-    found: F64 = _overlapping(left[order], right[order], x[order], y[order], box)
-    return found
-
-
-@compiled
-def _overlapping(left: F64, right: F64, x: F64, y: F64, box: float) -> F64:
-    """As `_shared`, of points in the order of x."""
-    n, size = left.shape
-    out = np.zeros(size)
-    for p in range(n):
-        for i in range(size):
-            out[i] += left[p, i] * right[p, i]
-        for q in range(p + 1, n):
-            across, down = x[q] - x[p], abs(y[q] - y[p])
-            if across >= box:
-                break
-            if down < box:
-                share = (1 - across / box) * (1 - down / box)
-                for i in range(size):
-                    out[i] += share * (left[p, i] * right[q, i] + left[q, i] * right[p, i])
-    return out
+    count = rings.count[full].astype(np.float64)
+    middle = ((np.arange(len(full)) + 0.5) * width)[full]
+    plain = ring_means(r, np.square(r), width, radius).mean[full]
+    # the mean of a fit along the radius is at the ring's middle, and bends over its width
+    is_fitted = rings.radius[full] == middle
+    square = np.where(is_fitted, middle**2 + width**2 / 12, plain) + box**2 / 6
+    columns = np.column_stack([np.ones(len(count)), square / radius**2])
+    covariance = np.linalg.inv(columns.T @ (columns * count[:, None]))
+    centre = float((covariance @ (columns.T @ (rings.mean[full] * count)))[0])
+    told = is_fitted if is_fitted.any() else np.ones(len(count), np.bool_)
+    variance = float(np.average((rings.standard_error[full] ** 2 * count)[told]))
+    return centre, math.sqrt(variance * shared * float(covariance[0, 0]))
 
 
 @compiled

@@ -378,7 +378,7 @@ class Pipeline:
             sliding_ux,
             inner_m,
             box=dic.averaging_box_px * self._pixel_m,
-            noise_box=dic.noise_box_px * self._pixel_m,
+            shared=max(1.0, (dic.noise_box_px / dic.step) ** 2),
         )
         return replace(
             snapshot,

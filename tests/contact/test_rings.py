@@ -104,24 +104,10 @@ def test_the_bending_over_a_box_is_taken_off_and_the_noise_of_overlapping_boxes_
         white = rng.normal(0, 0.1, (26, 26))
         noise = (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
         values = 2.0 + 3e-3 * (r**2 + 10.0**2 / 6) + noise  # boxes of two pitches
-        found.append(central_value(r, np.arctan2(y, x), values, 50, box=10.0, noise_box=10.0))
+        found.append(central_value(r, np.arctan2(y, x), values, 50, box=10.0, shared=4.0))
     value, sd = np.array(found).T
     assert value.mean() == pytest.approx(2.0, abs=4 * value.std() / np.sqrt(200))
     assert np.median(sd) == pytest.approx(value.std(), rel=0.3)
-
-
-@pytest.mark.parametrize(("radius", "overlap"), [(27, 2), (27, 3), (14, 2)])
-def test_the_stated_noise_of_the_central_value_is_its_scatter(radius, overlap):
-    x, y = np.meshgrid(np.arange(-30.0, 31, 5) + 1.7, np.arange(-30.0, 31, 5) - 0.9)
-    r, theta, rng = np.hypot(x, y), np.arctan2(y, x), np.random.default_rng(3)
-    size, found = len(x), []
-    for _ in range(600):
-        white = rng.normal(size=(size + overlap - 1,) * 2)
-        boxes = [white[i : i + size, j : j + size] for i, j in np.ndindex(overlap, overlap)]
-        values = 1e-3 * r**2 * (1 + np.cos(2 * theta)) + sum(boxes) / overlap
-        found.append(central_value(r, theta, values, radius, noise_box=5.0 * overlap))
-    value, sd = np.array(found).T
-    assert np.sqrt(np.mean(sd**2)) == pytest.approx(value.std(), rel=0.1)
 
 
 def test_a_width_of_zero_is_refused():

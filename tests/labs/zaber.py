@@ -84,6 +84,7 @@ class ZaberStage:
             if self._line is None:
                 raise DeviceFault(f"{self.name}: it is not open; open it first")
             try:
+                self._line.read(self._line.in_waiting)  # what nobody has waited for
                 self._line.write(f"/{self._settings.address} 1 {command}\n".encode())
                 answer = self._line.readline().decode("ascii", "replace").strip().split(" ", 5)
             except OSError as error:
