@@ -1,1 +1,1 @@
-"""The program: commands, settings, engine, session files, window, reports."""
+"""The program: commands, settings, the live bench, session files, window, reports."""

@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import psutil
 
+from app.records.summary import Summary
 from app.session import Session
 from app.session.results import read_results
-from app.summary import Summary
 from benchmarks import simulated
 from benchmarks.report import Report
 

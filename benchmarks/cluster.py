@@ -14,9 +14,9 @@ import time
 from pathlib import Path
 
 from app.session.reader import SessionReader
+from app.study.analysis_plan import planned, programs
 from app.study.analyzing import analyze
 from app.study.cluster import part_of
-from app.study.plan import planned, programs
 from benchmarks.report import Report
 
 SUBJECT = "Analysis on a cluster"

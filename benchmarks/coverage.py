@@ -28,12 +28,12 @@ import numpy as np
 from analysis.contact.rings import central_value, ring_means
 from analysis.friction.stick import seen_in_rings
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
-from app.engine.conclusions import conclude, hertz_radius_m
-from app.engine.pipeline import CENTRE_SHARE
-from app.engine.setup import grid_of, sensor_chain
-from app.engine.tractions import Tractions
-from app.records import Conditions, ContactResult, Motion, Phase, RingProfile, Snapshot
-from app.settings import Config
+from app.evaluation.conclusions import conclude, hertz_radius_m
+from app.evaluation.pipeline import CENTRE_SHARE
+from app.evaluation.setup import grid_of, sensor_chain
+from app.evaluation.tractions import Tractions
+from app.records.record_types import Conditions, ContactResult, Motion, Phase, RingProfile, Snapshot
+from app.settings.sections import Config
 from benchmarks.report import Report
 
 SUBJECT = "Coverage of the stated uncertainties"

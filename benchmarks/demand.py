@@ -19,8 +19,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.effort import Effort, Product
-from app.records import Conditions, Phase
+from app.records.effort import Effort, Product
+from app.records.record_types import Conditions, Phase
 from benchmarks.pipeline import DIVISOR, Drive
 from benchmarks.report import Report
 from drivers.sim.images import Renderer

@@ -35,7 +35,7 @@ import cv2
 import numpy as np
 
 from analysis.dic import Correlation, Grid, Tracker, compile_kernels, open_tracker
-from app.tradeoff.speckle import Motion, Wave
+from app.tradeoff.exact_speckle import Motion, Wave
 from benchmarks import scores
 from benchmarks.report import ROOT, Report
 from benchmarks.scores import Picture, follow, frames_of, score_translation
@@ -251,7 +251,7 @@ def start(report: Report, _: int | None) -> None:
     report.table("Start of a run in a new process, imports included")
     code = (
         "import time; t = time.perf_counter(); import sys; from pathlib import Path;"
-        " from app import config; from app.processes.client import LaunchedRun;"
+        " from app.settings import config; from app.processes.client import LaunchedRun;"
         " run = LaunchedRun(config.load(None, []), Path(sys.argv[1]), pace=1.0, overwrite=True);"
         " run.start()\n"
         "while not run.health().phase: time.sleep(0.01)\n"

@@ -55,9 +55,9 @@ def one_close(seconds: float, session: Path) -> None:
     """In a program of its own: close the window of a run after so many seconds."""
     from PySide6.QtCore import QTimer
 
-    from app.commands.workshop import Workshop
-    from app.config import load
+    from app.cli.workshop import Workshop
     from app.gui.start import run_window
+    from app.settings.config import load
 
     made: list[Any] = []
 
@@ -159,9 +159,9 @@ def runs_in_a_row(report: Report, number: int) -> None:
     """Run so many experiments in one window."""
     from PySide6.QtCore import QTimer
 
-    from app.commands.workshop import Workshop
-    from app.config import load
+    from app.cli.workshop import Workshop
     from app.gui.start import run_window
+    from app.settings.config import load
 
     memory: list[float] = []
     made: list[Any] = []
@@ -203,9 +203,9 @@ def long_run(report: Report, hours: float) -> None:
     """Drive for so many hours of the bench's clock, in one window."""
     from PySide6.QtCore import QTimer
 
-    from app.commands.workshop import Workshop
-    from app.config import load
+    from app.cli.workshop import Workshop
     from app.gui.start import run_window
+    from app.settings.config import load
 
     velocity = TRAVEL_UM / (3600 * hours)
     memory: list[tuple[float, float]] = []  # hours and MiB

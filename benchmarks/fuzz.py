@@ -33,8 +33,8 @@ from typing import Any
 
 import typer
 
-from app.config import ConfigError
-from app.errors import UserError
+from app.settings.config import ConfigError
+from app.system.errors import UserError
 from benchmarks.hostile import CASES, make_whole
 from benchmarks.report import ROOT, Report
 

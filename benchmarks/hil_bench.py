@@ -19,7 +19,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.records import Outcome
+from app.records.record_types import Outcome
 from benchmarks.report import Report
 from benchmarks.simulated import account, experiment, middle_of_exposure
 from drivers.sim.images import Renderer

@@ -28,9 +28,9 @@ from spoiled_settings import VALUES, spoil_settings
 
 from analysis.options import options
 from app.cli import app
-from app.config import from_record, load, tables
-from app.session.fields import FieldsWriter
+from app.session.field_series import FieldsWriter
 from app.session.reader import SessionReader
+from app.settings.config import from_record, load, tables
 
 KEYS = [f"{table}.{key}" for table, kind in tables().items() for key in options(kind)]
 SHAPE = (64, 80)  # of the images that are imported

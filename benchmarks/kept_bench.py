@@ -8,8 +8,8 @@ import threading
 import time
 from typing import Any
 
-from app.engine.experiment import Experiment
-from app.engine.run import Run
+from app.acquisition.run import Run
+from app.experiment.decisions import Experiment
 from app.processes import bench
 
 AHEAD_M = 1.5e-3

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from app import config
 from app.processes.client import LaunchedRun
-from app.records import RESTART
+from app.records.record_types import RESTART
+from app.settings import config
 from benchmarks.outside_stage import OutsideStage
 from benchmarks.report import ROOT, Report
 

@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-from app import config
 from app.processes.client import LaunchedRun
-from app.records import Phase
+from app.records.record_types import Phase
 from app.session.reader import SessionReader
+from app.settings import config
 from benchmarks.report import Report
 from benchmarks.simulated import account, experiment
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from app.commands.figures import write
+from app.cli.figure_files import write
 from app.report.paper.collection import FIGURES, draw
 from app.report.paper.style import FORMATS, picture
 from app.session.results import read_results

@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from app import config, live
-from app.engine import pipeline, tractions
-from app.engine.compiling import compile_analysis
-from app.records import Conditions, Phase
+from app.evaluation import pipeline, tractions
+from app.evaluation.compiling import compile_analysis
+from app.records.record_types import Conditions, Phase
+from app.runs import live
+from app.settings import config
 from benchmarks.report import Report
 from drivers.sim.images import Renderer
 from drivers.sim.world import World

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import psutil
 
-from app import config
 from app.gui.start import run_window
 from app.processes.client import LaunchedRun
 from app.processes.folder import running
+from app.settings import config
 from benchmarks.report import Report
 from benchmarks.simulated import account
 

@@ -27,9 +27,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from app.disk import forget_cached
-from app.engine.recorder import Recorder
-from app.records import (
+from app.acquisition.recorder_thread import Recorder
+from app.records.record_types import (
     Conditions,
     DisplacementField,
     Header,
@@ -46,6 +45,7 @@ from app.session.journal import journal_of
 from app.session.receipt import verify
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
+from app.system.disk import forget_cached
 from benchmarks.report import Report
 
 assert sys.platform != "win32", "it asks what a system of POSIX knows of a process"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from app.gui.source import setup_of
 from app.gui.view_state import read, resolve
-from app.offline.replay import Replay
+from app.replay.replay import Replay
 from benchmarks.report import Report
 
 SUBJECT = "Replay"

@@ -15,8 +15,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from app import config, live
-from app.records import Phase
+from app.records.record_types import Phase
+from app.runs import live
+from app.settings import config
 from benchmarks.report import Report
 
 SUBJECT = "Devices that fall silent"

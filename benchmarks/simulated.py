@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from app import config, live
-from app.engine.compiling import compile_analysis
-from app.engine.run import Run
-from app.records import Outcome
-from app.settings import Config
+from app.acquisition.run import Run
+from app.evaluation.compiling import compile_analysis
+from app.records.record_types import Outcome
+from app.runs import live
+from app.settings import config
+from app.settings.sections import Config
 from benchmarks.report import Report
 from drivers.bench import Bench
 from drivers.sim.truth import State

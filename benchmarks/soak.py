@@ -29,9 +29,9 @@ from typing import Annotated, Any
 import numpy as np
 import psutil
 
-from app.engine.run import Run
-from app.errors import UserError
-from app.records import Outcome, ReceivedFrame
+from app.acquisition.run import Run
+from app.records.record_types import Outcome, ReceivedFrame
+from app.system.errors import UserError
 from benchmarks.report import Report
 from benchmarks.simulated import account, experiment
 

@@ -1,7 +1,7 @@
 """Speckle pictures whose displacement is known exactly, for the benchmarks of the image
 correlation.
 
-Blobs are moved and integrated over the pixels as `app.tradeoff.speckle` does it; nothing is
+Blobs are moved and integrated over the pixels as `app.tradeoff.exact_speckle` does it; nothing is
 interpolated. A set is rendered once and kept in the system's folder for temporary files.
 
 Sets, each after a reference that does not move:
@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.grid import Grid
-from app.tradeoff.speckle import Motion, Pattern
+from app.tradeoff.exact_speckle import Motion, Pattern
 
 __all__ = ["SIZE", "Frame", "Motion", "Pattern", "camera", "images", "noise_floor", "pattern"]
 

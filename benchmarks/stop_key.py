@@ -27,11 +27,11 @@ from typing import Any
 import numpy as np
 from PySide6.QtCore import QTimer
 
-from app import config
 from app.gui.start import run_window
 from app.processes.client import LaunchedRun
 from app.processes.launch import attached
 from app.processes.signals import acting_on_signals
+from app.settings import config
 from benchmarks.outside_stage import OutsideStage
 from benchmarks.report import Report
 from benchmarks.simulated import account

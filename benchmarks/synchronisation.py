@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from drivers.clock import SampleClock
-from drivers.delivered import Delivered
 from drivers.errors import DeviceFault
-from drivers.frame_numbers import FrameNumbers
+from drivers.frame_matching.delivered import Delivered
+from drivers.frame_matching.frame_numbers import FrameNumbers
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 
 SUBJECT = "Synchronisation"

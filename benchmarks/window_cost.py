@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
-from app import config
 from app.gui.image_view import InterfaceView
 from app.gui.picture_canvas import PictureCanvas
 from app.gui.start import run_window
 from app.processes.client import LaunchedRun
-from app.records import Health, Phase
+from app.records.record_types import Health, Phase
+from app.settings import config
 from benchmarks.report import Report
 
 SUBJECT = "Cost of the window"

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.stopping import CUT_POWER
+from app.system.stopping import CUT_POWER
 
 if TYPE_CHECKING:
     from PySide6.QtWidgets import QWidget
@@ -54,10 +54,10 @@ def take(folder: Path, size: str) -> None:
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
-    from app.commands.workshop import Workshop
-    from app.config import load
+    from app.cli.workshop import Workshop
     from app.gui.desk import Desk
     from app.gui.window import MainWindow
+    from app.settings.config import load
 
     QSettings.setPath(
         QSettings.Format.IniFormat, QSettings.Scope.UserScope, str(folder / f"memory-{size}")

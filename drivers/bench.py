@@ -19,9 +19,9 @@ from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sources import NEEDS, driver
 
 if TYPE_CHECKING:
+    from drivers.recorded import Recording
     from drivers.sim.scenario import Scenario
     from drivers.sim.world import World
-    from drivers.stored import Recording
 
 LOG = logging.getLogger(__name__)
 

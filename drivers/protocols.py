@@ -212,8 +212,8 @@ class Camera(Protocol):
     """The triggered camera: one answer per trigger, in order.
 
     A camera that the board does not trigger has ``is_triggered = False``, says "uncertain" in
-    `describe`, and gives every frame a `first` and a later `last`; `drivers.software_trigger` is
-    the base of such cameras.
+    `describe`, and gives every frame a `first` and a later `last`;
+    `drivers.cameras.software_trigger` is the base of such cameras.
     """
 
     name: str

@@ -121,25 +121,25 @@ def _lies_here(module: str) -> bool:
 _OWN = {
     "forces": {
         "sim": ("drivers.sim.devices:SimForces", "simulated"),
-        "nidaqmx": ("drivers.ni_daq:NiForces", "real"),
+        "nidaqmx": ("drivers.daq.ni_daq:NiForces", "real"),
         "nidaqmx-emulated": ("drivers.emulators.ni:EmulatedNiForces", "emulated"),
-        "replay": ("drivers.stored:StoredForces", "stored"),
+        "replay": ("drivers.recorded:StoredForces", "stored"),
     },
     "camera": {
         "sim": ("drivers.sim.devices:SimCamera", "simulated"),
-        "pylon": ("drivers.camera_pylon:PylonCamera", "real"),
+        "pylon": ("drivers.cameras.pylon_camera:PylonCamera", "real"),
         "pylon-emulated": ("drivers.emulators.camera:EmulatedPylonCamera", "emulated"),
-        "gentl": ("drivers.camera_gentl:GenTLCamera", "real"),
-        "folder": ("drivers.camera_folder:FolderCamera", "real"),
-        "replay": ("drivers.stored:StoredCamera", "stored"),
+        "gentl": ("drivers.cameras.gentl_camera:GenTLCamera", "real"),
+        "folder": ("drivers.cameras.image_folder:FolderCamera", "real"),
+        "replay": ("drivers.recorded:StoredCamera", "stored"),
     },
     "actuator": {
         "sim": ("drivers.sim.devices:SimActuator", "simulated"),
-        "smc100": ("drivers.actuator_newport:Smc100", "real"),
-        "conex-cc": ("drivers.actuator_newport:ConexCc", "real"),
+        "smc100": ("drivers.stages.newport_stage:Smc100", "real"),
+        "conex-cc": ("drivers.stages.newport_stage:ConexCc", "real"),
         "smc100-emulated": ("drivers.emulators.newport:EmulatedSmc100", "emulated"),
         "conex-cc-emulated": ("drivers.emulators.newport:EmulatedConexCc", "emulated"),
-        "replay": ("drivers.stored:StoredActuator", "stored"),
+        "replay": ("drivers.recorded:StoredActuator", "stored"),
     },
 }
 DRIVERS = {

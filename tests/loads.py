@@ -9,8 +9,9 @@ from pathlib import Path
 
 from short_run import SMALL, TRACTION
 
-from app import config, live
-from app.results import Joint, Results
+from app.records.study_results import Joint, Results
+from app.runs import live
+from app.settings import config
 from app.study.one import run_result
 
 ROUGH = (*SMALL, TRACTION, "sim.law=elasto-plastic", "sim.pressure=greenwood-tripp")

@@ -1,6 +1,6 @@
 """Sessions of runs whose analysis skipped frames, and whose camera lost some."""
 
-from app.records import LostTrigger, ReceivedFrame
+from app.records.record_types import LostTrigger, ReceivedFrame
 from app.session.reader import SessionReader
 from app.session.writer import SessionWriter
 

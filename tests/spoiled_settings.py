@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from app.config import default_toml
+from app.settings.config import default_toml
 
 VALUES = [
     "0",

@@ -14,6 +14,7 @@ import pytest
 from importlinter.api import read_configuration
 from importlinter.application import use_cases
 from importlinter.configuration import configure
+from structure import structure
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("analysis", "drivers", "app")
@@ -50,6 +51,14 @@ def test_the_import_contracts_hold(
     assert is_kept, capsys.readouterr().out
 
 
+def test_the_house_can_be_overlooked() -> None:
+    found = structure()
+    assert 0 < len(found.floors) <= 20, "rooms that stand on each other, or too many"
+    assert max(found.floors.values()) <= 11
+    assert len(found.arrows) <= 120
+    assert len(found.same_modules) <= 15, found.same_modules
+
+
 def test_the_command_line_starts_without_anything_heavy() -> None:
     assert not HEAVY & modules_after("import app.cli")
 
@@ -62,12 +71,12 @@ def test_the_display_is_looked_for_without_qt() -> None:
 
 def test_a_headless_run_never_imports_qt() -> None:
     assert not {"PySide6", "pyqtgraph"} & modules_after(
-        "import app.live, app.offline.reanalysis, app.commands.experiment, app.report.figures"
+        "import app.runs.live, app.replay.reanalysis, app.cli.run_and_replay, app.report.figures"
     )
 
 
 @pytest.mark.parametrize(
-    "module", ["app.offline.reanalysis", "app.commands.experiment", "app.commands.inspect"]
+    "module", ["app.replay.reanalysis", "app.cli.run_and_replay", "app.cli.inspect"]
 )
 def test_a_replay_imports_no_device(module: str) -> None:
     drivers = {name for name in modules_after(f"import {module}") if name.startswith("drivers.")}
@@ -137,7 +146,8 @@ def test_no_machine_is_named_in_the_project() -> None:
 
 def test_a_bench_of_real_devices_loads_no_window_no_analysis_and_no_hdf5() -> None:
     loaded = modules_after(
-        "import app.processes.bench, drivers.ni_daq, drivers.camera_pylon, drivers.actuator_newport"
+        "import app.processes.bench, drivers.daq.ni_daq, drivers.cameras.pylon_camera,"
+        " drivers.stages.newport_stage"
     )
     assert (
         not {"PySide6", "pyqtgraph", "matplotlib", "numba", "scipy", "analysis.dic", "h5py"}

@@ -15,9 +15,9 @@ from analysis.dic import Correlation
 from analysis.dic.interpolants import CLASSICAL
 from analysis.options import Option, as_written, options, quantity
 from analysis.settings import INTERPOLANTS
-from app import config
-from app.config import ConfigError, from_data, from_record, load, parse_override, to_toml
-from app.settings import Config, RunSettings
+from app.settings import config
+from app.settings.config import ConfigError, from_data, from_record, load, parse_override, to_toml
+from app.settings.sections import Config, RunSettings
 
 
 def all_options() -> list[tuple[str, Option]]:
@@ -191,7 +191,8 @@ def test_settings_are_held_in_si_and_written_as_they_were() -> None:
 def test_the_page_of_all_settings_is_up_to_date() -> None:
     page = Path(__file__).parents[1] / "docs" / "settings.md"
     assert page.read_text(encoding="utf-8") == config.markdown(), (
-        "docs/settings.md is behind the declarations: python -m app.config > docs/settings.md"
+        "docs/settings.md is behind the declarations:"
+        " python -m app.settings.config > docs/settings.md"
     )
 
 

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from spoiled_settings import spoil_settings
 
-from app.config import ConfigError, from_record, load, values_of
-from app.settings import Config
+from app.settings.config import ConfigError, from_record, load, values_of
+from app.settings.sections import Config
 
 KEYS = [f"{table}.{key}" for table, values in values_of(Config()).items() for key in values]
 PLAIN = st.one_of(st.booleans(), st.integers(-(2**70), 2**70), st.floats(), st.text(max_size=20))

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from app.campaigns.plan import planned
-from app.config import read_settings
-from app.errors import UserError
-from app.exchange.fields import read_fields
-from app.exchange.tables import NUMBER, read_table
+from app.files.field_files import read_fields
+from app.files.text_tables import NUMBER, read_table
+from app.settings.config import read_settings
+from app.system.errors import UserError
 
 pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices of POSIX"),

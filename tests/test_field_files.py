@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from app.errors import UserError
-from app.exchange.fields import FieldSeries, read_fields
-from app.session.fields import FieldsWriter
+from app.files.field_files import FieldSeries, read_fields
+from app.session.field_series import FieldsWriter
+from app.system.errors import UserError
 
 X, Y = np.array([10.0, 20, 30, 40]), np.array([15.0, 25, 35])
 UX = np.arange(24.0).reshape(2, 3, 4) / 7

@@ -18,8 +18,8 @@ from PIL import Image
 
 from analysis import kernels
 from analysis.dic import open_tracker, strips
-from app import config
-from app.engine.compiling import compile_analysis
+from app.evaluation.compiling import compile_analysis
+from app.settings import config
 
 ROOT = Path(__file__).parents[1]
 DOUBLE = """

@@ -7,7 +7,9 @@ import sys
 
 from short_run import SHORT
 
-from app import config, live, logs
+from app.runs import live
+from app.settings import config
+from app.system import logs
 
 QUICK = (*SHORT, "stress.method=none", "run.travel=4")
 

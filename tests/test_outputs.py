@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import UserError
-from app.outputs import LEFT_S, check_output, check_output_folder, new_file, new_folder
+from app.system.errors import UserError
+from app.system.outputs import LEFT_S, check_output, check_output_folder, new_file, new_folder
 
 OURS = re.compile(r"\d+\.txt")
 
@@ -53,7 +53,7 @@ def test_a_folder_that_is_write_protected_is_refused(
     def protected(**_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("app.outputs.tempfile.TemporaryFile", protected)
+    monkeypatch.setattr("app.system.outputs.tempfile.TemporaryFile", protected)
     with pytest.raises(UserError, match=r"a\.csv: it can not be written: Permission denied"):
         check_output(tmp_path / "a.csv", overwrite=False)
 

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 from analysis.options import as_written
 from analysis.settings import PRESETS, Correlation
-from app import config
 from app.cli import app
-from app.config import ConfigError, load
-from app.settings import Config
+from app.settings import config
+from app.settings.config import ConfigError, load
+from app.settings.sections import Config
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 # an ordinary user can not lower a niceness again, the administrator can
 PROGRAM = """
 import os, threading
-from app.priority import give_way
+from app.system.priority import give_way
 
 if os.getuid() == 0:
     os.setuid(65534)
@@ -55,10 +55,10 @@ def test_threads_give_way_to_the_program_as_it_was_started(start, order):
 def test_a_process_that_is_started_by_who_gives_way_does_not_give_way_twice():
     asked = """
 import os, subprocess, sys, threading
-child = "import os; from app.priority import give_way; give_way(10, to=os.getppid())"
+child = "import os; from app.system.priority import give_way; give_way(10, to=os.getppid())"
 child += "; print(os.nice(0))"
 def start():
-    from app.priority import give_way
+    from app.system.priority import give_way
     give_way(10)
     subprocess.run([sys.executable, "-c", child], check=True)
 thread = threading.Thread(target=start)
@@ -77,7 +77,7 @@ thread.join()
 
 
 def test_what_the_system_forbids_is_left(monkeypatch):
-    from app import priority
+    from app.system import priority
 
     def forbidden(*_):
         raise PermissionError(13, "Permission denied")

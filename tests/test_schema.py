@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from app.schema import column, columns_of, record
+from app.records.schema import column, columns_of, record
 
 T = TypeVar("T", bound=np.generic)
 Aliased = TypeAliasType("Aliased", np.ndarray[Any, np.dtype[T]], type_params=(T,))

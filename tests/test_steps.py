@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis.options import options
-from app import config
-from app.config import ConfigError, from_data, from_record, load, to_toml
-from app.steps import EXAMPLE, KINDS, Drive, Reverse, durations, legs, reach
+from app.settings import config
+from app.settings.config import ConfigError, from_data, from_record, load, to_toml
+from app.settings.protocol_steps import EXAMPLE, KINDS, Drive, Reverse, durations, legs, reach
 
 START = '{do="background"}, {do="approach"}, {do="reference"}'
 

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from app import config, trust
-from app.config import ConfigError
-from app.errors import UserError
+from app.settings import config
+from app.settings import trusted_settings as trust
+from app.settings.config import ConfigError
+from app.system.errors import UserError
 from drivers.errors import DeviceNotFound
-from drivers.newport_line import NewportLine
 from drivers.sim.contact import read_law
+from drivers.stages.newport_line import NewportLine
 
 ROOT = Path(__file__).parents[1]
 STAGE = "class Stage:\n    travel_limits_m, velocity_limit_m_s = (0.0, 1e-3), 1e-3\n"
@@ -239,7 +240,7 @@ def test_what_lies_in_the_current_folder_is_not_run_by_the_processes_of_a_run(he
 
 @pytest.mark.parametrize("is_confirmed", [False, True])
 def test_the_command_confirms(here, monkeypatch, capsys, is_confirmed):
-    from app.commands.bench import trust as command
+    from app.cli.device_commands import trust as command
 
     (here / "cam.cti").write_bytes(b"\x7fELF")
     if is_confirmed:

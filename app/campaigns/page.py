@@ -15,12 +15,12 @@ from urllib.parse import quote
 
 from app.campaigns.plan import Campaign, PlannedRun
 from app.campaigns.state import Found, State
-from app.config import values_of
-from app.errors import UserError
-from app.outputs import new_file
-from app.quantities import summary_quantities
+from app.records.quantities import summary_quantities
+from app.records.summary import Summary
 from app.session.files import picture_of
-from app.summary import Summary
+from app.settings.config import values_of
+from app.system.errors import UserError
+from app.system.outputs import new_file
 
 PAGE = "index.html"
 MARK = '<meta name="generator" content="slipscope campaign">'

@@ -13,7 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from app.config import (
+from app.settings.config import (
     OWN,
     Change,
     ConfigError,
@@ -23,10 +23,10 @@ from app.config import (
     read_settings,
     values_of,
 )
-from app.errors import UserError
-from app.settings import Config
-from app.toml import decoded, read_toml
-from app.trust import check_local
+from app.settings.sections import Config
+from app.settings.toml_text import decoded, read_toml
+from app.settings.trusted_settings import check_local
+from app.system.errors import UserError
 from drivers.sources import DRIVERS, driver
 
 OURS = Path(__file__).parent  # the campaigns that come with the program

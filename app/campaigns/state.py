@@ -11,16 +11,16 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.campaigns.plan import Campaign, PlannedRun
-from app.config import from_record, measured_differently
-from app.disk import AppendedFile, is_locked, sync_folder
-from app.errors import UserError
-from app.outputs import check_folder_of, new_file
-from app.records import UNFINISHED, Outcome
+from app.records.record_types import UNFINISHED, Outcome
+from app.records.summary import Summary
 from app.session.files import files_of, remove_recorded
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.repair import whole
-from app.summary import Summary
+from app.settings.config import from_record, measured_differently
+from app.system.disk import AppendedFile, is_locked, sync_folder
+from app.system.errors import UserError
+from app.system.outputs import check_folder_of, new_file
 
 KEPT = "kept"  # folder of sessions whose runs are repeated
 COPY, LOCK = "campaign.toml", ".campaign.lock"

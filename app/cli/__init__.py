@@ -1,4 +1,4 @@
-"""The command `slipscope`: names, arguments and help; what a command does is in `app.commands`.
+"""The command `slipscope`: names, arguments and help; what a command does is in `app.cli`.
 
 Nothing heavy is imported here, so that `slipscope stop` stops and `slipscope --help` answers at
 once.

@@ -1,5 +1,6 @@
 """The command `slipscope`: names, arguments and help of the commands, those of files and theory in
-`app.cli.files`, of many sessions in `app.cli.studies`. What a command does is in `app.commands`.
+`app.cli.file_commands`, of many sessions in `app.cli.study_commands`. What a command does is in the
+other modules of `app.cli`.
 
 Nothing heavy is imported here, so that `slipscope --help` answers at once.
 """
@@ -12,9 +13,10 @@ from typing import Annotated
 
 import typer
 
-from app import logs
-from app.cli import files, options, studies
-from app.cli.options import (
+from app.cli import command_options as options
+from app.cli import file_commands as files
+from app.cli import study_commands as studies
+from app.cli.command_options import (
     Bench,
     Headless,
     JsonFlag,
@@ -28,6 +30,7 @@ from app.cli.options import (
 )
 from app.cli.streams import steady_streams
 from app.cli.target import same_everywhere
+from app.system import logs
 
 EPILOG = """
 Examples:
@@ -97,7 +100,7 @@ def slipscope(
             same_everywhere()
     if context.invoked_subcommand is None:
         with plain_errors():
-            from app.commands import experiment
+            from app.cli import run_and_replay as experiment
 
             raise typer.Exit(
                 experiment.run(
@@ -129,7 +132,7 @@ def run(
     Example (N and um): `slipscope run bench.toml -o sample7.h5 --set run.normal_force=0.7 --set
     run.travel=200`
     """
-    from app.commands import experiment
+    from app.cli import run_and_replay as experiment
 
     return experiment.run(
         bench, session, headless, pace, overrides or (), overwrite, as_json, autostart=True
@@ -184,7 +187,7 @@ def campaign(
 
     Example: `slipscope campaign six-loads --pace max`
     """
-    from app.commands import campaign as campaigns
+    from app.cli import campaign as campaigns
 
     return campaigns.campaign(
         file,
@@ -211,7 +214,7 @@ def attach(
 
     Example: `slipscope attach`
     """
-    from app.commands import experiment
+    from app.cli import run_and_replay as experiment
 
     return experiment.attach(bench, headless, as_json)
 
@@ -223,7 +226,7 @@ def stop(bench: Annotated[str | None, BENCH_NAME] = None) -> int:
 
     Example: `slipscope stop`
     """
-    from app.commands import experiment
+    from app.cli import run_and_replay as experiment
 
     return experiment.stop(bench)
 
@@ -240,7 +243,7 @@ def answer(
 
     Example: `slipscope answer "the block is dry"`
     """
-    from app.commands import experiment
+    from app.cli import run_and_replay as experiment
 
     return experiment.answer(text, bench)
 
@@ -281,7 +284,7 @@ def replay(
     Example: `slipscope replay sample7.h5 --set dic.box=32 --set sample.thickness=3 -o
     sample7-box32.h5`
     """
-    from app.commands import experiment
+    from app.cli import run_and_replay as experiment
 
     return experiment.replay(session, headless, pace, analysis, overrides or (), overwrite, as_json)
 
@@ -300,7 +303,7 @@ def info(
 
     With --verify the exit code is 1 if the session is not as it was recorded.
     """
-    from app.commands import inspect
+    from app.cli import inspect
 
     return inspect.info(session, as_json, verify)
 
@@ -325,7 +328,7 @@ def config(
     actuator.source=package.module:Class.
     """
     from app.campaigns.plan import campaign_names, campaign_text
-    from app.config import bench_text, load, to_toml
+    from app.settings.config import bench_text, load, to_toml
 
     if name in campaign_names() and not overrides:
         text = campaign_text(name)
@@ -370,7 +373,7 @@ def check(
 
     Example: `slipscope check bench.toml --move 10`
     """
-    from app.commands import bench as benches
+    from app.cli import device_commands as benches
 
     return benches.check(
         bench, overrides or (), home=home, move_um=move_um, sync=sync, as_json=as_json
@@ -400,7 +403,7 @@ def check_driver(
 
     Example: `slipscope check-driver my_lab.stage:Stage --move --set actuator.port=COM3`
     """
-    from app.commands import check_driver as driver_checks
+    from app.cli import check_driver as driver_checks
 
     return driver_checks.check_driver(source, overrides or (), move=move, as_json=as_json)
 
@@ -423,7 +426,7 @@ def trust(
 
     Example: `slipscope trust my_stage.py`
     """
-    from app.commands import bench
+    from app.cli import device_commands as bench
 
     return bench.trust(code, as_json)
 
@@ -441,7 +444,7 @@ def cameras(
     as_json: JsonFlag = False,
 ) -> int:
     """List the cameras on this computer, with what to write in the settings as camera.device."""
-    from app.commands import bench
+    from app.cli import device_commands as bench
 
     return bench.cameras(producer, as_json)
 
@@ -453,7 +456,7 @@ def doctor(as_json: JsonFlag = False) -> int:
 
     The exit code is 1 if something that every run needs is missing.
     """
-    from app.commands import bench
+    from app.cli import device_commands as bench
 
     return bench.doctor(as_json)
 

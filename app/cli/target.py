@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import sys
 
-from app.errors import UserError
+from app.system.errors import UserError
 
 TARGET = "x86-64-v3"  # fused multiplication and vectors of 256 bits (AVX2)
 # what the libraries read when they are loaded; other processes inherit it

@@ -11,7 +11,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from app.errors import UserError
+from app.system.errors import UserError
 
 LOG = logging.getLogger(__name__)
 PAUSE_S = 0.1

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 from analysis.options import quantity
-from app.bench_view import BenchView, ForcesView, PictureView, StageView, State
 from app.gui.bench_link import Zeroed
 from app.gui.cells import DASH, Cell, Tone, number, typeset
 from app.gui.form import proper
-from app.settings import Config
-from app.steps import Approach, Zero
+from app.records.bench_view import BenchView, ForcesView, PictureView, StageView, State
+from app.settings.protocol_steps import Approach, Zero
+from app.settings.sections import Config
 
 LABELS = {"forces": "Forces", "camera": "Camera", "actuator": "Stage"}
 TONES = {

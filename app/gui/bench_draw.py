@@ -11,11 +11,11 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
-from app.bench_view import PictureView
 from app.gui import theme
 from app.gui.bench_cells import MARKS, DeviceLine, Gauge
 from app.gui.cells import Tone
 from app.gui.widgets import Panel, Part, column, label, row
+from app.records.bench_view import PictureView
 
 HISTOGRAM_PX = 44
 LEAST_SPAN_N = 4e-3  # of the trace of a force

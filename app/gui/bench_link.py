@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from app.bench_view import BenchPreview, BenchView, PictureView
-from app.errors import UnderLoad
-from app.settings import Config
-from app.stopping import StopAnswer
+from app.records.bench_view import BenchPreview, BenchView, PictureView
+from app.settings.sections import Config
+from app.system.errors import UnderLoad
+from app.system.stopping import StopAnswer
 
 LOG = logging.getLogger(__name__)
 SILENT_S = 3.0

@@ -19,8 +19,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.bench_view import BenchPreview
-from app.config import bench_names, load
 from app.gui import theme
 from app.gui.background import Background
 from app.gui.bench_cells import (
@@ -44,8 +42,10 @@ from app.gui.form import proper
 from app.gui.memory import Memory
 from app.gui.panels import CellRow
 from app.gui.widgets import STRETCH, Part, by_pointer_only, column, label, row
-from app.settings import Config
-from app.stopping import Stop, StopAnswer
+from app.records.bench_view import BenchPreview
+from app.settings.config import bench_names, load
+from app.settings.sections import Config
+from app.system.stopping import Stop, StopAnswer
 
 LOOK_MS, HOLD_MS = 100, 100
 TAKEN = "A run has the bench."

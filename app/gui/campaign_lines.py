@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.gui.cells import Tone
-from app.settings import Config
+from app.settings.sections import Config
 
 DONE, RUNNING, FAILED = "done", "under way", "failed"
 TONES = {

@@ -34,7 +34,7 @@ from app.gui import theme
 from app.gui.charts import Chart, Frame, Guide, Line, are_same, paths, spots
 from app.gui.lettering import advance, free, write
 from app.gui.scales import Range, ticks
-from app.records import F64
+from app.records.record_types import F64
 
 GAP = 4.0  # between texts and axes, px
 TICK_ROOM = (7.0, 2.2)  # width and height of a tick's room, in widths and heights of its text

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from analysis.options import quantity
-from app.effort import left_out
-from app.records import STOPPED, Conditions, Counts, Health, Outcome, Phase
-from app.settings import Config
+from app.records.effort import left_out
+from app.records.record_types import STOPPED, Conditions, Counts, Health, Outcome, Phase
+from app.settings.sections import Config
 
 DASH = "–"  # stands for a value that is not known
 QUEUE_WARNS, QUEUE_ALARMS = 0.5, 0.8  # share of the recorder's queue in use

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.gui.scales import Range, round_range
-from app.records import F64
+from app.records.record_types import F64
 
 NOTHING: F64 = np.empty(0)
 SAME = 0.5  # px: what has moved by less is not drawn again

@@ -10,13 +10,13 @@ from typing import NamedTuple, Protocol
 
 from PySide6.QtCore import QObject, Signal
 
-from app.bench_view import BenchPreview
 from app.gui.campaign_lines import CampaignLines
 from app.gui.source import RunSource, Setup
 from app.gui.view_state import ViewState
+from app.records.bench_view import BenchPreview
 from app.report.side_by_side import Entry, Recorded
-from app.settings import Config
-from app.stopping import StopAnswer
+from app.settings.sections import Config
+from app.system.stopping import StopAnswer
 
 
 class ExportKind(NamedTuple):

@@ -15,7 +15,7 @@ from typing import Any
 
 from analysis.options import Option, options
 from analysis.settings import PRESETS
-from app.config import (
+from app.settings.config import (
     OWN,
     ConfigError,
     altered,
@@ -27,11 +27,11 @@ from app.config import (
     to_toml,
     values_of,
 )
-from app.outputs import new_file
-from app.plain import STEPS, brief, steps_from, steps_lines, title
-from app.settings import Config
-from app.steps import EXAMPLE, KINDS
-from app.toml import parse_toml
+from app.settings.plain_values import STEPS, brief, steps_from, steps_lines, title
+from app.settings.protocol_steps import EXAMPLE, KINDS
+from app.settings.sections import Config
+from app.settings.toml_text import parse_toml
+from app.system.outputs import new_file
 
 WHERE = "settings"  # what the sentences of the declarations call the form; left out in it
 STEPS_KEY = f"run.{STEPS}"

@@ -18,9 +18,9 @@ from analysis.saturation import end_of_scale
 from app.gui.cells import number, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
 from app.gui.source import Image, Rect, Setup
-from app.quantities import measured_text
-from app.records import F32, F64, ContactResult, Snapshot
-from app.settings import Config
+from app.records.quantities import measured_text
+from app.records.record_types import F32, F64, ContactResult, Snapshot
+from app.settings.sections import Config
 
 LARGEST_DISPLAY_PX = 1000  # of wider images every second, third ... pixel is shown
 COARSE = ", fine detail not converged"  # of the live field: a few iterations for each frame

@@ -12,7 +12,7 @@ from app.gui.panels import CellView
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
-from app.records import Counts
+from app.records.record_types import Counts
 
 COLUMNS = 3
 BAR = 1000  # steps of a bar

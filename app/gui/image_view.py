@@ -12,7 +12,6 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QComboBox, QSlider
 
-from app.bench_view import PictureView
 from app.gui.canvas import Canvas
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
@@ -23,7 +22,8 @@ from app.gui.scales import Range, colour_range
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, label, row
-from app.settings import Config
+from app.records.bench_view import PictureView
+from app.settings.sections import Config
 
 CUT = "Cut through the centre"
 RAW, DIFFERENCE = "raw", "difference"

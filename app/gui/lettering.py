@@ -10,7 +10,7 @@ import numpy as np
 from PySide6.QtCore import QPointF, QRectF
 from PySide6.QtGui import QFont, QFontMetricsF, QPainter
 
-from app.records import F64
+from app.records.record_types import F64
 
 SUBSCRIPT = re.compile(r"_(\w)")
 SIZE, DEPTH = 0.75, 0.2  # of a subscript, in sizes and heights of the text

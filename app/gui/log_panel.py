@@ -11,9 +11,9 @@ from pathlib import Path
 from PySide6.QtGui import QFontDatabase, QGuiApplication
 from PySide6.QtWidgets import QCheckBox, QPlainTextEdit, QPushButton
 
-from app import logs
 from app.gui.background import Background
 from app.gui.widgets import STRETCH, Panel, column, row
+from app.system import logs
 
 MOST_LINES = 2000
 MOST_READ = 1 << 16  # bytes of a session's log that are taken at once

@@ -9,7 +9,7 @@ from app.gui import theme
 from app.gui.cells import DASH, Cell, Tone, with_subscript
 from app.gui.result_panel import ResultPanel
 from app.gui.widgets import Panel, by_pointer_only, column, label, row, tint
-from app.records import Phase
+from app.records.record_types import Phase
 
 __all__ = ["CellRow", "CellView", "ResultPanel", "TopBar"]
 

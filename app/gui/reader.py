@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from app.gui.load import ProcessorLoad
 from app.gui.source import RunSource, Setup, setup_of
 from app.gui.view_state import NOTHING_SEEN, ViewState, read, resolve
-from app.priority import give_way
+from app.system.priority import give_way
 
 LOG = logging.getLogger(__name__)
 

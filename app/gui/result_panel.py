@@ -23,7 +23,7 @@ from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, EmptyNote, Panel, column, label, row
 from app.report.card import COLUMNS, COMPLETE, FAILED, PLAYED, STOPPED, Card
-from app.report.summary import Row
+from app.report.summary_rows import Row
 
 TONES = {COMPLETE: Tone.GOOD, STOPPED: Tone.WARN, FAILED: Tone.BAD, PLAYED: Tone.REPLAY}
 FLAT_PX = 760  # from which there is room for the notes beside the table

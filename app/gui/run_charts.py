@@ -13,10 +13,10 @@ from app.gui.charts import NOTHING, Chart, Guide, Line, Mark, Span
 from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
 from app.gui.run_curves import SHARES_OF_A, Curves, ForceStrips
 from app.gui.source import Setup
-from app.quantities import measured_text
-from app.records import F64
-from app.steps import Approach, reach
-from app.summary import Summary
+from app.records.quantities import measured_text
+from app.records.record_types import F64
+from app.records.summary import Summary
+from app.settings.protocol_steps import Approach, reach
 
 TITLES = {
     "loading": "Loading curve Q(δ)",

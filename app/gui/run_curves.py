@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from analysis.mechanics import hertz
 from app.gui.frame_results import hertz_radius_m
 from app.gui.source import Setup
-from app.legs import REVERSED_M
-from app.numbers import series_of
-from app.records import F64, Phase, Snapshot
+from app.records.legs import REVERSED_M
+from app.records.record_types import F64, Phase, Snapshot
+from app.records.snapshot_numbers import series_of
 
 DRAWN = (
     "travel_m",

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 
-from app.engine.experiment import TOUCH_FRACTION, phase_of
+from app.experiment.decisions import TOUCH_FRACTION, phase_of
 from app.gui.cells import Tone, prose
 from app.gui.form import proper
-from app.records import Conditions, Health, Outcome
-from app.settings import Config
-from app.steps import Approach, Ask, Background, Motion, Reference, Step, Zero
+from app.records.record_types import Conditions, Health, Outcome
+from app.settings.protocol_steps import Approach, Ask, Background, Motion, Reference, Step, Zero
+from app.settings.sections import Config
 
 STARTING = ("idle", "")  # states of a run that was not begun
 

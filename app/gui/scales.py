@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.gui.cells import number
-from app.records import F64
+from app.records.record_types import F64
 
 Range = tuple[float, float]
 

@@ -19,8 +19,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.config import ConfigError, bench_names
-from app.errors import UserError
 from app.gui.background import Background
 from app.gui.cells import Tone
 from app.gui.desk import Desk
@@ -31,7 +29,9 @@ from app.gui.group_view import GroupView
 from app.gui.protocol_editor import ProtocolEditor
 from app.gui.session_place import Place, named, place_of
 from app.gui.widgets import STRETCH, Panel, column, label, row, tint
-from app.settings import Config
+from app.settings.config import ConfigError, bench_names
+from app.settings.sections import Config
+from app.system.errors import UserError
 
 EVENING = {  # key -> its name, of what is another every evening
     "run.normal_force": "Load P",

@@ -9,10 +9,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.timeline import Timeline, Verdict
-from app.records import F64, ContactResult, Health, Outcome, Snapshot
-from app.settings import Config
-from app.stopping import StopAnswer
+from app.evaluation.timeline import Timeline, Verdict
+from app.records.record_types import F64, ContactResult, Health, Outcome, Snapshot
+from app.settings.sections import Config
+from app.system.stopping import StopAnswer
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Rect = tuple[float, float, float, float]  # left, top, width, height in px

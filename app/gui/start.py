@@ -16,8 +16,8 @@ from app.gui.desk import Desk, Workshop
 from app.gui.garbage import collected_here
 from app.gui.source import RunSource
 from app.gui.window import MainWindow
-from app.records import Outcome
-from app.settings import Config
+from app.records.record_types import Outcome
+from app.settings.sections import Config
 
 LOOK_MS = 50
 SETTLE_MS = 300  # between the last data and the picture of the window

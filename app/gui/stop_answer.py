@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from app.gui.cells import Tone
-from app.stopping import Stop, StopAnswer, failed, not_connected
+from app.system.stopping import Stop, StopAnswer, failed, not_connected
 
 LOG = logging.getLogger(__name__)
 TONES = {

@@ -8,9 +8,9 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
-from app.engine.timeline import LOSS, STOP, Mark, State, Timeline
+from app.evaluation.timeline import LOSS, STOP, Mark, State, Timeline
 from app.gui.cells import number
-from app.records import RESTART, STEP
+from app.records.record_types import RESTART, STEP
 
 # told apart also by those who confuse red and green, and by how bright they are
 COLOURS = {

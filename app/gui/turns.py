@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 from app.gui.desk import Part
 from app.gui.view_state import ViewState
-from app.records import Phase
+from app.records.record_types import Phase
 
 FRESH_S = 0.5  # numbers and curves are read twice a second, and drawn as often
 

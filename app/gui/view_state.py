@@ -13,7 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from app.engine.timeline import Verdict
+from app.evaluation.timeline import Verdict
 from app.gui import cells
 from app.gui.cells import Cell, Tone
 from app.gui.charts import Chart
@@ -29,10 +29,19 @@ from app.gui.run_charts import charts_of, with_cursor
 from app.gui.run_curves import NO_CURVES, Curves, ForceStrips, extended, force_strips
 from app.gui.run_steps import RunSteps, run_steps
 from app.gui.source import Image, Kind, PlaybackSource, RunSource, Setup
-from app.records import ENDED, F64, ContactResult, Counts, Health, Outcome, Phase, Snapshot
+from app.records.record_types import (
+    ENDED,
+    F64,
+    ContactResult,
+    Counts,
+    Health,
+    Outcome,
+    Phase,
+    Snapshot,
+)
+from app.records.summary import Summary
 from app.report.card import Card, card_of
-from app.stopping import StopAnswer
-from app.summary import Summary
+from app.system.stopping import StopAnswer
 
 FORCE_POINTS = 2000  # points of a force strip, more than the screen has columns
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 
-from app.bench_view import PictureView
 from app.gui.background import Background
 from app.gui.cells import Tone
 from app.gui.desk import Desk
@@ -27,9 +26,10 @@ from app.gui.station import Station
 from app.gui.stop_answer import TONES, StopAnswers
 from app.gui.turns import Turns
 from app.gui.view_state import ViewState
-from app.records import Outcome
-from app.settings import Config
-from app.stopping import Stop, StopAnswer
+from app.records.bench_view import PictureView
+from app.records.record_types import Outcome
+from app.settings.sections import Config
+from app.system.stopping import Stop, StopAnswer
 
 LOG = logging.getLogger(__name__)
 TICK_MS, IDLE_MS = 15, 30  # from tick to tick, while parts are to be drawn and while none is

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from app.effort import Effort
 from app.processes.calls import Methods, serve
 from app.processes.folder import shared_image
 from app.processes.starting import end_with_parent, payload, say_hello
-from app.records import Conditions, ContactResult, Phase, Snapshot
-from app.settings import Config
+from app.records.effort import Effort
+from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
+from app.settings.sections import Config
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Answer:
 
 def methods_of(config: Config, image_path: Path) -> Methods:
     """What the bench may call."""
-    from app.engine.pipeline import Pipeline
+    from app.evaluation.pipeline import Pipeline
 
     pipeline = Pipeline(config)
     shared = shared_image(image_path, config.camera.shape, np.dtype(config.camera.dtype))
@@ -61,8 +61,8 @@ def main() -> None:
     config, image_path = payload()
     end_with_parent()
     from analysis.kernels import told
-    from app.engine.compiling import compile_analysis
-    from app.priority import give_way
+    from app.evaluation.compiling import compile_analysis
+    from app.system.priority import give_way
 
     give_way(10, to=os.getppid())  # whoever starts this again gives way already
     compile_analysis(config)

@@ -20,9 +20,7 @@ from typing import Any
 
 import psutil
 
-from app import live, logs
-from app.engine.run import Run
-from app.errors import UserError
+from app.acquisition.run import Run
 from app.processes.calls import Methods, Server
 from app.processes.folder import ANSWER, RunningBench, claim, publish, shown_images
 from app.processes.making import made_in_a_process
@@ -30,7 +28,10 @@ from app.processes.pipeline_process import PipelineProcess
 from app.processes.signals import acting_on_signals
 from app.processes.starting import payload, say_hello
 from app.processes.supervision import Motion, SupervisedBench
-from app.settings import Config
+from app.runs import live
+from app.settings.sections import Config
+from app.system import logs
+from app.system.errors import UserError
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)

@@ -15,16 +15,16 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from app import logs
-from app.engine.series import Series
-from app.engine.setup import grid_of
+from app.evaluation.series import Series
+from app.evaluation.setup import grid_of
 from app.processes.bench import Order
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import RunningBench, known, new_folder, root, shared_image, told
 from app.processes.starting import hello_of, started
-from app.records import ContactResult, Counts, Health, Outcome, Snapshot
-from app.settings import Config
-from app.stopping import Stop, StopAnswer, failed, not_connected
+from app.records.record_types import ContactResult, Counts, Health, Outcome, Snapshot
+from app.settings.sections import Config
+from app.system import logs
+from app.system.stopping import Stop, StopAnswer, failed, not_connected
 
 LOG = logging.getLogger(__name__)
 POLL_S = 0.05
@@ -41,7 +41,7 @@ class RemoteRun:
     Attributes
     ----------
     title, config, pixel_m, sample_rate_hz, grid_x_px, grid_y_px
-        As of `app.engine.watched.Watched`.
+        As of `app.evaluation.watched.Watched`.
     session : Path
         The file that it records.
     stays : bool

@@ -7,7 +7,7 @@ from __future__ import annotations
 import time
 
 from app.processes.starting import end_with_parent, payload, say_hello
-from app.settings import Config
+from app.settings.sections import Config
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError
 from drivers.sources import driver

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from app.errors import UserError
-from app.stopping import Stop, StopAnswer
+from app.system.errors import UserError
+from app.system.stopping import Stop, StopAnswer
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,14 +7,14 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from app.engine.run import Run
-from app.errors import UserError
+from app.acquisition.run import Run
 from app.processes.calls import Gone, Silent
 from app.processes.client import LaunchedRun, RemoteRun
 from app.processes.folder import RunningBench, running, running_as
 from app.processes.urgent import stopped
-from app.settings import Config
-from app.stopping import StopAnswer
+from app.settings.sections import Config
+from app.system.errors import UserError
+from app.system.stopping import StopAnswer
 
 LOG = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ def launched_or_made(
         The run can not be made.
     """
     if pace is None:
-        from app.live import make_run
+        from app.runs.live import make_run
 
         return make_run(config, output, pace=None, overwrite=overwrite)
     return LaunchedRun(config, output, pace=pace, overwrite=overwrite)

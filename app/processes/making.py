@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.disk import DiskError
-from app.errors import UserError
 from app.processes.starting import ProcessFailed, hello_of, payload, say_hello, started
 from app.session.recorder import make_session
+from app.system.disk import DiskError
+from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from app.session.receipt import Receipt

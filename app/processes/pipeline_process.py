@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.effort import Effort
-from app.engine.analyst import FrameAnalysis
+from app.evaluation.frame_analysis import FrameAnalysis
 from app.processes.analysis import Answer
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
 from app.processes.starting import hello_of, started
-from app.records import Conditions, ContactResult, Phase, Snapshot
-from app.settings import Config
-from app.summary import Summary
+from app.records.effort import Effort
+from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
+from app.records.summary import Summary
+from app.settings.sections import Config
 
 LOG = logging.getLogger(__name__)
 STEP_S = 20.0  # of a frame that is never analysed

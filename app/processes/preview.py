@@ -16,18 +16,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from app import live, logs
-from app.bench_view import BenchView
-from app.engine.intake import BenchDevices
-from app.engine.preview import Preview
-from app.errors import UserError
+from app.acquisition.connected_bench import Preview
+from app.acquisition.intake import BenchDevices
 from app.processes.calls import Caller, Gone, Methods, Server, Silent
 from app.processes.folder import ANSWER, claim, new_folder, told
 from app.processes.signals import acting_on_signals
 from app.processes.starting import hello_of, payload, say_hello, started
 from app.processes.supervision import SupervisedBench
-from app.settings import Config
-from app.stopping import StopAnswer, failed, not_connected
+from app.records.bench_view import BenchView
+from app.runs import live
+from app.settings.sections import Config
+from app.system import logs
+from app.system.errors import UserError
+from app.system.stopping import StopAnswer, failed, not_connected
 from drivers.errors import DeviceError
 from drivers.protocols import Actuator, Camera, ForceSource
 
@@ -172,7 +173,7 @@ def _attend(served: _Served, server: Server) -> None:
 
 
 class LaunchedPreview:
-    """A bench in a process that was started for it; see `app.bench_view.BenchPreview`.
+    """A bench in a process that was started for it; see `app.records.bench_view.BenchPreview`.
 
     Raises
     ------

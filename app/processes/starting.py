@@ -13,7 +13,7 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from app.errors import UserError
+from app.system.errors import UserError
 from drivers.errors import DeviceError
 
 READY_S = 120.0  # a process that is not ready by then is ended

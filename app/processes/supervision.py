@@ -11,10 +11,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from app.engine.intake import BenchDevices
+from app.acquisition.intake import BenchDevices
 from app.processes.starting import ProcessFailed, hello_of, started
 from app.processes.supervisor import Watch
-from app.settings import Limits
+from app.settings.sections import Limits
 from drivers.protocols import Actuator, Camera, ForceSource
 
 LOG = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from app.processes.folder import tell
 from app.processes.starting import payload, say_hello
-from app.stopping import failed, sent_from_outside
+from app.system.stopping import failed, sent_from_outside
 from drivers.protocols import OutsideStopper
 
 SILENT_S, TRIES = 0.8, 5

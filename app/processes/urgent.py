@@ -15,10 +15,10 @@ from pathlib import Path
 
 import psutil
 
-from app.errors import UserError
 from app.processes.calls import Caller, Gone
 from app.processes.folder import RunningBench, known, running, running_as, told
-from app.stopping import POLL_S, Stop, StopAnswer, failed, not_connected, settled
+from app.system.errors import UserError
+from app.system.stopping import POLL_S, Stop, StopAnswer, failed, not_connected, settled
 
 LOG = logging.getLogger(__name__)
 SUPERVISED_S = 3.0  # until the supervisor of a bench that is gone has stopped its stage

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from app.quantities import Measurement, doubts, summary_quantities
-from app.records import Counts, Outcome
-from app.report.summary import Row, counts_rows, further_rows, resources_rows
-from app.summary import Summary
+from app.records.quantities import Measurement, doubts, summary_quantities
+from app.records.record_types import Counts, Outcome
+from app.records.summary import Summary
+from app.report.summary_rows import Row, counts_rows, further_rows, resources_rows
 
 COMPLETE, STOPPED, FAILED, PLAYED = "complete", "stopped", "failed", "played"
 RATIOS = ("mu_s", "mu_d", "mu")  # of forces, which the calibration of the sensors makes uncertain

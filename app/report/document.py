@@ -12,9 +12,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from analysis.options import UNITS
+from app.records.study_results import Results
 from app.report.findings import Finding, Findings
 from app.report.paper.collection import FIGURES
-from app.results import Results
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1c1c; --paper: #fff; --line: #d5d5d5; --soft: #666; }

@@ -21,10 +21,10 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
 from analysis.mechanics import cattaneo_mindlin
-from app.legs import first_loading, numbered_instants
-from app.numbers import series_of
-from app.records import F64, ContactResult, Phase, Snapshot
-from app.summary import Summary
+from app.records.legs import first_loading, numbered_instants
+from app.records.record_types import F64, ContactResult, Phase, Snapshot
+from app.records.snapshot_numbers import series_of
+from app.records.summary import Summary
 
 RADII = (0.0, 0.5, 0.75, 1.0)  # multiples of a, as in the paper's Fig. 7
 RADII_COLOURS = ("#000000", "#1f5fa8", "#2e8b57", "#c0392b")

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.mechanics.interface import elastic_length
-from app.quantities import KEYS, Measurement, summary_quantities
+from app.records.quantities import KEYS, Measurement, summary_quantities
+from app.records.study_results import Results
+from app.records.summary import Summary
 from app.report.paper.beyond import checked_pressure, work_of
 from app.report.paper.published import PUBLISHED, TYPICAL_PRESSURE, Published
 from app.report.paper.runs import SAME_LOAD, Experiment, experiments
-from app.results import Results
-from app.settings import Config
-from app.summary import Summary
+from app.settings.sections import Config
 
 CENTRAL = 3  # rings whose mean is told for the centre
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.options import UNITS
-from app.legs import first_loading_rows
-from app.quantities import Measurement, with_uncertainty
-from app.records import F64, Phase
+from app.records.legs import first_loading_rows
+from app.records.quantities import Measurement, with_uncertainty
+from app.records.record_types import F64, Phase
+from app.records.summary import Summary
 from app.report.card import Card
-from app.summary import Summary
 
 MOST_UNCERTAIN = 0.2  # of c: what is known worse is not drawn
 

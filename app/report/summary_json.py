@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from app.records.study_results import Results
 from app.report.document import Picture
 from app.report.findings import Finding, Findings
-from app.report.summary import plain
-from app.results import Results
+from app.report.summary_rows import plain
 
 
 def summary_data(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from app.errors import UserError
-from app.records import Source
+from app.records.record_types import Source
 from app.session.reader import SessionReader
+from app.system.errors import UserError
 
 PATIENCE_S = 3.0
 

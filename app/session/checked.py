@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from app.errors import UserError
-from app.schema import TEXT
+from app.records.schema import TEXT
 from app.session.contents import COPY, Refused
+from app.session.dataset_bytes import Dataset
 from app.session.files import check_not_recorded
 from app.session.journal import has_journal
 from app.session.layout import IMAGE
-from app.session.stored import Dataset
 from app.session.texts import texts_of
 from app.session.vetting import vetted
+from app.system.errors import UserError
 
 NUMBER = "number"  # any plain integer or float
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, OverflowError, MemoryError)

@@ -6,8 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from app.records import Header, Samples, Snapshot
-from app.schema import values
+from app.records.record_types import Header, Samples, Snapshot
+from app.records.schema import values
 
 # missing samples are written as NaN; more than this is a wrong sample number, not a gap
 LONGEST_GAP_S = 3600.0

@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records import Header
-from app.schema import TEXT, Column, values
+from app.records.record_types import Header
+from app.records.schema import TEXT, Column, values
 from app.session import layout
 from app.session.layout import CHUNK_ROWS, FORCES_CHUNK, GROWING, IMAGE
 from app.session.recorder import GZIP_LEVEL

@@ -17,8 +17,7 @@ from zlib import crc32
 
 import numpy as np
 
-from app.errors import UserError
-from app.records import (
+from app.records.record_types import (
     ContactResult,
     Gap,
     Header,
@@ -43,6 +42,7 @@ from app.session.reader import UNREADABLE_IMAGE
 from app.session.receipt import Account, NotAsRecordedError, Receipt
 from app.session.recorder import HEAD_BYTES
 from app.session.writer import ElsewhereError, SessionWriter
+from app.system.errors import UserError
 
 LOG = logging.getLogger(__name__)
 FEWEST_BYTES = 1 << 16  # of images that stay where they are; HDF5 aligns no less

@@ -1,9 +1,9 @@
 """What lies where in an HDF5 file: the one place where HDF5 opens a file to read it.
 
 HDF5 says here of each dataset of the layout its type, its shape and the places of its bytes; the
-bytes themselves are read by `app.session.stored`. HDF5 trusts what a file says of itself, and may
-crash, never come back or take gigabytes: `app.session.vetting` has it do this for strangers' files
-in another process.
+bytes themselves are read by `app.session.dataset_bytes`. HDF5 trusts what a file says of itself,
+and may crash, never come back or take gigabytes: `app.session.vetting` has it do this for
+strangers' files in another process.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import h5py
 import msgspec
 import numpy as np
 
-from app.schema import TEXT
+from app.records.schema import TEXT
 from app.session import layout, results_layout
 
 _ANOTHER, COPY = "give a {} that SlipScope wrote", "use a copy of it if there is one"

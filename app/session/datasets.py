@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records import REVOKED, Event, Samples
+from app.records.record_types import REVOKED, Event, Samples
 
 if TYPE_CHECKING:
     from app.session.reader import SessionReader

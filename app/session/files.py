@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
-from app.disk import DiskError, free_bytes, is_locked
-from app.errors import UserError
-from app.outputs import check_output, new_file
 from app.session import trust
 from app.session.journal import IMAGES_SUFFIX, RESULTS_SUFFIX, journal_of
+from app.system.disk import DiskError, free_bytes, is_locked
+from app.system.errors import UserError
+from app.system.outputs import check_output, new_file
 
 # what a disk must have left, beside room for what the journal and the results take once more in the
 # session, for the recording to go on

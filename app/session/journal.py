@@ -24,9 +24,7 @@ from zlib import crc32
 import msgspec
 import numpy as np
 
-from app.disk import AppendedFile
-from app.errors import UserError
-from app.records import (
+from app.records.record_types import (
     Checksum,
     ContactResult,
     Event,
@@ -39,6 +37,8 @@ from app.records import (
     Samples,
     Snapshot,
 )
+from app.system.disk import AppendedFile
+from app.system.errors import UserError
 
 SUFFIX, IMAGES_SUFFIX, RESULTS_SUFFIX = ".journal", ".images", ".results"
 MAGIC = b"SlipScope journal 3\n"

@@ -1,19 +1,28 @@
 """The layout of a session file: every group and dataset, with shape, type, unit and meaning.
 
-What a record holds says itself where it is stored (`app.records`); here are the groups, and the
-datasets that only the file needs. A session is one HDF5 file in NeXus style. ``/@default`` leads to
-the load curve: shear force against stage displacement. Row ``n`` of the forces is sample ``n`` of
-the DAQ clock; missing samples are NaN and listed in `gaps`. Every trigger has a row in `triggers`.
-Sessions of November 2026 and earlier lack the datasets in `OPTIONAL`.
+What a record holds says itself where it is stored (`app.records.record_types`); here are the
+groups, and the datasets that only the file needs. A session is one HDF5 file in NeXus style.
+``/@default`` leads to the load curve: shear force against stage displacement. Row ``n`` of the
+forces is sample ``n`` of the DAQ clock; missing samples are NaN and listed in `gaps`. Every trigger
+has a row in `triggers`. Sessions of November 2026 and earlier lack the datasets in `OPTIONAL`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.records import ContactResult, Counts, Event, Gap, Header, Position, Samples, Snapshot
-from app.schema import Column, column, columns_of, record
-from app.summary import Summary
+from app.records.record_types import (
+    ContactResult,
+    Counts,
+    Event,
+    Gap,
+    Header,
+    Position,
+    Samples,
+    Snapshot,
+)
+from app.records.schema import Column, column, columns_of, record
+from app.records.summary import Summary
 
 FORMAT_VERSION = 7
 FORMAT_ATTRIBUTE = "slipscope_format"

@@ -17,14 +17,14 @@ from typing import Any, NamedTuple, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import UserError
-from app.records import F64, ContactResult, Counts, Event, Phase, Source
-from app.results import RingSeries
+from app.records.record_types import F64, ContactResult, Counts, Event, Phase, Source
+from app.records.study_results import RingSeries
+from app.records.summary import Summary
 from app.session.analyses import analyses_of
 from app.session.reader import SessionReader
 from app.session.tables import Columns, in_units, rings_of, rows_of, session_table
-from app.summary import Summary
-from app.toml import parse_toml
+from app.settings.toml_text import parse_toml
+from app.system.errors import UserError
 
 
 class Forces(NamedTuple):
@@ -239,10 +239,10 @@ class Session:
         """The results of each analysed frame as a structured array; NaN where a quantity could not
         be measured.
 
-        Its fields are the numbers of `app.records.Snapshot`: `frame`, `sample`, `phase` (as text),
-        `time_s` (from the start of the drive), `shear_force_n` (Q), `normal_force_n` (P),
-        `travel_m`, `stick_radius_m` (c), `stick_radius_sd_m`, ...; `*_sd` is a standard
-        uncertainty.
+        Its fields are the numbers of `app.records.record_types.Snapshot`: `frame`, `sample`,
+        `phase` (as text), `time_s` (from the start of the drive), `shear_force_n` (Q),
+        `normal_force_n` (P), `travel_m`, `stick_radius_m` (c), `stick_radius_sd_m`, ...; `*_sd` is
+        a standard uncertainty.
         """
         return self._reader.results()
 

@@ -19,10 +19,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from app.channels import Channels
-from app.errors import UserError
-from app.numbers import NUMBERS, ROW, snapshot_of
-from app.records import (
+from app.records.analog_channels import Channels
+from app.records.record_types import (
     ContactResult,
     Counts,
     DisplacementField,
@@ -42,14 +40,16 @@ from app.records import (
     SourceFrame,
     StressProfile,
 )
-from app.schema import Column, build, columns_of
+from app.records.schema import Column, build, columns_of
+from app.records.snapshot_numbers import NUMBERS, ROW, snapshot_of
+from app.records.summary import Summary
 from app.session import layout
 from app.session.checked import CheckedFile
+from app.session.dataset_bytes import Dataset
 from app.session.datasets import samples_of, span_of
 from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
 from app.session.results_layout import RESULTS_ATTRIBUTE
-from app.session.stored import Dataset
-from app.summary import Summary
+from app.system.errors import UserError
 
 T = TypeVar("T")
 MOST_CHANNELS = 64  # beside the forces, as many as the settings allow

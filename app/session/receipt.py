@@ -12,13 +12,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import UserError
-from app.records import Event, Gap, LostTrigger, Position, ReceivedFrame, Samples, SourceFrame
-from app.schema import TEXT
+from app.records.record_types import (
+    Event,
+    Gap,
+    LostTrigger,
+    Position,
+    ReceivedFrame,
+    Samples,
+    SourceFrame,
+)
+from app.records.schema import TEXT
 from app.session.datasets import uncertain_triggers
 from app.session.journal import StoredFrame
 from app.session.layout import GROUPS, GROWING, IMAGE, LATER, OPTIONAL, columns_in
 from app.session.reader import Altered, SessionReader
+from app.system.errors import UserError
 
 _SLAB = 1 << 20  # values read at a time
 

@@ -23,9 +23,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from app.disk import AppendedFile, DiskError, sync_folder, take_place
-from app.errors import UserError
-from app.records import (
+from app.records.record_types import (
     ContactResult,
     Event,
     Gap,
@@ -55,6 +53,8 @@ from app.session.files import (
     results_of,
 )
 from app.session.journal import Journal, StoredFrame, journal_of
+from app.system.disk import AppendedFile, DiskError, sync_folder, take_place
+from app.system.errors import UserError
 
 if TYPE_CHECKING:
     from app.session.receipt import Receipt

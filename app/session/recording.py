@@ -15,7 +15,7 @@ from app.session.reader import SessionReader
 
 
 class SessionRecording:
-    """The readings of a session, see `drivers.stored.Recording`; its file stays open as long as
+    """The readings of a session, see `drivers.recorded.Recording`; its file stays open as long as
     anybody may ask for images, or until `close`.
     """
 

@@ -9,8 +9,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.errors import UserError
-from app.records import UNFINISHED, Gap, Header, LostTrigger, ReceivedFrame, SourceFrame
+from app.records.record_types import (
+    UNFINISHED,
+    Gap,
+    Header,
+    LostTrigger,
+    ReceivedFrame,
+    SourceFrame,
+)
 from app.session.completing import (
     FLUSH_EVERY,
     Found,
@@ -26,6 +32,7 @@ from app.session.journal import StoredFrame, has_journal
 from app.session.reader import Altered, SessionReader
 from app.session.receipt import Receipt, verify
 from app.session.writer import ElsewhereError, SessionWriter
+from app.system.errors import UserError
 
 # what a journal from elsewhere may lead to
 _NONSENSE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.results import RunResult
-from app.schema import values
+from app.records.schema import values
+from app.records.study_results import RunResult
 from app.session.results import ResultsReader
 from app.session.tables import (
     AbsentError,

@@ -1,4 +1,4 @@
-"""Writes and reads the results of `slipscope analyze` (`app.results`); see
+"""Writes and reads the results of `slipscope analyze` (`app.records.study_results`); see
 `app.session.results_layout` for what lies where.
 
 The same results are the same bytes. A file may come from anywhere: what it says is checked, as that
@@ -18,13 +18,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from app.disk import SparedFile
-from app.errors import UserError
-from app.numbers import NUMBERS, ROW
-from app.outputs import new_file
-from app.records import Phase
-from app.results import Joint, Results, RunResult
-from app.schema import TEXT, Column, build, columns_of, values
+from app.records.record_types import Phase
+from app.records.schema import TEXT, Column, build, columns_of, values
+from app.records.snapshot_numbers import NUMBERS, ROW
+from app.records.study_results import Joint, Results, RunResult
 from app.session import trust
 from app.session.checked import CheckedFile
 from app.session.columns import storable
@@ -44,6 +41,9 @@ from app.session.results_layout import (
     run_group,
 )
 from app.session.results_nexus import describe
+from app.system.disk import SparedFile
+from app.system.errors import UserError
+from app.system.outputs import new_file
 
 T = TypeVar("T")
 _LIBVER = ("v108", "v108")  # checksummed headers, and no open-for-writing mark

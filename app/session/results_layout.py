@@ -1,8 +1,9 @@
 """The layout of a file of results: which records lie in which group.
 
 A file of results is HDF5. Each run is a group ``/run_000001`` ..., by normal force, with the
-records of `app.results.RunResult`; what the runs have in common is in ``/joint``, what made the
-results in ``/made_with``. What a record holds says itself where it is stored (`app.schema`).
+records of `app.records.study_results.RunResult`; what the runs have in common is in ``/joint``,
+what made the results in ``/made_with``. What a record holds says itself where it is stored
+(`app.records.schema`).
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any, get_args, get_type_hints
 
-from app.numbers import NUMBERS
-from app.results import Results, RunResult
-from app.schema import Column, columns_of, is_record
+from app.records.schema import Column, columns_of, is_record
+from app.records.snapshot_numbers import NUMBERS
+from app.records.study_results import Results, RunResult
 from app.session.layout import FORMAT_VERSION
 
 RESULTS_VERSION = 1

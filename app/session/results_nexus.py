@@ -8,11 +8,11 @@ from __future__ import annotations
 import h5py
 import numpy as np
 
-from app.schema import columns_of
+from app.records.schema import columns_of
+from app.records.summary import Summary
 from app.session.columns import mark
 from app.session.layout import Group
 from app.session.results_layout import FRAMES, RUN
-from app.summary import Summary
 
 COMMON, LOADS = "/joint", "/joint/loads"
 IN_RUN = (  # what is not here is an NXcollection

@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self, overload
 
-from app.results import Joint, RunResult
+from app.records.study_results import Joint, RunResult
 from app.session.result_tables import results_table
 from app.session.results import ResultsReader
 from app.session.tables import Columns
@@ -82,7 +82,7 @@ class Results:
 
     @cached_property
     def runs(self) -> Runs:
-        """The runs by normal force, each an `app.results.RunResult`."""
+        """The runs by normal force, each an `app.records.study_results.RunResult`."""
         return Runs(self._reader)
 
     @cached_property

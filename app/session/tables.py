@@ -16,15 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import UserError
-from app.numbers import NUMBERS
-from app.quantities import Measurement, summary_quantities
-from app.records import F64, NAN, ContactResult, RingProfile, StressProfile
-from app.results import RingSeries
-from app.schema import columns_of
+from app.records.quantities import Measurement, summary_quantities
+from app.records.record_types import F64, NAN, ContactResult, RingProfile, StressProfile
+from app.records.schema import columns_of
+from app.records.snapshot_numbers import NUMBERS
+from app.records.study_results import RingSeries
+from app.records.summary import Summary
 from app.session.datasets import as_certain_as_told
 from app.session.reader import SessionReader
-from app.summary import Summary
+from app.system.errors import UserError
 
 Columns = dict[str, NDArray[Any]]
 

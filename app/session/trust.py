@@ -12,7 +12,7 @@ import secrets
 from contextlib import suppress
 from pathlib import Path
 
-from app.trust import state_folder
+from app.settings.trusted_settings import state_folder
 
 MOST_KNOWN = 5000  # sessions; the oldest are forgotten
 

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import msgspec
 
-from app.inputs import holes_of
 from app.session import trust
 from app.session.contents import COPY, Contents, Refused, contents_of
+from app.system.inputs import holes_of
 
 MOST_BYTES = 1 << 30  # of memory that HDF5 may take for a file
 LEAST_S, S_PER_GB = 5.0, 5.0  # that it may take, and for each GB more of the file

@@ -22,9 +22,7 @@ from zlib import crc32
 import h5py
 import numpy as np
 
-from app.disk import SparedFile
-from app.errors import UserError
-from app.records import (
+from app.records.record_types import (
     UNFINISHED,
     ContactResult,
     DisplacementField,
@@ -40,7 +38,7 @@ from app.records import (
     Snapshot,
     SourceFrame,
 )
-from app.schema import columns_of
+from app.records.schema import columns_of
 from app.session import layout, trust
 from app.session.checks import (
     channels_of,
@@ -63,6 +61,8 @@ from app.session.journal import StoredFrame
 from app.session.layout import LATER, NO_ROW, ResultRow, Texts, TriggerRow, Versions
 from app.session.receipt import Account, Receipt, verify
 from app.session.recorder import HEAD_BYTES, dated, deflated, now
+from app.system.disk import SparedFile
+from app.system.errors import UserError
 
 LOG = logging.getLogger(__name__)
 METADATA_BYTES = 1 << 19  # of HDF5's cache, which would grow for hours

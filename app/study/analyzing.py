@@ -10,21 +10,21 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from app import live
-from app.config import from_record, revised
-from app.engine.compiling import compile_analysis
-from app.results import Joint, Origin, RunResult
+from app.evaluation.compiling import compile_analysis
+from app.records.study_results import Joint, Origin, RunResult
+from app.records.summary import Summary
+from app.runs import live
 from app.session.reader import SessionReader
 from app.session.results import ResultsReader, write_runs
+from app.settings.config import from_record, revised
 from app.study import jobs as on_this_computer
+from app.study.across_runs import Reduced, joint_of
+from app.study.analysis_plan import Plan, Task, left
 from app.study.cluster import results_on_cluster
 from app.study.jobs import Told
-from app.study.joint import Reduced, joint_of
 from app.study.one import settings_of
 from app.study.parts import Parts
-from app.study.plan import Plan, Task, left
 from app.study.worker import Failed
-from app.summary import Summary
 
 Progress = Callable[[str, float], None]
 

@@ -13,11 +13,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from app.errors import UserError
+from app.study.analysis_plan import Task, programs
 from app.study.jobs import Told
 from app.study.parts import Parts
-from app.study.plan import Task, programs
 from app.study.worker import DONE, Failed, analysed
+from app.system.errors import UserError
 
 PATIENCE_S = 5.0  # for the scheduler
 _ONE = threading.Lock()  # at a time in a process: memory, and the threads of the correlation

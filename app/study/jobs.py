@@ -11,8 +11,8 @@ from contextlib import suppress
 from typing import Any, BinaryIO, NamedTuple, cast
 
 from app.processes.starting import hello_of, started
+from app.study.analysis_plan import Task
 from app.study.parts import Parts
-from app.study.plan import Task
 from app.study.worker import DONE, Failed, analysed
 
 POLL_S = 0.5

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.results import BoxNoise
-from app.settings import Config
-from app.tradeoff.correlation import Bench, Scale, Tracking
-from app.tradeoff.speckle import Picture
+from app.records.study_results import BoxNoise
+from app.settings.sections import Config
+from app.tradeoff.correlation_study import Bench, Scale, Tracking
+from app.tradeoff.exact_speckle import Picture
 from app.tradeoff.texture import texture_of
 
 BOXES = (10, 14, 20, 28, 38, 50, 70, 100)  # px; the paper's range

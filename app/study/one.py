@@ -1,5 +1,5 @@
 """One session through the full offline analysis: everything that its pictures give, as a
-`app.results.RunResult`.
+`app.records.study_results.RunResult`.
 """
 
 from __future__ import annotations
@@ -13,23 +13,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config import from_record, revised, to_toml
-from app.effort import Effort, Product
-from app.engine.analyst import Analysis
-from app.engine.conclusions import Conclusion
-from app.engine.pipeline import Pipeline
-from app.errors import UserError
-from app.legs import numbered_instants
-from app.numbers import ROW, numbers_of
-from app.offline.browser import measurements_of
-from app.offline.loop import Trigger, analyse
-from app.offline.replay import check_agree
-from app.records import F64, ContactResult, LostTrigger, Phase, ReceivedFrame, Record, Snapshot
-from app.results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
+from app.evaluation.conclusions import Conclusion
+from app.evaluation.frame_analysis import Analysis
+from app.evaluation.pipeline import Pipeline
+from app.records.effort import Effort, Product
+from app.records.legs import numbered_instants
+from app.records.record_types import (
+    F64,
+    ContactResult,
+    LostTrigger,
+    Phase,
+    ReceivedFrame,
+    Record,
+    Snapshot,
+)
+from app.records.snapshot_numbers import ROW, numbers_of
+from app.records.study_results import U8, LawSeries, Origin, Pictures, RingSeries, RunResult
+from app.replay.browser import measurements_of
+from app.replay.loop import Trigger, analyse
+from app.replay.replay import check_agree
 from app.session.reader import Altered, SessionReader
-from app.settings import Config
-from app.study.fields import instants_of
+from app.settings.config import from_record, revised, to_toml
+from app.settings.sections import Config
+from app.study.instants import instants_of
 from app.study.noise import box_noise
+from app.system.errors import UserError
 
 FRAMES_SHARE = 0.6  # of the time that a session takes
 MOST_FRAMES = 8192  # whose profiles are kept, an even number
@@ -49,7 +57,7 @@ def run_result(
     Parameters
     ----------
     overrides : sequence of str
-        ``table.key=value`` of the settings to change, see `app.config.ANALYSED`.
+        ``table.key=value`` of the settings to change, see `app.settings.config.ANALYSED`.
     on_progress : callable
         Told the share that is done.
     threads : int, optional

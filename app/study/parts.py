@@ -9,12 +9,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.disk import AppendedFile
-from app.errors import UserError
-from app.outputs import new_file
-from app.results import Joint, RunResult
+from app.records.study_results import Joint, RunResult
 from app.session.results import ResultsReader, write_runs
-from app.study.plan import Task
+from app.study.analysis_plan import Task
+from app.system.disk import AppendedFile
+from app.system.errors import UserError
+from app.system.outputs import new_file
 
 LOCK = "lock"
 KEY = "key"  # in what a part was made with

@@ -11,15 +11,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from app import live
-from app.config import from_record, load, revised, to_toml
-from app.errors import UserError
-from app.outputs import check_output
-from app.results import RunResult
+from app.records.study_results import RunResult
+from app.runs import live
 from app.session.versions import versions
-from app.settings import Config
+from app.settings.config import from_record, load, revised, to_toml
+from app.settings.sections import Config
+from app.study.analysis_plan import ENDINGS, RECORDED, Plan, Task, check_room_for, key_of
 from app.study.one import run_result
-from app.study.plan import ENDINGS, RECORDED, Plan, Task, check_room_for, key_of
+from app.system.errors import UserError
+from app.system.outputs import check_output
 
 MOST_POINTS = 100_000
 SIMULATED = 0.5  # of the time of a point

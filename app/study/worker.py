@@ -9,13 +9,13 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from app.config import ConfigError
-from app.errors import UserError
 from app.processes.starting import payload, say_hello, tell
+from app.settings.config import ConfigError
+from app.study.analysis_plan import Task
 from app.study.one import run_result
 from app.study.parts import write_part
-from app.study.plan import Task
 from app.study.sweep import simulated_result
+from app.system.errors import UserError
 
 
 class Failed(NamedTuple):

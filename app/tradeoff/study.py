@@ -14,8 +14,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from app.errors import UserError
-from app.outputs import check_output, new_file
+from app.system.errors import UserError
+from app.system.outputs import check_output, new_file
 
 Figures = dict[str, float]
 Found = dict[str, Figures]

@@ -24,7 +24,7 @@ from scipy.fft import rfft2
 from scipy.optimize import nnls
 
 from analysis.dic.spectrum import texture as spectrum_of
-from app.tradeoff.speckle import DEVIATION, LEVEL, Array, Grains, Pattern, Picture
+from app.tradeoff.exact_speckle import DEVIATION, LEVEL, Array, Grains, Pattern, Picture
 
 LARGEST = 1024  # px; this much of a picture is fitted
 BINS = 24  # of the spectrum, from 0 to half a cycle per px, along x and along y

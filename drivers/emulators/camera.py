@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera_pylon import PylonCamera
+from drivers.cameras.genicam_camera import library
+from drivers.cameras.pylon_camera import PylonCamera
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, OutOfLimits
-from drivers.genicam_camera import library
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 from drivers.settings import CameraSettings
 from drivers.sim.devices import corrupt

@@ -1,9 +1,9 @@
 """An emulated SMC100CC or CONEX-CC: the state machine of the controller, and the real driver
 connected to it.
 
-States, errors and commands are those of the manuals that `drivers.actuator_newport` names. What the
-manuals leave open, the emulation decides against the driver: an error stays in the memory until TE
-reads it, ST is an error if nothing moves, PA is refused in motion.
+States, errors and commands are those of the manuals that `drivers.stages.newport_stage` names. What
+the manuals leave open, the emulation decides against the driver: an error stays in the memory until
+TE reads it, ST is an error if nothing moves, PA is refused in motion.
 
     python -m drivers.emulators.newport [smc100 | conex-cc] [PORT] [DEAF_MS]
 
@@ -18,13 +18,13 @@ import re
 import sys
 import threading
 
-from drivers.actuator_newport import ConexCc, NewportStage, Smc100
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
 from drivers.emulators.stages import ENCODER_MM, FOLLOWING_ERROR, FreeStage, Stage, WorldStage
 from drivers.errors import OutOfLimits
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
+from drivers.stages.newport_stage import ConexCc, NewportStage, Smc100
 
 HOMING_TIMEOUT = 0x40
 VERSIONS = {"smc100": "SMC_CC - Controller-driver version  3. 1. 2", "conex-cc": "CONEX-CC 2.0.1"}

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivers.clock import SampleClock
-from drivers.ni_daq import NiForces
-from drivers.ni_errors import need
+from drivers.daq.ni_daq import NiForces
+from drivers.daq.ni_errors import need
 from drivers.settings import ForceSettings
 from drivers.sim.world import World
 

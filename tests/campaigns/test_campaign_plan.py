@@ -13,9 +13,9 @@ from small_campaign import Write, text_of
 from spoiled_settings import VALUES
 
 from app.campaigns.plan import campaign_names, chosen, planned
-from app.config import ConfigError, load
-from app.errors import UserError
-from app.live import expected_bytes, expected_seconds
+from app.runs.live import expected_bytes, expected_seconds
+from app.settings.config import ConfigError, load
+from app.system.errors import UserError
 
 TWO_LOADS = "vary.run.normal_force = [0.03, 0.04]"
 

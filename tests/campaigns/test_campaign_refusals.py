@@ -8,8 +8,8 @@ import pytest
 from small_campaign import SESSIONS, TWO_LOADS, Command, Write, mark
 
 from app.campaigns.state import LOCK
-from app.commands import campaign as campaigns
-from app.disk import AppendedFile
+from app.cli import campaign as campaigns
+from app.system.disk import AppendedFile
 
 
 def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(

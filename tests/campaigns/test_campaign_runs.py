@@ -17,15 +17,15 @@ from small_campaign import SESSIONS, TWO_LOADS, Command, Write, mark, sessions_i
 from app.campaigns import state
 from app.campaigns.plan import planned
 from app.campaigns.state import State, found_of, keep
-from app.commands import campaign as campaigns
-from app.commands.inspect import info
-from app.config import from_record
-from app.records import Outcome
+from app.cli import campaign as campaigns
+from app.cli.inspect import info
+from app.records.record_types import Outcome
 from app.report import figures
 from app.report.figures import write_picture
 from app.session import recorder
 from app.session.reader import SessionReader
 from app.session.repair import whole
+from app.settings.config import from_record
 from drivers.bench import Bench
 from drivers.errors import DeviceError
 

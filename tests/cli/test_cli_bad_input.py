@@ -13,7 +13,7 @@ from PIL import Image
 from short_run import RIGID
 from typer.testing import Result
 
-from app.commands.names import parse_pace
+from app.cli.names import parse_pace
 from app.session.files import next_free
 
 Command = Callable[..., Result]
@@ -172,7 +172,7 @@ def test_an_error_nobody_thought_of_is_one_sentence_too(
     def broken(*_: object) -> None:
         raise KeyError("surprise")
 
-    monkeypatch.setattr("app.commands.inspect.info", broken)
+    monkeypatch.setattr("app.cli.inspect.info", broken)
     result = slipscope("info", "a.h5")
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr == (

@@ -25,13 +25,14 @@ from typer.testing import Result
 
 from analysis.dic import Correlation
 from analysis.options import as_written
-from app.cli import files as cli_files
-from app.commands import doctor, experiment
-from app.config import default_toml
+from app.bench_checks import doctor
+from app.cli import file_commands as cli_files
+from app.cli import run_and_replay as experiment
 from app.processes import urgent
 from app.processes.folder import RunningBench
-from app.records import Counts, Health, Outcome
-from app.stopping import StopAnswer, at_rest, failed, not_connected, sent_to, unread
+from app.records.record_types import Counts, Health, Outcome
+from app.settings.config import default_toml
+from app.system.stopping import StopAnswer, at_rest, failed, not_connected, sent_to, unread
 
 Command = Callable[..., Result]
 
@@ -76,7 +77,7 @@ def test_a_run_without_a_display_says_why_and_goes_on(
 def test_a_replay_that_differs_fails_and_says_by_how_much(
     slipscope: Command, session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.engine.pipeline.CENTRE_SHARE", 0.9)
+    monkeypatch.setattr("app.evaluation.pipeline.CENTRE_SHARE", 0.9)
     result = slipscope("replay", session, "--headless")
     assert result.exit_code == 1, result.output
     assert "the replay differs: " in result.stdout
@@ -232,7 +233,7 @@ def test_doctor_fails_where_a_part_of_the_program_can_not_be_imported(
     slipscope: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def imported(name: str) -> Any:
-        if name == "app.records":
+        if name == "app.records.record_types":
             raise IndexError("tuple index out of range")
         return import_module(name)
 
@@ -240,7 +241,10 @@ def test_doctor_fails_where_a_part_of_the_program_can_not_be_imported(
     result = slipscope("doctor")
     assert result.exit_code == 1
     words = " ".join(result.stdout.split())
-    assert "app.records can not be imported: IndexError: tuple index out of range" in words
+    assert (
+        "app.records.record_types can not be imported: IndexError: tuple index out of range"
+        in words
+    )
 
 
 def _version_of(known: Callable[[str], str]) -> Callable[[str], str]:

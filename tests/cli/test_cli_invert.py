@@ -14,7 +14,7 @@ from typer.testing import Result
 
 from analysis.inversion.result import Stopped
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.commands.invert import notes_once
+from app.cli.invert import notes_once
 
 Command = Callable[..., Result]
 

@@ -60,7 +60,7 @@ def refused_at_the_end(result: Result, *words: str) -> None:
 def test_ctrl_c_leaves_what_was_measured(
     slipscope: Command, pictures: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from app.tradeoff.correlation import Bench
+    from app.tradeoff.correlation_study import Bench
 
     measure, calls = Bench.measure, []
 

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from short_run import SHORT
 from typer.testing import Result
 
-from app.commands.terminal import output, print_rows, print_table, say
+from app.cli.terminal import output, print_rows, print_table, say
 
 Command = Callable[..., Result]
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from app.commands import analyze
-from app.commands.terminal import print_table
-from app.results import Joint, Origin
+from app.cli import analyze
+from app.cli.terminal import print_table
+from app.records.study_results import Joint, Origin
+from app.records.summary import Summary
+from app.study.across_runs import Reduced
+from app.study.analysis_plan import Plan
 from app.study.analyzing import Analysed
-from app.study.joint import Reduced
-from app.study.plan import Plan
-from app.summary import Summary
 
 NAN = float("nan")
 NAME = "six-loads-of-the-paper-sample-B-second-repeat-1.4N.h5"

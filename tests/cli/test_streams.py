@@ -17,11 +17,11 @@ from pathlib import Path
 import pytest
 from short_run import SHORT
 
+from app.cli.run_and_replay import Made, _follow, _Operator, _Reports
 from app.cli.streams import steady_streams
-from app.commands.experiment import Made, _follow, _Operator, _Reports
-from app.commands.terminal import TypedLines
+from app.cli.terminal import TypedLines
 from app.session.reader import SessionReader
-from app.stopping import not_connected
+from app.system.stopping import not_connected
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = [word for setting in (*SHORT, "stress.method=none") for word in ("--set", setting)]
@@ -180,7 +180,7 @@ def test_a_question_that_was_answered_elsewhere_leaves_no_reader_behind(monkeypa
 
     typed, source, typing = TypedLines(), Source(), Terminal()
     monkeypatch.setattr(sys, "stdin", typing)
-    monkeypatch.setattr("app.commands.experiment.TYPED", typed)
+    monkeypatch.setattr("app.cli.run_and_replay.TYPED", typed)
     operator = _Operator(source)
 
     def until(condition):

@@ -9,9 +9,10 @@ import pytest
 import short_run
 from processes.launched import wait_until
 
-from app import config, live
-from app.certificate import NAME, known, place, write
-from app.commands.sync_check import measure, sync_check
+from app.bench_checks.sync_check import measure, sync_check
+from app.runs import live
+from app.settings import config
+from app.settings.sync_certificate import NAME, known, place, write
 from drivers.errors import DeviceError
 
 pytest.importorskip("pypylon")

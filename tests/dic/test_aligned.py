@@ -12,7 +12,7 @@ import pytest
 from analysis.dic import Correlation, Grid, Status, open_tracker
 from analysis.dic.aligned import alignment, track_aligned
 from analysis.settings import Correlation as Settings
-from app.exchange.correlating import correlate_files
+from app.files.correlating import correlate_files
 from drivers.sim.speckle import add_blobs
 
 SHAPE = (300, 400)

@@ -14,9 +14,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 from analysis.dic import Correlation
 from analysis.saturation import end_of_scale
-from app.errors import UserError
-from app.exchange.correlating import PLANES, correlate_files
-from app.exchange.images import read_image
+from app.files.correlating import PLANES, correlate_files
+from app.files.grey_images import read_image
+from app.system.errors import UserError
 
 DATA = Path(__file__).parents[1] / "data" / "dic_challenge"
 

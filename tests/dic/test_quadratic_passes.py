@@ -10,7 +10,7 @@ import pytest
 from analysis.dic import Correlation, Grid, open_tracker
 from analysis.dic.quadratic import SeenByBox
 from analysis.dic.smoothing import cubic
-from app.tradeoff.speckle import Wave
+from app.tradeoff.exact_speckle import Wave
 from benchmarks.speckle import Motion, Pattern, camera
 
 SIZE = (360, 480)

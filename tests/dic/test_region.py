@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 
 from analysis.dic import Correlation, Status, compile_kernels, open_tracker
 from analysis.region import measured
-from app import config, live
 from app.cli.program import app
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 
 SPECKLE = Speckle((240, 320))
 IMAGES = [SPECKLE.image(noise=2, seed=1), SPECKLE.image(1.3, -0.4, noise=2, seed=2)]

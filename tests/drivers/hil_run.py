@@ -8,8 +8,9 @@ import h5py
 import numpy as np
 import short_run
 
-from app import config, live
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 from drivers.sim.images import Renderer
 
 SMALL = (*short_run.SMALL, "run.travel=30")

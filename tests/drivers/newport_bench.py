@@ -6,13 +6,13 @@ import contextlib
 import threading
 import time
 
-from drivers.actuator_newport import ConexCc, Smc100
 from drivers.clock import SampleClock
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.errors import DeviceError, DeviceFault
 from drivers.settings import ActuatorSettings
+from drivers.stages.newport_stage import ConexCc, Smc100
 
 PATIENT_S = 60.0
 

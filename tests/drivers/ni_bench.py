@@ -7,9 +7,9 @@ import numpy as np
 from worlds import TINY, scenario
 
 from drivers.clock import SampleClock
+from drivers.daq.ni_daq import NiForces
 from drivers.emulators.ni import EmulatedNiForces
 from drivers.emulators.ni_server import NiServer
-from drivers.ni_daq import NiForces
 from drivers.protocols import SampleBlock
 from drivers.settings import ForceSettings
 from drivers.sim.world import World

@@ -11,12 +11,12 @@ from contracts import ActuatorContract
 from newport_bench import benches
 from worlds import scenario
 
-from drivers.actuator_newport import ConexCc, Smc100, find
 from drivers.clock import SampleClock
 from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
+from drivers.stages.newport_stage import ConexCc, Smc100, find
 
 QUERIES = (b"VE", b"ID?", b"TS", b"TP", b"TE", b"SL?", b"SR?", b"VA?")
 
@@ -238,8 +238,8 @@ def test_ports_are_found_without_opening_them():
 
 def test_the_module_loads_no_vendor_library():
     code = (
-        "import sys, drivers.actuator_newport, drivers.emulators.newport; assert 'serial' not in"
-        " sys.modules"
+        "import sys, drivers.stages.newport_stage, drivers.emulators.newport;"
+        " assert 'serial' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=400)
 

@@ -11,9 +11,10 @@ import pytest
 from newport_bench import wait_until
 from short_run import SMALL
 
-from app import config, live
-from app.commands.bench_check import _forces, _hum, check, unpressed
-from app.engine.setup import sensor_chain
+from app.bench_checks.bench_check import _forces, _hum, check, unpressed
+from app.evaluation.setup import sensor_chain
+from app.runs import live
+from app.settings import config
 from drivers.protocols import SampleBlock
 
 FREE = "sim.press_time=600"  # nothing is pressed meanwhile

@@ -8,7 +8,7 @@ import pytest
 from contracts import TRAIN, CameraContract
 from PIL import Image
 
-from drivers.camera_folder import FolderCamera, find, images_of
+from drivers.cameras.image_folder import FolderCamera, find, images_of
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame

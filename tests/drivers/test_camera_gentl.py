@@ -2,7 +2,7 @@
 
 Its cameras run freely and have neither trigger nor exposure. What needs a trigger (that no image
 comes without one, missed and late ones, how trigger and exposure are set) is tested with pylon's
-camera on the same code, `drivers.genicam_camera`.
+camera on the same code, `drivers.cameras.genicam_camera`.
 """
 
 import signal
@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from contracts import TRAIN, CameraContract
 
-from drivers import camera_gentl, witnesses
-from drivers.camera_gentl import GenTLCamera
+from drivers.cameras import gentl_camera as camera_gentl
+from drivers.cameras.gentl_camera import GenTLCamera
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.frame_matching import witnesses
 from drivers.protocols import TriggerTrain
 from drivers.settings import CameraSettings
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from contracts import TRAIN, CameraContract
 
-from drivers import camera_pylon
-from drivers.camera_pylon import PylonCamera
+from drivers.cameras import pylon_camera as camera_pylon
+from drivers.cameras.pylon_camera import PylonCamera
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame, TriggerTrain

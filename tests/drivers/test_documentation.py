@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from analysis.options import options
-from app import config
-from app.settings import Config
+from app.settings import config
+from app.settings.sections import Config
 from drivers.sim.faults import FAULTS
 from drivers.sources import DRIVERS
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.clock import SampleClock
-from drivers.delivered import Delivered
 from drivers.errors import DeviceFault, DeviceTimeout
-from drivers.frame_numbers import FrameNumbers
+from drivers.frame_matching.delivered import Delivered
+from drivers.frame_matching.frame_numbers import FrameNumbers
 from drivers.protocols import Frame, LostFrame, TriggerTrain
 
 RATE, OPEN = 1000.0, 5

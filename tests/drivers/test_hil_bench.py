@@ -7,8 +7,9 @@ import pytest
 from hil_run import SMALL, HilRun
 from short_run import TRACTION
 
-from app import config, live
-from app.offline.reanalysis import Reanalysis
+from app.replay.reanalysis import Reanalysis
+from app.runs import live
+from app.settings import config
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import time
 import pytest
 from hil_run import HilRun
 
-from app.records import Phase
+from app.records.record_types import Phase
 
 GATE_S = 60.0
 TRAVEL_M = 60e-6

@@ -13,9 +13,9 @@ import psutil
 import pytest
 from PIL import Image
 
-from app.errors import UserError
-from app.exchange.images import read_image
-from drivers.image_files import MOST_BYTES, decoded
+from app.files.grey_images import read_image
+from app.system.errors import UserError
+from drivers.cameras.image_files import MOST_BYTES, decoded
 
 
 def png_bomb(width: int, height: int, bits: int = 16, colour: int = 6) -> bytes:

@@ -14,14 +14,14 @@ import time
 import pytest
 from newport_bench import PATIENT_S, Aside, benches, wait_until
 
-from drivers import newport_line
-from drivers.actuator_newport import ConexCc, Smc100, find
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
-from drivers.newport_line import OutsideStop
 from drivers.protocols import StoppedFromOutside
 from drivers.settings import ActuatorSettings
+from drivers.stages import newport_line
+from drivers.stages.newport_line import OutsideStop
+from drivers.stages.newport_stage import ConexCc, Smc100, find
 
 WIRES = ["pty", "tcp"] if os.name == "posix" else ["tcp"]
 

@@ -8,12 +8,12 @@ import pytest
 from newport_bench import benches, wait_until
 from worlds import scenario
 
-from drivers import actuator_newport
 from drivers.clock import SampleClock
 from drivers.emulators.newport import EmulatedConexCc, EmulatedSmc100
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
+from drivers.stages import newport_stage as actuator_newport
 
 
 @pytest.fixture

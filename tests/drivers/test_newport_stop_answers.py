@@ -6,12 +6,12 @@ import pytest
 from newport_bench import benches
 from short_run import SMALL
 
-from app import config
-from app.engine.ending import Ending
-from app.engine.stage import Stage
-from app.engine.stops import Stops
-from app.engine.watchdog import Watchdog
-from app.stopping import CUT_POWER, Stop
+from app.acquisition.ending import Ending
+from app.acquisition.stage import Stage
+from app.acquisition.stops import Stops
+from app.acquisition.watchdog import Watchdog
+from app.settings import config
+from app.system.stopping import CUT_POWER, Stop
 
 newport = pytest.fixture(benches)
 

@@ -14,8 +14,8 @@ import pytest
 from contracts import TRAIN
 
 from drivers.clock import SampleClock
+from drivers.daq.ni_daq import NiForces, find
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
-from drivers.ni_daq import NiForces, find
 from drivers.protocols import Found, LostSamples
 from drivers.settings import ForceSettings
 

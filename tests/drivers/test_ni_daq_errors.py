@@ -18,7 +18,7 @@ from ni_bench import InThread, NiBench, check_samples, pieces, reference
 from nidaqmx import GrpcSessionOptions, Task
 from nidaqmx.errors import DaqError
 
-from drivers import ni_daq
+from drivers.daq import ni_daq
 from drivers.emulators.board import NiError
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 
@@ -368,7 +368,7 @@ def test_a_missing_package_names_what_to_install(ni, monkeypatch, package, what)
 
 def test_the_module_loads_no_vendor_library():
     code = (
-        "import sys, drivers.ni_daq, drivers.emulators.ni\nassert not {'nidaqmx', 'grpc'} &"
+        "import sys, drivers.daq.ni_daq, drivers.emulators.ni\nassert not {'nidaqmx', 'grpc'} &"
         " set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=400)

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from short_run import SMALL
 
-from app import config, live
+from app.runs import live
 from app.session.reader import SessionReader
-from drivers import newport_line
+from app.settings import config
 from drivers.emulators.newport import Controller
 from drivers.emulators.ni_server import NiServer
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage
 from drivers.sim.world import World
+from drivers.stages import newport_line
 
 
 class RealBench:

@@ -5,12 +5,12 @@ import threading
 import numpy as np
 import pytest
 
-from drivers import software_trigger
+from drivers.cameras import software_trigger
+from drivers.cameras.software_trigger import SoftwareTriggered
 from drivers.clock import SampleClock
 from drivers.errors import DeviceTimeout
 from drivers.protocols import TriggerTrain
 from drivers.settings import CameraSettings
-from drivers.software_trigger import SoftwareTriggered
 
 
 class Hanging(SoftwareTriggered):

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from analysis.options import as_written, option, options
-from app import config
-from app.commands.inspect import changed_settings
-from app.config import ConfigError, from_record, load, revised, to_toml
+from app.cli.inspect import changed_settings
+from app.settings import config
+from app.settings.config import ConfigError, from_record, load, revised, to_toml
 from drivers.bench import make_bench
 from drivers.errors import DeviceNotFound
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings

@@ -7,15 +7,16 @@ import pytest
 from contracts import CameraContract, ForceSourceContract
 from short_run import SMALL
 
-from app import config, live
+from app.runs import live
 from app.session.reader import SessionReader
-from drivers import stored
+from app.settings import config
+from drivers import recorded as stored
 from drivers.bench import make_bench
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
 from drivers.protocols import Frame, LostFrame, LostSamples, TriggerTrain
+from drivers.recorded import StoredActuator, StoredCamera, StoredForces
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
-from drivers.stored import StoredActuator, StoredCamera, StoredForces
 
 TRAIN = TriggerTrain(0, 100)
 
@@ -199,7 +200,7 @@ def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
 def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(
     recorded, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("app.engine.receiver.PATIENCE_S", 0.5)
+    monkeypatch.setattr("app.acquisition.receiver.PATIENCE_S", 0.5)
     ahead = []
 
     def slow_down(run):
@@ -243,7 +244,7 @@ def test_a_recorded_stage_moves_the_simulated_contact(recorded, tmp_path):
 
 
 def test_a_session_that_is_not_there_is_one_sentence(tmp_path):
-    from app.errors import UserError
+    from app.system.errors import UserError
 
     with pytest.raises((UserError, DeviceError), match="nothing"):
         live.make_run(

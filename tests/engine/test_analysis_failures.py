@@ -5,13 +5,14 @@ import threading
 import pytest
 from short_run import SMALL, TRACTION
 
-from app import config, live
-from app.engine import conclusions, pipeline
-from app.engine.pipeline import Pipeline
-from app.errors import UserError
-from app.offline.replay import Replay
-from app.records import RESTART, Phase
+from app.evaluation import conclusions, pipeline
+from app.evaluation.pipeline import Pipeline
+from app.records.record_types import RESTART, Phase
+from app.replay.replay import Replay
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
+from app.system.errors import UserError
 
 
 class Fragile(Pipeline):

@@ -9,16 +9,17 @@ import pytest
 import short_run
 from short_run import SMALL
 
-from app import config, live
-from app.channels import Channels
-from app.commands.inspect import info
-from app.config import ConfigError, load
-from app.exchange.exporting import export
-from app.offline.reanalysis import Reanalysis
-from app.records import Gap, Samples
+from app.cli.inspect import info
+from app.files.exporting import export
+from app.records.analog_channels import Channels
+from app.records.record_types import Gap, Samples
+from app.replay.reanalysis import Reanalysis
+from app.runs import live
 from app.session import Session
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
+from app.settings import config
+from app.settings.config import ConfigError, load
 from drivers.clock import SampleClock
 from drivers.emulators.ni import EmulatedNiForces
 from drivers.protocols import TriggerTrain

@@ -11,14 +11,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from app.config import Config
-from app.engine import conclusions
-from app.engine.budget import Measured, budget
-from app.engine.conclusions import conclude
-from app.engine.setup import grid_of
-from app.records import ContactResult
-from app.report.summary import budget_data, budget_rows, summary_rows
-from app.summary import Summary
+from app.evaluation import conclusions
+from app.evaluation.budget import Measured, budget
+from app.evaluation.conclusions import conclude
+from app.evaluation.setup import grid_of
+from app.records.record_types import ContactResult
+from app.records.summary import Summary
+from app.report.summary_rows import budget_data, budget_rows, summary_rows
+from app.settings.config import Config
 from benchmarks.coverage import Drawn, World
 
 QUANTITIES = {

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.engine.channels import ChannelClosed, ChannelFull, LatestChannel, LosslessChannel
+from app.acquisition.channels import ChannelClosed, ChannelFull, LatestChannel, LosslessChannel
 
 
 @given(st.lists(st.integers(), max_size=50))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from analysis.dic.status import Status
-from app.engine.damage import Damage
-from app.records import Conditions, DisplacementField, Phase, Snapshot
+from app.evaluation.damage import Damage
+from app.records.record_types import Conditions, DisplacementField, Phase, Snapshot
 
 
 def snapshot(frame, **shares):

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.config import Config
-from app.engine.pipeline import Pipeline
-from app.engine.setup import places_m
-from app.records import Conditions, Phase
+from app.evaluation.pipeline import Pipeline
+from app.evaluation.setup import places_m
+from app.records.record_types import Conditions, Phase
+from app.settings.config import Config
 from drivers.settings import CameraSettings
 from drivers.sim.images import Renderer
 from drivers.sim.scenario import Scenario

@@ -11,13 +11,16 @@ import psutil
 import pytest
 from short_run import SMALL
 
-from app import config, live, priority
-from app.engine import analyst, receiver, recorder
-from app.engine.channels import LatestChannel
-from app.engine.ending import Ending
-from app.engine.history import History
-from app.records import Phase, ReceivedFrame, Samples
+from app.acquisition import analyst, receiver
+from app.acquisition import recorder_thread as recorder
+from app.acquisition.channels import LatestChannel
+from app.acquisition.ending import Ending
+from app.evaluation.history import History
+from app.records.record_types import Phase, ReceivedFrame, Samples
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
+from app.system import priority
 from drivers.errors import DeviceTimeout
 from drivers.protocols import TriggerTrain
 

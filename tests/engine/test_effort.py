@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from short_run import SMALL, TRACTION
 
-from app import config, live
-from app.effort import Product
-from app.engine.pipeline import Pipeline
-from app.engine.quality import LATEST_S
-from app.offline.reanalysis import Reanalysis
-from app.offline.replay import Replay
-from app.records import Phase
+from app.evaluation.pipeline import Pipeline
+from app.evaluation.quality import LATEST_S
+from app.records.effort import Product
+from app.records.record_types import Phase
+from app.replay.reanalysis import Reanalysis
+from app.replay.replay import Replay
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 
 SETTINGS = (*SMALL, TRACTION, "run.travel=40")
 
@@ -93,7 +94,7 @@ def test_a_further_analysis_computes_all_fields(profiles, whole):
 
 def test_forces_alone_need_no_correlation(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "app.engine.pipeline.open_tracker", lambda *_: pytest.fail("images were correlated")
+        "app.evaluation.pipeline.open_tracker", lambda *_: pytest.fail("images were correlated")
     )
     outcome = run_to(tmp_path / "x.h5", "recording.results=forces")
     snapshots, _ = content(tmp_path / "x.h5")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from app import config
-from app.engine.experiment import Experiment, ExperimentFailed, Measured
-from app.records import Phase
+from app.experiment.decisions import Experiment, ExperimentFailed, Measured
+from app.records.record_types import Phase
+from app.settings import config
 
 BLOCK = 50
 

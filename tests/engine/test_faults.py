@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import short_run
 
-from app import config, live
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 from drivers.sim.faults import FAULTS, parse
 
 SMALL = (*short_run.SMALL, "run.travel=30")

@@ -14,7 +14,8 @@ from analysis.contact.apparent import background_difference
 from analysis.contact.registration import rigid_shift
 from analysis.dic import Correlation, open_tracker
 from analysis.dic.fixed_pattern import fixed_pattern, pull_of
-from app import config, live
+from app.runs import live
+from app.settings import config
 
 SHAPE, SHIFT = (480, 640), (3.3, -1.7)
 GRAIN_PX, LEVEL, CONTRAST, NOISE = 1.3, 100.0, 20.0, 2.0

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.engine.history import KEPT_SECONDS, MOST_MEANS, History
-from app.records import Phase
+from app.evaluation.history import KEPT_SECONDS, MOST_MEANS, History
+from app.records.record_types import Phase
 
 
 def filled(seconds, rate=100, block=10, exposure=4):

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from app import config
-from app.engine import jog as jog_module
-from app.engine.jog import JoggedStage
-from app.engine.preview import Preview
+from app.acquisition import jog as jog_module
+from app.acquisition.connected_bench import Preview
+from app.acquisition.jog import JoggedStage
 from app.processes.preview import Order, _Served
-from app.stopping import CUT_POWER, Stop
+from app.settings import config
+from app.system.stopping import CUT_POWER, Stop
 from drivers.errors import DeviceFault, DeviceTimeout
 
 UM = 1e-6

@@ -1,6 +1,6 @@
 """Losses are told by their reasons, as long as there are few of them or many."""
 
-from app.engine.losses import MOST_TOLD, Losses
+from app.acquisition.losses import MOST_TOLD, Losses
 
 
 def test_reasons_that_differ_by_their_numbers_are_one() -> None:

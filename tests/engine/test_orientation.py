@@ -7,11 +7,12 @@ import pytest
 import short_run
 
 from analysis.contact.orientation import Direction, drive_direction
-from app import config, live
-from app.engine.conclusions import conclude
-from app.engine.pipeline import Pipeline
-from app.records import Phase
+from app.evaluation.conclusions import conclude
+from app.evaluation.pipeline import Pipeline
+from app.records.record_types import Phase
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 
 SETTINGS = (*short_run.SMALL, short_run.TRACTION, "run.travel=48", "sim.law=elasto-plastic")
 

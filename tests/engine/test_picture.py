@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.engine.picture import RED, focus, picture_of
+from app.acquisition.picture import RED, focus, picture_of
 
 
 @pytest.fixture

@@ -8,12 +8,13 @@ import pytest
 import short_run
 
 from analysis.dic import Status
-from app import config, live
-from app.engine.conclusions import conclude
-from app.engine.pipeline import Pipeline
-from app.offline.replay import difference
-from app.records import Phase
+from app.evaluation.conclusions import conclude
+from app.evaluation.pipeline import Pipeline
+from app.records.record_types import Phase
+from app.replay.replay import difference
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 
 OVERRIDES = (*short_run.SMALL, "run.travel=40")
 

@@ -10,11 +10,12 @@ import pytest
 import short_run
 from sparse_session import sparse_copy
 
-from app import config, live
-from app.errors import UserError
-from app.offline.playback import Playback
-from app.offline.replay import Replay, difference
+from app.replay.playback import Playback
+from app.replay.replay import Replay, difference
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
+from app.system.errors import UserError
 
 SMALL = (*short_run.SMALL, "run.travel=30")
 PATIENCE_S = 400.0

@@ -10,14 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app import config
-from app.bench_view import HOLD_S, State
-from app.engine import preview as preview_module
-from app.engine.preview import Preview
-from app.engine.setup import sensor_chain
-from app.errors import UnderLoad
-from app.live import make_bench
-from app.stopping import Stop
+from app.acquisition import connected_bench as preview_module
+from app.acquisition.connected_bench import Preview
+from app.evaluation.setup import sensor_chain
+from app.records.bench_view import HOLD_S, State
+from app.runs.live import make_bench
+from app.settings import config
+from app.system.errors import UnderLoad
+from app.system.stopping import Stop
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout
 from drivers.protocols import LostFrame
 
@@ -344,7 +344,7 @@ def test_a_jog_stops_when_the_forces_stop():
 
 @pytest.mark.parametrize("fails", ["at once", "silent"])
 def test_a_stop_that_fails_is_never_called_sent(fails, monkeypatch):
-    monkeypatch.setattr("app.engine.jog.PATIENCE_S", 0.3)
+    monkeypatch.setattr("app.acquisition.jog.PATIENCE_S", 0.3)
     release = threading.Event()
     stop = raises(DeviceFault("stage: its line is cut")) if fails == "at once" else release.wait
     with connected() as preview:

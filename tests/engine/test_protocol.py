@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app import config
-from app.engine.course import Go, Halt
-from app.engine.experiment import Answered, Begin, Experiment, ExperimentFailed, Measured, Zeroed
-from app.engine.sight import Seen
-from app.records import Phase
+from app.experiment.course import Go, Halt
+from app.experiment.decisions import Answered, Begin, Experiment, ExperimentFailed, Measured, Zeroed
+from app.experiment.sight import Seen
+from app.records.record_types import Phase
+from app.settings import config
 
 BLOCK = 50
 START = '{do="background", time=0.1}, {do="approach"}, {do="reference", time=0.1}'

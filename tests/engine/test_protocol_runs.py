@@ -14,14 +14,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from short_run import SMALL
 
-from app import config, live
-from app.engine.run import Run
-from app.errors import UserError
-from app.legs import first_loading
-from app.offline.replay import Replay
-from app.records import Outcome, Phase
+from app.acquisition.run import Run
+from app.records.legs import first_loading
+from app.records.record_types import Outcome, Phase
+from app.replay.replay import Replay
+from app.runs import live
 from app.session.reader import SessionReader
-from app.steps import reach
+from app.settings import config
+from app.settings.protocol_steps import reach
+from app.system.errors import UserError
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import SampleBlock
 from drivers.sim.world import World
@@ -330,7 +331,7 @@ def test_a_path_without_room_is_told_before_it_moves(tmp_path: Path) -> None:
 def test_a_motion_beyond_the_limit_is_never_sent(tmp_path: Path) -> None:
     """Should the plan be wrong, the last check before the device still holds."""
     run, *_ = run_to(tmp_path / "x.h5", f'{START}, {{do="drive", travel=5}}')
-    from app.engine.course import Go
+    from app.experiment.course import Go
 
     with pytest.raises(OutOfLimits, match=r"600\.0 um from the start of the drive were asked"):
         run._stage.go(Go(600e-6, 1e-6))

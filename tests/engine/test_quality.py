@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from app import config
-from app.effort import Asker, Effort, Product
-from app.engine import quality
-from app.engine.quality import LATEST_S, Quality
+from app.evaluation import quality
+from app.evaluation.quality import LATEST_S, Quality
+from app.records.effort import Asker, Effort, Product
+from app.settings import config
 
 PERIOD_S = 42e-3
 ALL = Product.CONTACT | Product.PICTURE | Product.SETTLED

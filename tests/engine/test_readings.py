@@ -12,8 +12,9 @@ from pathlib import Path
 
 from short_run import SMALL, TRACTION
 
-from app import config, live
-from app.summary import Summary
+from app.records.summary import Summary
+from app.runs import live
+from app.settings import config
 
 WORLD = (
     *SMALL,

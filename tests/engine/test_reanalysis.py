@@ -10,16 +10,17 @@ import h5py
 import numpy as np
 import pytest
 
-from app import config, live
-from app.config import ConfigError
-from app.errors import UserError
-from app.offline.reanalysis import Reanalysis
-from app.offline.replay import Replay, difference
+from app.replay.reanalysis import Reanalysis
+from app.replay.replay import Replay, difference
+from app.runs import live
 from app.session import Session
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.writer import SessionWriter
+from app.settings import config
+from app.settings.config import ConfigError
+from app.system.errors import UserError
 
 SMALL = (
     "camera.width=320",

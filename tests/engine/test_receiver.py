@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.engine import receiver
-from app.engine.receiver import Receiver
-from app.settings import Config, Limits
+from app.acquisition import receiver
+from app.acquisition.receiver import Receiver
+from app.settings.sections import Config, Limits
 from drivers.errors import DeviceTimeout
 from drivers.protocols import TriggerTrain
 

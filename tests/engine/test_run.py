@@ -12,11 +12,12 @@ import pytest
 from numpy.testing import assert_equal
 from short_run import DRIVE, SMALL, TRACTION
 
-from app import config, live
-from app.engine.run import Run
-from app.offline.replay import Replay, difference
-from app.records import Motion, Phase, Snapshot
+from app.acquisition.run import Run
+from app.records.record_types import Motion, Phase, Snapshot
+from app.replay.replay import Replay, difference
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 from drivers.errors import DeviceFault
 from drivers.protocols import LostFrame
 

@@ -8,9 +8,8 @@ import threading
 import numpy as np
 import pytest
 
-from app.engine.series import MOST_RINGS, Series
-from app.numbers import numbers_of
-from app.records import (
+from app.evaluation.series import MOST_RINGS, Series
+from app.records.record_types import (
     Conditions,
     DisplacementField,
     Motion,
@@ -21,6 +20,7 @@ from app.records import (
     StressProfile,
     Traction,
 )
+from app.records.snapshot_numbers import numbers_of
 
 
 def snapshot(n, *, is_inverted=True):

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app import config, live
-from app.report.summary import slide_rows, summary_rows
+from app.records.summary import Summary
+from app.report.summary_rows import slide_rows, summary_rows
+from app.runs import live
 from app.session.reader import SessionReader
-from app.summary import Summary
+from app.settings import config
 from drivers.sim.world import World
 
 TINY = (

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from app import config
-from app.engine.stage import Stage
+from app.acquisition.stage import Stage
+from app.settings import config
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 
 

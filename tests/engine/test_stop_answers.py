@@ -8,18 +8,19 @@ from types import SimpleNamespace
 import pytest
 from short_run import SMALL
 
-from app import config, live
-from app.engine import run as run_module
-from app.engine import stops as stops_module
-from app.engine import watchdog as watchdog_module
-from app.engine.course import Go
-from app.engine.ending import Ending
-from app.engine.stage import Stage
-from app.engine.stops import Stops
-from app.engine.watchdog import Watchdog
-from app.records import Phase
+from app.acquisition import run as run_module
+from app.acquisition import stops as stops_module
+from app.acquisition import watchdog as watchdog_module
+from app.acquisition.ending import Ending
+from app.acquisition.stage import Stage
+from app.acquisition.stops import Stops
+from app.acquisition.watchdog import Watchdog
+from app.experiment.course import Go
+from app.records.record_types import Phase
+from app.runs import live
 from app.session import Session
-from app.stopping import CUT_POWER, Stop
+from app.settings import config
+from app.system.stopping import CUT_POWER, Stop
 from drivers.errors import DeviceFault, DeviceTimeout
 
 TIMEOUT = 120

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from short_run import SMALL
 
-from app import config, live
-from app.records import Phase, ReceivedFrame
+from app.records.record_types import Phase, ReceivedFrame
+from app.runs import live
 from app.session.files import RESERVE_BYTES
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
+from app.settings import config
 from drivers.errors import DeviceFault
 
 DIVISOR = 125

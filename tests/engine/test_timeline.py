@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from app.engine.timeline import State, timeline_of
-from app.numbers import ROW
-from app.records import Event
-from app.summary import Summary
+from app.evaluation.timeline import State, timeline_of
+from app.records.record_types import Event
+from app.records.snapshot_numbers import ROW
+from app.records.summary import Summary
 
 RATE, PERIOD, DRIVE, END = 1000.0, 125, 2000, 22000
 A, P, MU, ONSET_S = 1e-3, 0.1, 0.9, 8.0

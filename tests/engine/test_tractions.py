@@ -5,8 +5,8 @@ import pytest
 
 from analysis.contact.rings import ring_means
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.engine.tractions import Tractions, as_seen
-from app.settings import Config
+from app.evaluation.tractions import Tractions, as_seen
+from app.settings.sections import Config
 
 P, E, NU, MU, D = 0.5, 3.43e6, 0.5, 0.93, 20e-6
 PITCH = 70.4e-6

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from short_run import SMALL
 
-from app import config, live
-from app.exchange.exporting import export
+from app.files.exporting import export
 from app.gui.cells import Tone, count_cells
-from app.offline.replay import Replay
-from app.records import REVOKED, Event
+from app.records.record_types import REVOKED, Event
+from app.replay.replay import Replay
+from app.runs import live
 from app.session.datasets import as_certain_as_told, uncertain_triggers
 from app.session.reader import SessionReader
 from app.session.tables import session_table
+from app.settings import config
 from drivers.protocols import Frame
 
 

@@ -23,12 +23,12 @@ from analysis.friction.stress_peak import stress_peak
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.settings import StressSettings
-from app.engine.history import KEPT_SECONDS, MOST_MEANS, History
-from app.engine.pipeline import Pipeline
-from app.engine.series import MOST_RINGS, Series
-from app.engine.tractions import Tractions
-from app.records import Conditions, Phase, RingProfile, Snapshot, Traction
-from app.settings import Config
+from app.evaluation.history import KEPT_SECONDS, MOST_MEANS, History
+from app.evaluation.pipeline import Pipeline
+from app.evaluation.series import MOST_RINGS, Series
+from app.evaluation.tractions import Tractions
+from app.records.record_types import Conditions, Phase, RingProfile, Snapshot, Traction
+from app.settings.sections import Config
 
 P, E, NU, R = 0.5, 3.43e6, 0.5, 128.8e-3
 A = hertz.contact_radius(P, E, NU, R)

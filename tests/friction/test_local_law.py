@@ -18,7 +18,7 @@ from analysis.friction.master_curve import master_curve
 from analysis.friction.pressure import check_pressure, micro_contact_chi2
 from analysis.inversion.axisymmetric import AxisymmetricInversion
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.quantities import doubts
+from app.records.quantities import doubts
 
 ROUGH, SMOOTH = world.H, 0.0
 NOISE = 40e-9  # metres, of a box

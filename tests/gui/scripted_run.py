@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from app.numbers import series_of
-from app.records import (
+from app.records.record_types import (
     Conditions,
     ContactResult,
     Counts,
@@ -28,9 +27,10 @@ from app.records import (
     StressProfile,
     Traction,
 )
-from app.settings import Config
-from app.stopping import StopAnswer, at_rest, sent_to
-from app.summary import Summary
+from app.records.snapshot_numbers import series_of
+from app.records.summary import Summary
+from app.settings.sections import Config
+from app.system.stopping import StopAnswer, at_rest, sent_to
 
 MU, P, STIFFNESS = 0.93, 0.5, 5000.0
 HERTZ_M = float(np.cbrt(0.75 * P * 128.8e-3 * 0.75 / 3.43e6))

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.bench_view import BenchView, DeviceView, ForcesView, PictureView, StageView, State
-from app.config import load
 from app.gui.bench_cells import (
     device_lines,
     disk_text,
@@ -26,6 +24,8 @@ from app.gui.bench_cells import (
 )
 from app.gui.bench_link import BenchLink, Errand, Link, Said, Zeroed, nearest
 from app.gui.cells import Tone
+from app.records.bench_view import BenchView, DeviceView, ForcesView, PictureView, StageView, State
+from app.settings.config import load
 
 CONFIG = load(None, ["run.normal_force=0.5", "limits.normal_force=1.9", "limits.shear_force=1.5"])
 

@@ -15,13 +15,13 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from app import live
-from app.config import load
 from app.gui.bench_link import Link
 from app.gui.bench_panel import BenchPanel
 from app.gui.desk import Desk
 from app.gui.memory import Memory
-from app.settings import Config
+from app.runs import live
+from app.settings.config import load
+from app.settings.sections import Config
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
 
 SMALL = (
@@ -282,8 +282,8 @@ def test_each_device_says_why_it_does_not_connect(
 def test_a_silent_device_leaves_the_window_alive(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.engine.preview.CAMERA_S", 0.1)
-    monkeypatch.setattr("app.engine.preview.PATIENCE_S", 0.3)
+    monkeypatch.setattr("app.acquisition.connected_bench.CAMERA_S", 0.1)
+    monkeypatch.setattr("app.acquisition.connected_bench.PATIENCE_S", 0.3)
     release = threading.Event()
     workshop.spoil = lambda bench: setattr(bench.camera, "open", release.wait)
     qtbot.mouseClick(panel.connect_button, LEFT)

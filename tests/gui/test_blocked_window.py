@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from short_run import SMALL
 
-from app import config, live
 from app.gui.window import MainWindow
-from app.records import Phase
+from app.records.record_types import Phase
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 
 BLOCKED_S = 10.0
 DIVISOR = 125

@@ -11,11 +11,11 @@ from pytestqt.qtbot import QtBot
 from short_run import SMALL
 
 from app.campaigns.page import PAGE
-from app.commands.workshop import Workshop
+from app.cli.workshop import Workshop
 from app.gui.campaign_lines import duration
 from app.gui.campaign_panel import NUMBER, STATE, CampaignPanel
 from app.gui.desk import Desk
-from app.settings import Config
+from app.settings.sections import Config
 
 
 def as_toml(setting: str) -> str:

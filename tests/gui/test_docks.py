@@ -13,7 +13,7 @@ from workshops import Makes
 
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
-from app.settings import Config
+from app.settings.sections import Config
 
 SMALLEST = (960, 540)  # a screen of 1920 x 1080 at 200 %
 

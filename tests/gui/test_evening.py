@@ -13,13 +13,13 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QFileDialog
 from pytestqt.qtbot import QtBot
 
-from app.commands.workshop import Workshop
-from app.config import load
+from app.cli.workshop import Workshop
 from app.gui.bench_link import Link
 from app.gui.desk import Desk
 from app.gui.keys import ACTS, GO_TO, KeyList
 from app.gui.window import MainWindow
 from app.session.reader import SessionReader
+from app.settings.config import load
 
 SETTINGS = (
     *("camera.width=320", "camera.height=240", "camera.pixel=24", "dic.step=30"),

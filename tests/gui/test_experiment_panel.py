@@ -13,15 +13,15 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import BACKGROUND, REFERENCE, P, ScriptedRun
 
-from app.config import load
 from app.gui.desk import Desk
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_steps import Act, Band, RunSteps, Standing, planned, run_steps
 from app.gui.source import setup_of
 from app.gui.view_state import ViewState, read, resolve
-from app.records import Conditions, Counts, Health, Outcome, Phase
-from app.settings import Config
-from app.steps import Approach
+from app.records.record_types import Conditions, Counts, Health, Outcome, Phase
+from app.settings.config import load
+from app.settings.protocol_steps import Approach
+from app.settings.sections import Config
 
 DONE, NOW, COMES = Standing.DONE, Standing.UNDER_WAY, Standing.TO_COME
 HEALTH = Health("running", "", "contact", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5)

@@ -17,13 +17,14 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app import config, live
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
-from app.records import Health
+from app.records.record_types import Health
+from app.runs import live
 from app.session.files import RESERVE_BYTES
 from app.session.reader import SessionReader
+from app.settings import config
 from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout
 
 SETTINGS = (

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from app.config import ConfigError, load, to_toml
 from app.gui.form import (
     AS_SET,
     EXAMPLE_STEPS,
@@ -18,7 +17,8 @@ from app.gui.form import (
     protocols,
     steps_in_words,
 )
-from app.settings import Config
+from app.settings.config import ConfigError, load, to_toml
+from app.settings.sections import Config
 
 
 @pytest.fixture

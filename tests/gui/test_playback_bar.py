@@ -11,16 +11,17 @@ from PySide6.QtWidgets import QLineEdit, QPushButton, QSlider, QVBoxLayout, QWid
 from scripted_run import ScriptedRun
 from sparse_session import sparse_copy
 
-from app import config, live
 from app.gui.cells import Tone
 from app.gui.playback_bar import PlaybackBar
 from app.gui.source import Kind, setup_of
 from app.gui.time_strip import tick_step
 from app.gui.view_state import read, resolve
 from app.gui.window import MainWindow
-from app.offline.reanalysis import Reanalysis
-from app.offline.replay import Replay
+from app.replay.reanalysis import Reanalysis
+from app.replay.replay import Replay
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
 
 LEFT = Qt.MouseButton.LeftButton
 SKIPPED, LOST, LAST = 45, 50, 62

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from app import config
 from app.gui.cells import operator_sentence
-from app.records import Counts, Health
+from app.records.record_types import Counts, Health
+from app.settings import config
 
 STEPS = '{do="approach"}, {do="reference"}, {do="drive"}, {do="hold", time=9}'
 HEALTH = Health("running", "", "drive", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5)

@@ -9,12 +9,12 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 
-from app.config import load
 from app.gui.desk import Desk
 from app.gui.image_view import InterfaceView
 from app.gui.region_overlay import Picture, picture_of
 from app.gui.region_panel import RegionPanel
 from app.gui.source import setup_of
+from app.settings.config import load
 
 SIZE = ("camera.width=320", "camera.height=240")
 MIDDLE = "inside 88 48 232 48 232 192 88 192"  # 0.3 of 240 px each way from (160, 120)

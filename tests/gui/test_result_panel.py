@@ -14,9 +14,9 @@ from app.gui.cells import prose
 from app.gui.result_panel import ResultPanel
 from app.gui.source import setup_of
 from app.gui.view_state import read, resolve
-from app.records import Counts, Outcome
+from app.records.record_types import Counts, Outcome
+from app.records.summary import Summary
 from app.report.card import card_of
-from app.summary import Summary
 
 COUNTS = Counts(120, 118, 118, 2, 100, 18, 14000, 60)
 SUMMARY = Summary(

@@ -15,11 +15,11 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app.commands.workshop import Workshop
+from app.cli.workshop import Workshop
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
-from app.settings import Config
-from app.stopping import CUT_POWER, Stop, StopAnswer, at_rest, failed, not_connected
+from app.settings.sections import Config
+from app.system.stopping import CUT_POWER, Stop, StopAnswer, at_rest, failed, not_connected
 
 
 class Beside(ScriptedRun):

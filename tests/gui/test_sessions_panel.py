@@ -13,14 +13,15 @@ from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QMenu
 from session.session_material import SHAPE, copy_recording, make_writer
 
-from app import config, live
-from app.commands.archive import Archive
+from app.cli.recorded_sessions import Archive
 from app.gui.desk import Desk
 from app.gui.memory import Memory
 from app.gui.sessions_panel import SessionsPanel
-from app.records import ReceivedFrame, Samples
+from app.records.record_types import ReceivedFrame, Samples
+from app.runs import live
 from app.session.reader import SessionReader
-from app.settings import Config
+from app.settings import config
+from app.settings.sections import Config
 
 LEFT = Qt.MouseButton.LeftButton
 SHORT = (*short_run.SHORT, "stress.method=none", "dic.threads=1")

@@ -9,12 +9,12 @@ from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QFileDialog, QMainWindow
 from pytestqt.qtbot import QtBot
 
-from app.config import load
 from app.gui.desk import Desk
 from app.gui.editors import FieldRow, Line
 from app.gui.form import AS_SET, OWN_STEPS
 from app.gui.setup_panel import SetupPanel
-from app.settings import Config, RunSettings
+from app.settings.config import load
+from app.settings.sections import Config, RunSettings
 
 
 class Shop:

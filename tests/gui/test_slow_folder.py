@@ -18,7 +18,7 @@ from workshops import Makes
 from app.gui.desk import Desk
 from app.gui.memory import Memory
 from app.gui.window import MainWindow
-from app.settings import Config
+from app.settings.sections import Config
 
 CALLS = (
     *((Path, name) for name in ("exists", "is_dir", "is_file", "stat", "open", "resolve")),

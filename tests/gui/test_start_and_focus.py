@@ -15,7 +15,7 @@ from workshops import Makes
 
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
-from app.settings import Config
+from app.settings.sections import Config
 
 STEPS = 'run.steps = [{do = "drive", velocity = "fast"}]'
 

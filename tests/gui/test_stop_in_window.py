@@ -16,8 +16,8 @@ from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.stop_answer import StopAnswers
 from app.gui.window import MainWindow
-from app.settings import Config
-from app.stopping import (
+from app.settings.sections import Config
+from app.system.stopping import (
     CUT_POWER,
     Stop,
     StopAnswer,

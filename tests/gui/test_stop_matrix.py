@@ -12,14 +12,15 @@ from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
-from app import config, live
 from app.gui import theme
 from app.gui.cells import Tone
 from app.gui.desk import Desk
 from app.gui.window import MainWindow
-from app.records import Health
-from app.settings import Config
-from app.stopping import Stop, StopAnswer, at_rest, failed, not_connected, unread
+from app.records.record_types import Health
+from app.runs import live
+from app.settings import config
+from app.settings.sections import Config
+from app.system.stopping import Stop, StopAnswer, at_rest, failed, not_connected, unread
 
 ANSWERS = {
     "sent": unread("stage X", "no answer"),

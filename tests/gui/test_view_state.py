@@ -15,7 +15,7 @@ from app.gui.frame_results import shown_image
 from app.gui.run_curves import NO_CURVES, SHARES_OF_A, extended
 from app.gui.source import setup_of
 from app.gui.view_state import Eyes, ViewState, read, resolve
-from app.records import Counts, Outcome, Phase
+from app.records.record_types import Counts, Outcome, Phase
 
 
 @pytest.fixture(scope="module")

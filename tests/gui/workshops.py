@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from app.settings import Config
-from app.stopping import StopAnswer
+from app.settings.sections import Config
+from app.system.stopping import StopAnswer
 
 
 class Makes:

@@ -17,13 +17,15 @@ import short_run
 from labs import fake_ljm
 from labs.zaber_emulator import ZaberEmulator
 
-from app import config, live
-from app.commands import bench_check, experiment
-from app.commands.check_driver import check, check_driver
-from app.errors import UserError
+from app.bench_checks import bench_check
+from app.cli import run_and_replay as experiment
+from app.cli.check_driver import check, check_driver
 from app.processes import launch
+from app.runs import live
 from app.session.reader import SessionReader
-from app.toml import parse_toml
+from app.settings import config
+from app.settings.toml_text import parse_toml
+from app.system.errors import UserError
 from drivers.bench import make_bench
 from drivers.contracts import CONTRACTS
 from drivers.emulators.newport import Controller
@@ -312,7 +314,7 @@ MISTAKES = {
 @pytest.mark.parametrize("over", ["pty", "tcp"] if os.name == "posix" else ["tcp"])
 def test_a_driver_of_the_program_keeps_the_contracts_of_its_process(over):
     line = SerialLine(Controller(FreeStage()), over, byte_s=10 / 57600)
-    source = "drivers.actuator_newport:Smc100"
+    source = "drivers.stages.newport_stage:Smc100"
     settings = config.load(None, [f"actuator.source={source}", f"actuator.port={line.start()}"])
     names = [LOCK, OWN_END, SUPERVISOR, CUT]
     try:

@@ -1,6 +1,7 @@
 """A webcam, or any camera or file that OpenCV opens (UVC, DirectShow, V4L2, GStreamer).
 
-It has no trigger, so that the number of each frame is uncertain: see `drivers.software_trigger`.
+It has no trigger, so that the number of each frame is uncertain: see
+`drivers.cameras.software_trigger`.
 """
 
 from dataclasses import dataclass
@@ -8,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 
 from analysis.options import Section, option
+from drivers.cameras.software_trigger import SoftwareTriggered
 from drivers.errors import DeviceFault, DeviceNotFound, OutOfLimits
-from drivers.software_trigger import SoftwareTriggered
 
 
 class Webcam(SoftwareTriggered):

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from short_run import SMALL
 
-from app import config
 from app.processes.client import LaunchedRun, RemoteRun
 from app.processes.folder import running
 from app.session.reader import SessionReader
+from app.settings import config
 from drivers.emulators.newport import Controller
 from drivers.emulators.serial_line import SerialLine
 from drivers.emulators.stages import FreeStage

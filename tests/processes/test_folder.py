@@ -7,7 +7,6 @@ import time
 
 import pytest
 
-from app.errors import UserError
 from app.processes import folder as folders
 from app.processes import launch
 from app.processes.folder import (
@@ -21,7 +20,8 @@ from app.processes.folder import (
     tell,
     told,
 )
-from app.stopping import sent_from_outside
+from app.system.errors import UserError
+from app.system.stopping import sent_from_outside
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ import pytest
 from processes.launched import OutsideStage, kill, launched, wait_until
 from short_run import SMALL
 
-from app import config
-from app.bench_view import State
-from app.commands.workshop import Workshop
-from app.errors import UserError
+from app.cli.workshop import Workshop
 from app.processes.preview import LaunchedPreview
-from app.stopping import Stop
+from app.records.bench_view import State
+from app.settings import config
+from app.system.errors import UserError
+from app.system.stopping import Stop
 from drivers.errors import DeviceError
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

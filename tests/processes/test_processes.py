@@ -18,16 +18,16 @@ from processes.launched import (
 )
 from short_run import SMALL
 
-from app import config
-from app.commands import experiment as commands
-from app.errors import UserError
-from app.offline.replay import Replay
+from app.cli import run_and_replay as commands
 from app.processes import launch
 from app.processes.client import LaunchedRun
 from app.processes.folder import root, running
 from app.processes.starting import ProcessFailed, hello_of, started
-from app.records import RESTART
+from app.records.record_types import RESTART
+from app.replay.replay import Replay
 from app.session.reader import SessionReader
+from app.settings import config
+from app.system.errors import UserError
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 

@@ -5,11 +5,11 @@ import sys
 import pytest
 from short_run import SMALL
 
-from app import config
 from app.processes import folder as folders
 from app.processes.client import LaunchedRun
 from app.processes.preview import LaunchedPreview
 from app.processes.starting import ProcessFailed, hello_of, started
+from app.settings import config
 from drivers.errors import DeviceError
 
 BEGIN = "import os, sys, threading, time\nfrom app.processes.starting import say_hello, payload\n"

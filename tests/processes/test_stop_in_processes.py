@@ -10,12 +10,12 @@ import psutil
 import pytest
 from processes.launched import PATIENT_S, OutsideStage, drives, kill, launched, wait_until
 
-from app.commands import experiment as commands
+from app.cli import run_and_replay as commands
 from app.processes import launch, urgent
 from app.processes.calls import Gone, Silent
 from app.processes.folder import RunningBench
 from app.processes.supervisor import Watch, _stop
-from app.stopping import CUT_POWER, Stop, at_rest, failed, not_connected, of_all, sent_to
+from app.system.stopping import CUT_POWER, Stop, at_rest, failed, not_connected, of_all, sent_to
 from drivers.errors import DeviceFault
 
 NO_MORE = (psutil.STATUS_STOPPED, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
@@ -158,7 +158,17 @@ def test_a_stop_without_a_name_stops_all_and_each_has_its_answer(monkeypatch, ca
     assert of_all([some[2], some[0]]).kind is Stop.AT_REST
 
 
-HEAVY = ("numpy", "typer", "rich", "pydantic", "msgspec", "app.config", "app.engine", "h5py")
+HEAVY = (
+    "numpy",
+    "typer",
+    "rich",
+    "pydantic",
+    "msgspec",
+    "app.settings.config",
+    "app.acquisition",
+    "app.evaluation",
+    "h5py",
+)
 
 
 def test_slipscope_stop_imports_nothing_that_takes_time(tmp_path):

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.config import load, to_toml
-from app.numbers import ROW
-from app.records import ContactResult
-from app.results import (
+from app.records.record_types import ContactResult
+from app.records.snapshot_numbers import ROW
+from app.records.study_results import (
     BoxNoise,
     Instants,
     Joint,
@@ -20,7 +19,8 @@ from app.results import (
     RingSeries,
     RunResult,
 )
-from app.summary import Summary
+from app.records.summary import Summary
+from app.settings.config import load, to_toml
 
 NU, R, MU, LENGTH = 0.5, 128.8e-3, 0.93, 0.8e-6
 K_T, COMPLIANCE, VELOCITY, PIXEL = 9579.0, 0.68e-6, 4.8e-6, 7.04e-6

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from app.records import (
+from app.records.record_types import (
     Conditions,
     ContactResult,
     DisplacementField,
@@ -17,7 +17,7 @@ from app.records import (
     Snapshot,
     Stick,
 )
-from app.summary import Summary
+from app.records.summary import Summary
 
 PIXEL_M, E_PA, NU, MU, P_N, K_T, VELOCITY = 7.04e-6, 3.43e6, 0.5, 0.93, 0.5, 9579.0, 4.83e-6
 SHEAR_PA = E_PA / (2 * (1 + NU))

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from app.numbers import numbers_of
-from app.records import (
+from app.records.record_types import (
     Phase,
     Traction,
 )
+from app.records.snapshot_numbers import numbers_of
 from app.report.figures import experiment_figure, numbered_instants, write_picture
 
 PIXEL_M = 7.04e-6

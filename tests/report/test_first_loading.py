@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.config import Config
 from app.gui.run_curves import NO_CURVES, extended
-from app.legs import first_loading, numbered_instants
-from app.numbers import ROW, numbers_of
-from app.records import Conditions, Motion, Phase, Snapshot, Stick, Traction
+from app.records.legs import first_loading, numbered_instants
+from app.records.record_types import Conditions, Motion, Phase, Snapshot, Stick, Traction
+from app.records.snapshot_numbers import ROW, numbers_of
+from app.records.summary import Summary
 from app.report.paper.runs import Experiment
 from app.report.side_by_side import curves_of
-from app.summary import Summary
+from app.settings.config import Config
 
 SLIDE, HOLD, AGAIN = 12, 6, 12  # frames of the steps 4, 5 and 6
 CLIMB_M = 4e-6

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
+from app.records.study_results import Results, RunResult
 from app.report.paper.collection import FIGURES, draw, stem
 from app.report.paper.runs import experiments
 from app.report.paper.style import Drawn, NotDrawn, write_table
-from app.results import Results, RunResult
 
 SOFTER = 3.0e6  # a block that is softer than the settings say
 

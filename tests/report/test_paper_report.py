@@ -17,10 +17,10 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.exchange.tables import FORCE, LENGTH, read_table
+from app.files.text_tables import FORCE, LENGTH, read_table
+from app.records.summary import Summary
 from app.report.document import WIDE, Grid, Heading, as_html
 from app.session.results import write_results
-from app.summary import Summary
 
 BRIEF = ("--only", "2", "6a", "15", "budget", "--format", "png", "pdf", "svg")
 

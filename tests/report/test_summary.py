@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.commands.ending import tell_notes
-from app.quantities import NO_LAW, Measurement, decimals_for
-from app.records import Counts, Outcome, Phase
+from app.cli.end_of_run import tell_notes
+from app.records.quantities import NO_LAW, Measurement, decimals_for
+from app.records.record_types import Counts, Outcome, Phase
+from app.records.study_results import Joint
+from app.records.summary import Summary
 from app.report.card import Card, card_quantities
-from app.report.summary import compared_rows, outcome_data, outcome_rows, plain, summary_rows
-from app.results import Joint
-from app.summary import Summary
+from app.report.summary_rows import compared_rows, outcome_data, outcome_rows, plain, summary_rows
 
 NAN = math.nan
 MEASURED = Summary(

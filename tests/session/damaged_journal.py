@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from session_material import SHAPE, copy_recording, make_writer
 
-from app.records import Event, ReceivedFrame, Samples
+from app.records.record_types import Event, ReceivedFrame, Samples
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.repair import repair

@@ -24,11 +24,9 @@ import numpy as np
 from faulty_disk import FAULTS, Fault, FaultyDisk
 from session_material import CONTACT, copy_recording, make_header, make_snapshot, make_writer
 
-from app.errors import UserError
-from app.exchange.frames import Sources
-from app.exchange.importing import import_files
-from app.offline.replay import difference
-from app.records import (
+from app.files.frames import Sources
+from app.files.importing import import_files
+from app.records.record_types import (
     Counts,
     Event,
     LostTrigger,
@@ -39,6 +37,7 @@ from app.records import (
     Samples,
     Snapshot,
 )
+from app.replay.replay import difference
 from app.session import vetting
 from app.session.contents import contents_of
 from app.session.journal import journal_of
@@ -46,6 +45,7 @@ from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair
+from app.system.errors import UserError
 
 FRAMES, SHAPE, DIVISOR, SYNC_FRAMES = 20, (64, 80), 42, 4
 LIMIT_S = 60

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.recorder import Recorder
-from app.records import Header, ReceivedFrame, Samples
+from app.acquisition.recorder_thread import Recorder
+from app.records.record_types import Header, ReceivedFrame, Samples
 from app.session.reader import SessionReader
 from app.session.recorder import SessionRecorder
 from app.session.repair import repair

@@ -17,7 +17,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from app import disk as disk_module
+from app.system import disk as disk_module
 
 PAGE = 4096
 

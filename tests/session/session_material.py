@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from app.records import (
+from app.records.record_types import (
     Conditions,
     ContactResult,
     Counts,
@@ -31,9 +31,9 @@ from app.records import (
     StressProfile,
     Traction,
 )
+from app.records.summary import Summary
 from app.session.files import files_of
 from app.session.recorder import SessionRecorder
-from app.summary import Summary
 
 SHAPE = (12, 16)
 GRID_X, GRID_Y = np.array([4.5, 8.5, 12.5]), np.array([3.5, 7.5])

@@ -15,9 +15,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.errors import UserError
 from app.session import Session
 from app.session.reader import SessionReader
+from app.system.errors import UserError
 
 PAGE = 512
 

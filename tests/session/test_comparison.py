@@ -16,10 +16,11 @@ import pytest
 from session_material import make_snapshot
 from short_run import SHORT
 
-from app import config, live
-from app.offline.comparison import Comparison, processor_of
+from app.replay.comparison import Comparison, processor_of
+from app.runs import live
 from app.session.layout import FORMAT_VERSION
 from app.session.versions import processor, versions
+from app.settings import config
 
 ROOT = Path(__file__).parents[2]
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from session_material import make_writer
 
-from app.records import ReceivedFrame
+from app.records.record_types import ReceivedFrame
 from app.session.files import images_of
 from app.session.journal import StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader

@@ -18,14 +18,14 @@ from numpy.testing import assert_array_equal
 from PIL import Image
 from session_material import GRID_X, GRID_Y, OUTCOME, SHAPE, Session, make_writer, record
 
-from app.commands import files
-from app.errors import UserError
-from app.exchange.exporting import export, frame_range
-from app.exchange.fields import read_fields
-from app.exchange.tables import FRAMES, read_table
-from app.numbers import numbers_of, series_of
-from app.outputs import cell_of, text_of
-from app.records import LostTrigger, ReceivedFrame
+from app.cli import file_exchange as files
+from app.files.exporting import export, frame_range
+from app.files.field_files import read_fields
+from app.files.text_tables import FRAMES, read_table
+from app.records.record_types import LostTrigger, ReceivedFrame
+from app.records.snapshot_numbers import numbers_of, series_of
+from app.system.errors import UserError
+from app.system.outputs import cell_of, text_of
 
 PIXEL = 7.04e-6
 

@@ -25,8 +25,8 @@ pytestmark = [
 OFFLINE = """
 import sys
 from pathlib import Path
-from app.errors import UserError
-from app.records import Event
+from app.system.errors import UserError
+from app.records.record_types import Event
 from app.session.files import new_session
 from app.session.writer import SessionWriter
 from session_material import make_header

@@ -17,17 +17,17 @@ import pytest
 from foreign_lab import Lab, Style
 from typer.testing import CliRunner
 
+from app.cli import file_exchange as files
 from app.cli.program import app
-from app.commands import files
-from app.errors import UserError
-from app.exchange.clocks import Motion, matched
-from app.exchange.forms import Form
-from app.exchange.frames import Sources
-from app.exchange.importing import Understood, import_files, understood
-from app.exchange.phases import _rise
-from app.exchange.tables import FORCES, read_table
-from app.records import Phase
+from app.files.clocks import Motion, matched
+from app.files.forms import Form
+from app.files.frames import Sources
+from app.files.importing import Understood, import_files, understood
+from app.files.phases import _rise
+from app.files.text_tables import FORCES, read_table
+from app.records.record_types import Phase
 from app.session.reader import SessionReader
+from app.system.errors import UserError
 
 RATE = 8.0
 PLAIN = Style(
@@ -314,7 +314,7 @@ def test_phases_begin_on_the_frame_that_is_named(lab: Lab, folder: Path, tmp_pat
 
 
 def test_pages_of_a_stack_are_the_images_that_were_written(tmp_path: Path) -> None:
-    from app.exchange.images import pictures_of, read_image
+    from app.files.grey_images import pictures_of, read_image
 
     images = [
         np.random.default_rng(n).integers(0, 4096, (40, 50)).astype(np.uint16) for n in range(5)

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from app import config, live
 from app.cli import app
+from app.runs import live
+from app.settings import config
 
 SMALL = (
     *("camera.width=320", "camera.height=240", "camera.pixel=16", "dic.threads=1"),

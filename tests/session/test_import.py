@@ -14,19 +14,20 @@ import pytest
 import short_run
 from PIL import Image
 
-from app import config, live
-from app.commands import files
-from app.config import ConfigError
-from app.errors import UserError
-from app.exchange.exporting import export
-from app.exchange.frames import Sources
-from app.exchange.importing import Imported, import_files
-from app.numbers import series_of
-from app.offline.replay import Replay, difference
-from app.records import (
+from app.cli import file_exchange as files
+from app.files.exporting import export
+from app.files.frames import Sources
+from app.files.importing import Imported, import_files
+from app.records.record_types import (
     Phase,
 )
+from app.records.snapshot_numbers import series_of
+from app.replay.replay import Replay, difference
+from app.runs import live
 from app.session.reader import SessionReader
+from app.settings import config
+from app.settings.config import ConfigError
+from app.system.errors import UserError
 
 SHORT = (*short_run.SHORT, "sample.lens_compliance=1.5")
 LOST = 20

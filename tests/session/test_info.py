@@ -12,9 +12,9 @@ import h5py
 import pytest
 from session_material import Session, alter, copy_recording, record
 
-from app.commands.inspect import info
-from app.errors import UserError
+from app.cli.inspect import info
 from app.session.reader import SessionReader
+from app.system.errors import UserError
 
 Capture = pytest.CaptureFixture[str]
 

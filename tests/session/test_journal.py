@@ -28,10 +28,7 @@ from session_material import (
     record,
 )
 
-from app import disk
-from app.disk import AppendedFile
-from app.errors import UserError
-from app.records import (
+from app.records.record_types import (
     Event,
     Gap,
     LostTrigger,
@@ -47,6 +44,9 @@ from app.session.journal import Damage, Journal, StoredFrame, journal_of, read_j
 from app.session.reader import SessionReader
 from app.session.receipt import verify
 from app.session.repair import repair
+from app.system import disk
+from app.system.disk import AppendedFile
+from app.system.errors import UserError
 
 SAMPLES = np.array([[0.1, NAN], [-0.0, 1e300]])
 RECORDS = (

@@ -19,13 +19,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, make_writer, record
 from session_material import Session as Written
 
-from app.errors import UserError
-from app.numbers import NUMBERS, numbers_of
-from app.records import (
+from app.records.record_types import (
     Event,
 )
+from app.records.snapshot_numbers import NUMBERS, numbers_of
 from app.session import Session, layout
 from app.session.reader import SessionReader
+from app.system.errors import UserError
 
 ROOT = Path(__file__).parents[2]
 PIXEL = 7.04e-6

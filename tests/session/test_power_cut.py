@@ -10,8 +10,8 @@ from numpy.testing import assert_array_equal
 from power_cut import Disk
 from session_material import SHAPE, make_snapshot, make_writer
 
-from app.offline.replay import difference
-from app.records import Event, ReceivedFrame, Samples
+from app.records.record_types import Event, ReceivedFrame, Samples
+from app.replay.replay import difference
 from app.session.reader import SessionReader
 from app.session.repair import repair
 

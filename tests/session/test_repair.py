@@ -28,16 +28,16 @@ from session_material import (
     record,
 )
 
-from app.commands.files import repair as repair_command
-from app.disk import AppendedFile
-from app.errors import UserError
-from app.offline.replay import difference
-from app.records import DisplacementField, Gap, Samples
+from app.cli.file_exchange import repair as repair_command
+from app.records.record_types import DisplacementField, Gap, Samples
+from app.replay.replay import difference
 from app.session import journal
 from app.session.files import images_of, results_of
 from app.session.journal import Journal, StoredFrame, journal_of, read_journal
 from app.session.reader import SessionReader
 from app.session.repair import repair
+from app.system.disk import AppendedFile
+from app.system.errors import UserError
 
 
 def cut_short(folder: Path) -> Session:
@@ -340,7 +340,7 @@ def test_failed_repair_leaves_no_output_and_the_earlier_one(
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("app.disk.SparedFile.sync", full)
+    monkeypatch.setattr("app.system.disk.SparedFile.sync", full)
     with pytest.raises(UserError, match=r"repaired\.h5: it can not be written: No space left"):
         repair(written.path, tmp_path / "repaired.h5", overwrite=True)
     assert [file.name for file in tmp_path.glob("*repaired*")] == ["repaired.h5"]

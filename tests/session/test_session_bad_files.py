@@ -25,11 +25,11 @@ from session_material import (
 )
 from spoiled import ask
 
-from app.errors import UserError
 from app.session.journal import journal_of
 from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION
 from app.session.reader import SessionReader
 from app.session.repair import repair
+from app.system.errors import UserError
 
 
 def test_existing_session_is_not_overwritten_unasked(session: Session) -> None:

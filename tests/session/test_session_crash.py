@@ -28,12 +28,8 @@ from session_material import (
     record,
 )
 
-from app import disk
-from app.disk import AppendedFile
-from app.engine.recorder import Recorder
-from app.errors import UserError
-from app.offline.replay import difference
-from app.records import (
+from app.acquisition.recorder_thread import Recorder
+from app.records.record_types import (
     UNFINISHED,
     DisplacementField,
     Outcome,
@@ -42,18 +38,22 @@ from app.records import (
     RingProfile,
     Samples,
 )
+from app.replay.replay import difference
 from app.session import files
 from app.session.files import check_new_session, images_of, results_of
 from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.recorder import HEAD_BYTES
 from app.session.repair import repair
+from app.system import disk
+from app.system.disk import AppendedFile
+from app.system.errors import UserError
 
 KILLED = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from app.records import ReceivedFrame, Samples
+from app.records.record_types import ReceivedFrame, Samples
 from session_material import SHAPE, make_snapshot, record
 writer, _ = record(Path(sys.argv[1]))
 writer.flush()
@@ -204,10 +204,10 @@ FULL = """
 import resource, signal, sys, threading
 from pathlib import Path
 import numpy as np
-from app import disk
-from app.disk import AppendedFile
-from app.engine.recorder import Recorder
-from app.records import Outcome, ReceivedFrame, Samples
+from app.system import disk
+from app.system.disk import AppendedFile
+from app.acquisition.recorder_thread import Recorder
+from app.records.record_types import Outcome, ReceivedFrame, Samples
 from session_material import COUNTS, SHAPE, make_writer
 from test_session_crash import image_of
 writer = make_writer(Path(sys.argv[1]))

@@ -18,12 +18,12 @@ import pytest
 from session_material import Session, make_writer
 from spoiled import ask, lookup3
 
-from app.errors import UserError
-from app.records import Event
-from app.session.fields import is_session, read_fields_file
+from app.records.record_types import Event
+from app.session.field_series import is_session, read_fields_file
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.reader import SessionReader
 from app.session.texts import LARGEST_BYTES
+from app.system.errors import UserError
 
 ROOT = Path(__file__).parents[2]
 

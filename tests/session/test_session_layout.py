@@ -12,10 +12,19 @@ from nexusformat import nexus
 from numpy.testing import assert_array_equal
 from session_material import CONTACT, OUTCOME, Session, make_snapshot, make_writer
 
-from app.records import ContactResult, Counts, Event, Gap, Header, Position, Samples, Source
-from app.schema import TEXT, columns_of, values
+from app.records.record_types import (
+    ContactResult,
+    Counts,
+    Event,
+    Gap,
+    Header,
+    Position,
+    Samples,
+    Source,
+)
+from app.records.schema import TEXT, columns_of, values
+from app.records.summary import Summary
 from app.session import layout
-from app.summary import Summary
 
 
 def test_file_holds_the_layout_and_nothing_else(session: Session) -> None:

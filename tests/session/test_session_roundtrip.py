@@ -23,8 +23,8 @@ from session_material import (
     record,
 )
 
-from app.offline.replay import difference
-from app.records import Event, LostTrigger, Outcome, ReceivedFrame, Samples
+from app.records.record_types import Event, LostTrigger, Outcome, ReceivedFrame, Samples
+from app.replay.replay import difference
 from app.session import layout
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.reader import SessionReader

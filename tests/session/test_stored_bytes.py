@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.session.contents import Held, contents_of
+from app.session.dataset_bytes import SLACK_BYTES, Dataset
 from app.session.layout import BY_PATH
-from app.session.stored import SLACK_BYTES, Dataset
 
 PATH = "/entry/fields/ux"
 assert PATH in BY_PATH

@@ -17,9 +17,9 @@ import psutil
 import pytest
 from session_material import Session
 
-from app.errors import UserError
 from app.session import analyses, contents, trust, vetting
 from app.session.reader import SessionReader
+from app.system.errors import UserError
 
 ROOT = Path(__file__).parents[2]
 POSIX = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks for each file")

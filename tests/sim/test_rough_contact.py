@@ -10,7 +10,7 @@ from friction import rough_world as truth
 
 from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 from analysis.settings import Sample
-from app.config import Config
+from app.settings.config import Config
 from drivers.settings import CameraSettings, ForceSettings
 from drivers.sim.images import Renderer
 from drivers.sim.scenario import Scenario

@@ -8,7 +8,7 @@ import pytest
 from loads import small_sessions
 from study_plans import asked
 
-from app.results import Joint, Results
+from app.records.study_results import Joint, Results
 from app.study.analyzing import analyze
 from app.study.one import run_result
 

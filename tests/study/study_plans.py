@@ -1,6 +1,6 @@
 """How the tests of this folder ask for an analysis of sessions."""
 
-from app.study.plan import RECORDED, planned
+from app.study.analysis_plan import RECORDED, planned
 
 TWO_THREADS = "dic.threads=2"  # which processes beside one another do not use
 

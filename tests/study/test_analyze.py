@@ -15,13 +15,13 @@ import psutil
 import pytest
 from study_plans import TWO_THREADS, asked
 
-from app.errors import UserError
-from app.records import Outcome
+from app.records.record_types import Outcome
 from app.session.results import read_results
 from app.study import worker
+from app.study.analysis_plan import RECORDED
 from app.study.analyzing import AnalysisFailed, analyze
 from app.study.parts import Parts
-from app.study.plan import RECORDED
+from app.system.errors import UserError
 
 PATIENCE_S = 240.0
 

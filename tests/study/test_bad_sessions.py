@@ -11,18 +11,18 @@ from loads import record
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.config import ConfigError
-from app.engine.setup import header_of
-from app.errors import UserError
-from app.offline.reanalysis import Reanalysis
+from app.evaluation.setup import header_of
+from app.replay.reanalysis import Reanalysis
 from app.session.journal import journal_of
 from app.session.recorder import SessionRecorder
 from app.session.results import write_results
 from app.session.versions import versions
-from app.settings import Config
-from app.study import plan as planning
+from app.settings.config import ConfigError
+from app.settings.sections import Config
+from app.study import analysis_plan as planning
+from app.study.analysis_plan import RECORDED, planned
 from app.study.parts import Parts
-from app.study.plan import RECORDED, planned
+from app.system.errors import UserError
 
 SHORT = "run.travel=5", "stress.method=none"
 

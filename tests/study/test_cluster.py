@@ -11,11 +11,11 @@ import pytest
 from distributed import LocalCluster
 from study_plans import asked
 
-from app.errors import UserError
 from app.study import cluster
+from app.study.analysis_plan import RECORDED, planned, programs
 from app.study.analyzing import AnalysisFailed, analyze
-from app.study.plan import RECORDED, planned, programs
 from app.study.worker import Failed
+from app.system.errors import UserError
 
 PATIENCE_S = 240.0
 

@@ -4,12 +4,12 @@ import h5py
 import numpy as np
 import pytest
 
-from app.errors import UserError
-from app.results import Results
-from app.schema import values
+from app.records.schema import values
+from app.records.study_results import Results
 from app.session.reader import SessionReader
 from app.session.results import ResultsReader, read_results, write_results
 from app.session.results_layout import RESULTS_ATTRIBUTE, RUN_PARTS
+from app.system.errors import UserError
 
 
 @pytest.fixture

@@ -3,12 +3,12 @@
 import pytest
 from loads import ROUGH
 
-from app.config import ConfigError
-from app.errors import UserError
 from app.session.results import read_results
+from app.settings.config import ConfigError
+from app.study.analysis_plan import RECORDED
 from app.study.analyzing import analyze
-from app.study.plan import RECORDED
 from app.study.sweep import swept
+from app.system.errors import UserError
 
 FIXED = *ROUGH, "run.normal_force=0.06"
 LENGTHS = "sim.slip_length=0.8;1.6"

@@ -11,8 +11,8 @@ import pytest
 from tradeoff.grains import Speckle
 
 from analysis.dic import Correlation, open_tracker
-from app.tradeoff import correlation
-from app.tradeoff.speckle import AT_REST, Motion, Pattern
+from app.tradeoff import correlation_study as correlation
+from app.tradeoff.exact_speckle import AT_REST, Motion, Pattern
 from app.tradeoff.texture import texture_of
 
 SHAPE = (480, 640)

@@ -12,9 +12,9 @@ from tradeoff.grains import Speckle
 
 from analysis.dic import Correlation
 from analysis.settings import PRESETS
-from app.tradeoff import correlation
-from app.tradeoff.correlation import Bench, Scale, Tracking
-from app.tradeoff.speckle import AT_REST
+from app.tradeoff import correlation_study as correlation
+from app.tradeoff.correlation_study import Bench, Scale, Tracking
+from app.tradeoff.exact_speckle import AT_REST
 from app.tradeoff.texture import Texture, binned, texture_of
 from benchmarks import inversion_trade as inversion
 from benchmarks import simulation_trade as simulation

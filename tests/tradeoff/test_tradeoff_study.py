@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.errors import UserError
+from app.system.errors import UserError
 from app.tradeoff import study
 from app.tradeoff.study import Study, Variant
 

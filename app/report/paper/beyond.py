@@ -13,13 +13,13 @@ import numpy as np
 from analysis.friction.local_law import LocalLaw
 from analysis.friction.pressure import PressureCheck, check_pressure
 from analysis.mechanics.interface import elastic_length
-from app.records import F64
+from app.records.record_types import F64
+from app.records.study_results import Joint
 from app.report.figures import BLUE, GREY, RED
 from app.report.paper import published
 from app.report.paper.published import FIELDS_AT
 from app.report.paper.runs import Experiment, load_text, nearest
 from app.report.paper.style import WIDE, Drawn, NotDrawn, new_figure, stacked
-from app.results import Joint
 
 SYMBOLS = {  # of the results that have a budget, as text of a figure
     "apparent_radius": "$a$",

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.report.paper import beyond, contact, fields, forces, law, models, stress
+from app.records.study_results import Results
+from app.report.paper import beyond, models, stress
+from app.report.paper import contact_figures as contact
+from app.report.paper import field_figures as fields
+from app.report.paper import force_figures as forces
+from app.report.paper import law_figures as law
 from app.report.paper.runs import experiments
 from app.report.paper.style import Drawn, styled
-from app.results import Results
 
 FIGURES: dict[str, tuple[str, Callable[..., Drawn]]] = {
     "2": ("Images of the interface", contact.interface_image),

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_smoothing_spline
 
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.config import from_record
-from app.legs import first_loading_rows
-from app.records import F64, Phase
+from app.records.legs import first_loading_rows
+from app.records.record_types import F64, Phase
+from app.records.study_results import Results, RunResult
 from app.report.paper.style import NotDrawn, load_colours
-from app.results import Results, RunResult
-from app.settings import Config
+from app.settings.config import from_record
+from app.settings.sections import Config
 
 FEWEST_SMOOTHED = 10  # frames from which Q can be smoothed
 SAME_LOAD = 0.05  # loads that differ by a smaller share count as the paper's

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from analysis.mechanics import cattaneo_mindlin, hertz
-from app.records import F64
+from app.records.record_types import F64
 from app.report.figures import GREY
 from app.report.paper.published import BALANCES_AT, STRESSES_AT
 from app.report.paper.runs import Experiment, box_mean, loads_text, nearest_of

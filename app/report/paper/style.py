@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
-from app.outputs import cell_of
 from app.report.figures import STYLE
+from app.system.outputs import cell_of
 
 Table = dict[str, Any]
 """Columns by name and unit: ``delta_um``, ``Q_N``; all of one length, numbers or texts."""

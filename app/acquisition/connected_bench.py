@@ -1,0 +1,336 @@
+"""A bench that is connected and looked at, without a run: each device in a thread of its own, so
+that one that fails, or falls silent, hides no other.
+
+Camera and forces begin as in a run, the camera first, with fewer triggers a second.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from app.acquisition.ending import sentence
+from app.acquisition.intake import BenchDevices
+from app.acquisition.jog import PATIENCE_S, JoggedStage
+from app.acquisition.live_forces import END_OF_RANGE, LiveForces
+from app.acquisition.picture import picture_of
+from app.records.bench_view import KINDS, BenchView, DeviceView, PictureView, StageView, State
+from app.settings.sections import Config
+from app.system.stopping import StopAnswer
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
+from drivers.protocols import Frame, SampleBlock, TriggerTrain
+
+LOG = logging.getLogger(__name__)
+MOST_HZ = 10.0  # pictures per second
+CAMERA_S = 5.0  # for which the forces wait for the camera, which must be started before them
+READ_S = 0.3
+POLL_S = 0.1  # between two looks at the stage
+CHECK_S = 0.02  # between two looks at what may forbid a motion
+AGAIN_S = 1.0  # between two attempts to reach a stage that has failed, or would not move
+NO_PICTURE_S = 3.0
+PAUSE_S = 0.05  # after a read that gave nothing: it returns at once when there are no triggers
+
+
+class _Device:
+    """A device, its state, and the thread that opens it, works with it and closes it."""
+
+    def __init__(self, device: Any, work: Callable[[], None]) -> None:
+        self.device, self.name = device, str(device.name)
+        self.is_open = False
+        self.description = ""
+        self.state, self.sentence = State.CONNECTING, ""
+        self._work = work
+        self.thread = threading.Thread(
+            target=self._run, name=f"slipscope-{self.name.replace(' ', '-')}", daemon=True
+        )
+
+    def tell(self, state: State, what: str = "") -> None:
+        """Note how it is; without a word, what it says of itself."""
+        new = state, what or self.description
+        if new != (self.state, self.sentence):
+            LOG.info("%s: %s: %s", self.name, *new)
+        self.sentence, self.state = new[1], state
+
+    @property
+    def view(self) -> DeviceView:
+        """What is shown."""
+        return DeviceView(self.name, self.state, self.sentence)
+
+    def _run(self) -> None:
+        try:
+            self.device.open()
+            self.description = str(self.device.describe())
+            self.is_open = True
+            self.tell(State.READY)
+            self._work()
+        except Exception as error:
+            LOG.debug("%s", self.name, exc_info=error)
+            self.tell(State.FAILED, sentence(self.name, error))
+        self.is_open = False
+        try:
+            self.device.close()
+        except Exception as error:
+            LOG.warning("%s: it did not close: %s", self.name, error)
+        if self.state is not State.FAILED:
+            self.tell(State.CLOSED)
+
+
+class Preview:
+    """The devices of a bench, looked at; has the methods of `app.records.bench_view.BenchPreview`.
+
+    Parameters
+    ----------
+    config : Config
+    bench : BenchDevices
+        Opened and closed by this object, device by device.
+    guard : callable, optional
+        Called once before the stage is moved for the first time.
+    can_restart : bool
+        Whether the forces can be started twice: a simulated world runs only once.
+    bytes_per_s : float
+        What a second of a run's recording takes.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        bench: BenchDevices,
+        *,
+        guard: Callable[[], None] = lambda: None,
+        can_restart: bool = True,
+        bytes_per_s: float = math.nan,
+    ) -> None:
+        self._config, self._bytes_per_s, self._can_restart = config, bytes_per_s, can_restart
+        rate = config.forces.sample_rate
+        self._train = TriggerTrain(0, max(config.camera.divisor, math.ceil(rate / MOST_HZ)))
+        self._forces = LiveForces(config)
+        self._stage = JoggedStage(config, bench.actuator, self._forces.newest, guard)
+        self._picture: PictureView | None = None
+        self._pictured_at = -math.inf
+        self._lost = 0
+        self._may_start, self._is_started = threading.Event(), threading.Event()
+        self._sampling = threading.Event()
+        self._closing = threading.Event()
+        self._devices = {
+            "actuator": _Device(bench.actuator, self._follow_stage),
+            "camera": _Device(bench.camera, self._take_pictures),
+            "forces": _Device(bench.forces, self._read_forces),
+        }
+        self._watch = threading.Thread(target=self._check, name="slipscope-jog", daemon=True)
+
+    # ------------------------------------------------------------------ what others may call
+
+    def start(self) -> None:
+        """Begin to connect; returns at once."""
+        for kind in KINDS:
+            self._devices[kind].thread.start()
+        self._watch.start()
+
+    def look(self, known: int = -1) -> BenchView:
+        """What the bench shows now; without the picture if that is the one of number `known`."""
+        picture = self._picture
+        stage: StageView | None = self._stage.view()
+        return BenchView(
+            {kind: device.view for kind, device in self._devices.items()},
+            self._forces.view(),
+            None if picture is None or picture.number == known else picture,
+            stage,
+            self._bytes_per_s,
+            self._stage.said,
+            self._stage.failure,
+            time.monotonic() - self._pictured_at,
+        )
+
+    def motion(self) -> tuple[int, float, bool]:
+        """Newest sample, travel of the stage (m), whether it is jogged: for a supervisor."""
+        return self._forces.end, self._stage.travel_m, self._stage.is_driven
+
+    def jog(self, direction: int, velocity_m_s: float) -> None:
+        """See `JoggedStage.hold`."""
+        self._stage.hold(direction, velocity_m_s)
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the stage; what became of that."""
+        return self._stage.let_go()
+
+    def zero(self, *, under_load: bool = False) -> tuple[float, float]:
+        """See `LiveForces.zero`; refused while the stage is jogged."""
+        if self._stage.is_driven:
+            raise DeviceFault("zero: the stage moves; let go of it first")
+        if not self._sampling.is_set():
+            raise DeviceFault("zero: no forces are read; see the line of the forces")
+        return self._forces.zero(under_load=under_load)
+
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """See `LiveForces.set_zero`."""
+        self._forces.set_zero(volts)
+
+    def close(self) -> None:
+        """Stop the stage and let go of every device, as far as they answer.
+
+        Raises
+        ------
+        DeviceTimeout
+            Some do not return from a call; only the end of this process frees them.
+        """
+        if self._stage.is_driven:
+            self._stage.let_go()
+        self._closing.set()
+        self._may_start.set()
+        silent = []
+        give_up = time.monotonic() + PATIENCE_S
+        for kind in ("forces", "camera", "actuator"):
+            device = self._devices[kind]
+            device.thread.join(max(0.0, give_up - time.monotonic()))
+            if device.thread.is_alive():
+                silent.append(device.name)
+        if silent:
+            raise DeviceTimeout(f"{', '.join(silent)}: no return from a call; given up")
+
+    # ------------------------------------------------------------------ the threads
+
+    def _check(self) -> None:
+        while not self._closing.wait(CHECK_S):
+            try:
+                self._stage.check()
+            except BaseException as error:  # a stage that nobody looks after would go on
+                LOG.error("jog: %s", sentence("jog", error), exc_info=error)
+
+    def _follow_stage(self) -> None:
+        me = self._devices["actuator"]
+        refusal, tried_at = "not tried", -math.inf
+        pause_s = 0.0
+        while not self._closing.wait(pause_s):
+            try:
+                self._stage.poll()
+                if refusal and time.monotonic() - tried_at > AGAIN_S:
+                    refusal, tried_at = self._refusal(), time.monotonic()
+                me.tell(State.LOOK if refusal else State.READY, refusal)
+                pause_s = POLL_S
+            except DeviceError as error:
+                me.tell(State.FAILED, str(error))
+                pause_s = AGAIN_S
+
+    def _refusal(self) -> str:
+        """Why the stage would refuse a move; empty if it would not."""
+        try:
+            self._stage.make_ready()
+        except DeviceError as error:
+            return str(error)
+        return ""
+
+    def _take_pictures(self) -> None:
+        me, camera = self._devices["camera"], self._devices["camera"].device
+        full_scale = self._config.camera.full_scale
+        while not self._may_start.wait(POLL_S):
+            if self._devices["forces"].state is State.FAILED:
+                me.tell(State.LOOK, self._untriggered(me.name))
+        if self._closing.is_set():
+            return
+        camera.start(self._train)
+        self._is_started.set()
+        me.tell(State.READY)
+        while not (self._sampling.wait(POLL_S) or self._closing.is_set()):
+            if self._devices["forces"].state is State.FAILED:
+                me.tell(State.LOOK, self._untriggered(me.name))
+        came_at, lost_at = time.monotonic(), -math.inf
+        while not self._closing.is_set():
+            try:
+                answer = camera.read(READ_S)
+            except DeviceTimeout:
+                if time.monotonic() - came_at > max(NO_PICTURE_S, 4 * self._period_s):
+                    me.tell(State.LOOK, self._no_picture(me.name))
+                self._closing.wait(PAUSE_S)
+                continue
+            if isinstance(answer, Frame):
+                self._pictured_at = came_at = time.monotonic()
+                self._picture = picture_of(answer.index, answer.image, full_scale, self._lost)
+                if came_at - lost_at > NO_PICTURE_S:
+                    me.tell(State.READY)
+            else:
+                self._lost, lost_at = self._lost + 1, time.monotonic()
+                me.tell(State.LOOK, f"{self._lost} triggers without an image: {answer.reason}")
+
+    @property
+    def _period_s(self) -> float:
+        return self._train.divisor / self._config.forces.sample_rate
+
+    def _untriggered(self, name: str) -> str:
+        forces = self._devices["forces"].name
+        return f"{name}: it is connected and not triggered, because the {forces} do not work"
+
+    def _no_picture(self, name: str) -> str:
+        if not self._sampling.is_set():
+            return self._untriggered(name)
+        return (
+            f"{name}: it is triggered {1 / self._period_s:.3g} times a second and delivers nothing;"
+            " check the wire of the trigger and camera.trigger_line"
+        )
+
+    def _read_forces(self) -> None:
+        me, forces = self._devices["forces"], self._devices["forces"].device
+        camera = self._devices["camera"]
+        give_up = time.monotonic() + CAMERA_S
+        while camera.state is State.CONNECTING and time.monotonic() < give_up:
+            if self._closing.wait(POLL_S / 10):
+                return
+        if camera.is_open:
+            self._start_camera()
+        forces.start(self._train)
+        self._sampling.set()
+        try:
+            while not self._closing.is_set():
+                if camera.is_open and not self._may_start.is_set():
+                    self._start_late_camera(forces)
+                self._take_forces(me, forces)
+        finally:
+            self._sampling.clear()
+            forces.stop()
+
+    def _take_forces(self, me: _Device, forces: Any) -> None:
+        try:
+            block = forces.read(
+                READ_S + self._config.forces.block / self._config.forces.sample_rate
+            )
+        except DeviceTimeout as error:
+            me.tell(State.LOOK, str(error))
+            return
+        self._forces.append(block)
+        if not isinstance(block, SampleBlock):
+            me.tell(State.LOOK, f"{block.count} samples were lost: {block.reason}")
+            return
+        newest = self._forces.newest()
+        used = newest.used if newest else (0.0, 0.0)
+        ends = [s for s, u in zip(("normal", "shear"), used, strict=True) if u >= END_OF_RANGE]
+        if ends:
+            me.tell(
+                State.LOOK,
+                f"{me.name}: the {' and the '.join(ends)} sensor reads the end of its range; check"
+                " the sensor's gap and cable, or raise forces.range",
+            )
+        else:
+            me.tell(State.READY)
+
+    def _start_camera(self) -> None:
+        """Let the camera wait for triggers; returns once it does, or has failed."""
+        self._may_start.set()
+        camera = self._devices["camera"]
+        give_up = time.monotonic() + CAMERA_S
+        while time.monotonic() < give_up and camera.state is not State.FAILED:
+            if self._is_started.wait(POLL_S / 10):
+                return
+
+    def _start_late_camera(self, forces: Any) -> None:
+        """Start a camera that came after the forces had begun, and the triggers anew."""
+        if not self._can_restart:
+            self._start_camera()
+            return
+        self._sampling.clear()
+        forces.stop()
+        self._start_camera()
+        forces.start(self._train)
+        self._sampling.set()

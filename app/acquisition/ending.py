@@ -1,0 +1,97 @@
+"""How a run comes to its end: one named reason, and the actuator stopped before anything else is
+done.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+
+from app.experiment.decisions import ExperimentFailed
+from app.system.disk import DiskError
+from app.system.errors import UserError
+from drivers.errors import DeviceError
+
+LOG = logging.getLogger(__name__)
+
+
+def sentence(who: str, error: BaseException) -> str:
+    """The reason a run ends with: what was meant for people as it is, anything else with its
+    kind.
+    """
+    if isinstance(error, DeviceError | ExperimentFailed | UserError | DiskError):
+        return str(error)
+    return f"{who}: {type(error).__name__}: {error}"
+
+
+class Ending:
+    """The end of a run, which any thread may call for at any time.
+
+    Parameters
+    ----------
+    stop_actuator : callable
+        Stops the motion; called in the thread that calls for the end, each time.
+
+    Attributes
+    ----------
+    is_called : threading.Event
+        Set once the run is to end.
+    reason : str
+        The first reason given; a failure while ending is put before it.
+    failed : bool
+        Whether the run ends as "failed" rather than "done".
+    """
+
+    def __init__(self, stop_actuator: Callable[[], None]) -> None:
+        self.is_called = threading.Event()
+        self.reason = ""
+        self.failed = False
+        self._stop_actuator = stop_actuator
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def call(self, reason: str, *, failed: bool) -> None:
+        """Name the end, then stop the actuator.
+
+        A failure outranks an orderly end; otherwise the first reason stays.
+        """
+        self._note(reason, failed=failed)
+        try:
+            self._stop_actuator()
+        except BaseException as error:  # the run must end whatever the actuator says
+            self._note(f"the actuator did not confirm its stop: {error}", failed=True)
+
+    def attempt(self, who: str, step: Callable[[], None]) -> None:
+        """Take one step of the ending; its failure, whatever it is, is noted and the next step can
+        still be taken.
+        """
+        try:
+            step()
+        except BaseException as error:  # a thread that is gone can name nothing
+            LOG.debug("%s: the end of the run is called for", who, exc_info=error)
+            self.call(sentence(who, error), failed=True)
+
+    def close(self) -> None:
+        """The outcome is published: from now on nothing changes it."""
+        with self._lock:
+            self._closed = True
+
+    def spawn(self, name: str, work: Callable[[], None]) -> threading.Thread:
+        """A thread, started, whose exceptions end the run by name."""
+        thread = threading.Thread(
+            target=self.attempt, args=(name, work), name=f"slipscope-{name}", daemon=True
+        )
+        thread.start()
+        return thread
+
+    def _note(self, reason: str, *, failed: bool) -> None:
+        LOG.log(logging.ERROR if failed else logging.INFO, "%s", reason)
+        with self._lock:
+            if self._closed:
+                return
+            if not self.is_called.is_set():
+                self.reason, self.failed = reason, failed
+            elif failed and not self.failed:
+                self.reason, self.failed = f"{reason} (while ending: {self.reason})", True
+            self.is_called.set()

@@ -1,0 +1,227 @@
+"""What comes in from the forces and the stage, block by block: to the disk, to the history, and to
+the decisions of the run.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.acquisition.losses import Losses
+from app.acquisition.stage import Stage
+from app.acquisition.watchdog import Watchdog
+from app.evaluation.history import History
+from app.evaluation.setup import sensor_chain
+from app.experiment.course import Measured
+from app.records.record_types import Gap, Position, Record, Samples
+from app.settings.sections import Config
+from drivers.errors import DeviceError, DeviceFault, DeviceTimeout
+from drivers.protocols import (
+    Actuator,
+    Camera,
+    ForceSource,
+    LostSamples,
+    SampleBlock,
+    TriggerTrain,
+)
+
+READ_TIMEOUT_S = 2.0
+PATIENT_READS = 30
+
+
+class Takes(Protocol):
+    """Where the records go: the recorder of a run."""
+
+    def append(self, record: Record) -> None: ...
+
+
+class BenchDevices(Protocol):
+    """A bench as a run sees it: three devices, opened and closed together."""
+
+    @property
+    def forces(self) -> ForceSource: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def actuator(self) -> Actuator: ...
+
+    def open(self) -> None: ...
+    def close(self) -> None: ...
+
+
+@dataclass
+class _Look:
+    """What one look at the bench has found so far; it may not return."""
+
+    block: SampleBlock | LostSamples | None = None
+    now: int = 0
+    position_m: float = math.nan
+    moves: bool = False
+
+
+class Intake:
+    """Takes each block once, with the position of the stage at its end.
+
+    Parameters
+    ----------
+    pace : float or None
+        Seconds of the board per second; None where the sources wait for our own disk and analysis
+        (simulation at full speed): they have a minute, hardware has seconds, and nothing grows old.
+
+    Attributes
+    ----------
+    samples_lost : int
+    losses : Losses
+        Why they are lost.
+    exposures : int
+        Of the camera, as the board has counted them; negative where it counts none.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        bench: BenchDevices,
+        stage: Stage,
+        history: History,
+        watchdog: Watchdog,
+        *,
+        pace: float | None,
+    ) -> None:
+        self.samples_lost, self.losses = 0, Losses()
+        self.exposures = -1
+        self._seen: tuple[float, int] | None = None  # a moment, and the newest sample then
+        self._config = config
+        self._bench = bench
+        self._stage = stage
+        self._history = history
+        self._watchdog = watchdog
+        self._chain = sensor_chain(config)
+        self._reads = PATIENT_READS if pace is None else 1
+        self._samples_per_s = config.forces.sample_rate * (pace or math.inf)
+
+    def now(self) -> int:
+        """The board's newest sample, read or not."""
+        return self._history.end + self._bench.forces.backlog()
+
+    def age_s(self, sample: int) -> float:
+        """How long ago a sample was taken; from any thread. NaN before the first block."""
+        if self._seen is None:
+            return math.nan
+        at, newest = self._seen
+        return time.monotonic() - at + (newest - sample) / self._samples_per_s
+
+    def zero(self, volts: tuple[float, float]) -> None:
+        """From the next block on, these readings are those without a force."""
+        self._chain = replace(self._chain, zero_v=volts)
+
+    def take(self, recorder: Takes, has_reference: bool = False) -> Measured | None:
+        """The next block, on its way to the disk, and what it says; None for a gap that the
+        settings put up with.
+
+        Raises
+        ------
+        DeviceFault
+            The board lost samples, and the run is to end where it does.
+        """
+        look, problem = _Look(), None
+        try:
+            self._watchdog.ask(self._bench.forces.name, lambda: self._look(look))
+        except Exception as error:  # an actuator that fails, or a board that goes away after the
+            problem = error  # block was read, costs no sample
+        if isinstance(problem, DeviceError) and self._stage.name in self._watchdog.given_up:
+            self._stage.has_failed = True
+        block = look.block
+        if block is None:
+            assert problem is not None
+            raise problem
+        volts = block.volts if isinstance(block, SampleBlock) else np.full((block.count, 2), np.nan)
+        forces = self._chain.forces(volts)
+        if isinstance(block, SampleBlock):
+            recorder.append(Samples(block.first, volts, forces, self._further(block)))
+            if block.exposures is not None:
+                self.exposures = int(block.exposures[-1])
+        else:
+            self.samples_lost += block.count
+            self.losses.add(block.reason, block.count)
+            recorder.append(Gap(block.first, block.count, block.reason))
+        recorder.append(Position(look.now, look.position_m))
+        self._history.append(block.first, forces, look.position_m, look.now)
+        age_s = self._watchdog.heard((look.now - block.end) / self._samples_per_s)
+        if problem is not None:
+            raise problem
+        if isinstance(block, LostSamples):
+            if self._config.forces.on_overflow == "end":
+                raise DeviceFault(
+                    f"{block.reason}; {block.count} samples from {block.first} on are lost"
+                )
+            return None
+        normal, shear = np.abs(volts).max(axis=0) / self._config.forces.range
+        return Measured(
+            block.end,
+            forces,
+            look.position_m - self._stage.start_m,
+            look.moves,
+            has_reference,
+            (float(normal), float(shear)),
+            age_s,
+            volts=volts,
+        )
+
+    def read_on(self, recorder: Takes, stood: int, train: TriggerTrain) -> None:
+        """Read what was sampled until `stood`, and on until no exposure is open, so that the last
+        trigger can have its frame; the first error of a device is raised once all is read.
+        """
+        problem, exposure = None, self._config.exposure_samples
+        while self._history.end < stood:
+            before = self._history.end
+            try:
+                self.take(recorder)
+            except DeviceError as error:
+                problem = problem or error
+                if self._history.end == before:
+                    break
+        if problem:
+            raise problem
+        for _ in range(train.divisor):
+            if (self._history.end - 1 - train.first) % train.divisor + 1 >= exposure:
+                return
+            self.take(recorder)
+
+    def _look(self, look: _Look) -> None:
+        watchdog, forces = self._watchdog, self._bench.forces.name
+        block = self._read()
+        look.now, look.block = block.end, block
+        watchdog.asked = self._stage.name
+        position, moves = self._stage.look()
+        watchdog.asked = forces
+        # the stage was read now, which is later than the block where more of them wait
+        look.now = max(block.end, self.now())
+        self._seen = time.monotonic(), look.now
+        look.position_m, look.moves = position, moves
+
+    def _further(self, block: SampleBlock) -> NDArray[np.float64] | None:
+        """Values of the further channels in their units."""
+        channels, volts = self._config.forces.auxiliary_channels, block.auxiliary
+        found = 0 if volts is None else volts.shape[1]
+        if found != len(channels):
+            raise DeviceFault(
+                f"{self._bench.forces.name}: forces.auxiliary asks for {len(channels)} further"
+                f" channels, it delivers {found}; leave them out, or use a source that has them"
+            )
+        if volts is None:
+            return None
+        return volts * [c.per_volt for c in channels] + [c.at_zero for c in channels]
+
+    def _read(self) -> SampleBlock | LostSamples:
+        for attempts_left in reversed(range(self._reads)):
+            try:
+                return self._bench.forces.read(READ_TIMEOUT_S)
+            except DeviceTimeout:
+                if not attempts_left:
+                    raise
+        raise AssertionError("unreachable")

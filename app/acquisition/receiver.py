@@ -1,0 +1,248 @@
+"""The camera's side of a run: the fate of every trigger, to the disk without loss and to the
+analysis newest first.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import Any
+
+from numpy.typing import NDArray
+
+from app.acquisition.channels import LatestChannel
+from app.acquisition.ending import Ending, sentence
+from app.acquisition.losses import Losses
+from app.acquisition.recorder_thread import Recorder
+from app.evaluation.history import History
+from app.records.record_types import REVOKED, Event, LostTrigger, ReceivedFrame
+from app.settings.sections import Config, Limits
+from app.system.priority import give_way
+from drivers.errors import DeviceError, DeviceTimeout
+from drivers.protocols import Camera, Frame, LostFrame, TriggerTrain
+
+POLL_S = 0.1
+PAUSE_S = 0.02
+PATIENCE_S = 3.0  # without an answer to a trigger that is past, then the camera is given up
+LEAST_PATIENCE_S = 0.3  # while the stage moves
+JUDGED_FROM = 20  # triggers, the share that was lost
+
+
+class Receiver:
+    """Asks the camera for every trigger's fate, in order, until the last one is accounted for.
+
+    Attributes
+    ----------
+    received, lost : int
+        Triggers answered so far, by a frame and by a named loss.
+    losses : Losses
+        Their names.
+    latest_image : ndarray or None
+        The newest frame's image, not to be written to.
+    latest_sample : int
+        The sample of its trigger.
+    revoked_from : int or None
+        The frame from which on nothing is certain, because the account at the end does not hold.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        train: TriggerTrain,
+        history: History,
+        recorder: Recorder,
+        to_analysis: LatestChannel[Frame],
+        ending: Ending,
+        limits: Limits,
+    ) -> None:
+        self.received = 0
+        self.lost, self.losses = 0, Losses()
+        self.latest_image: NDArray[Any] | None = None
+        self.latest_sample = 0
+        self.revoked_from: int | None = None
+        self._camera = camera
+        self._train = train
+        self._history = history
+        self._recorder = recorder
+        self._to_analysis = to_analysis
+        self._ending = ending
+        self._limits = limits
+        self._answering = threading.Lock()
+        self._asked_at = math.inf  # since then a call of the camera lasts
+        self._is_over = False  # every trigger is accounted for, or the camera was given up
+        self._heard = (0, 0)  # triggers answered and images delivered by the camera
+        self._heard_at = time.monotonic()  # when that changed last
+        self._doubt = ""  # about the trigger of the newest frame
+        self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
+
+    @property
+    def answered(self) -> int:
+        """Triggers whose fate is known."""
+        return self.received + self.lost
+
+    def is_behind(self, *, drives: bool) -> bool:
+        """Whether a trigger that is long past has had no answer yet.
+
+        Raises
+        ------
+        DeviceTimeout
+            Nothing has come from the camera for too long. An image that was delivered, and waits
+            for what tells its trigger, is no silence.
+        """
+        now = time.monotonic()
+        late = 2 * self._train.divisor + self._history.exposure_samples
+        overdue = self._history.end - self._train.sample(self.answered) > late
+        patience_s = PATIENCE_S
+        if drives:
+            # the camera may have fallen silent a period before
+            left_s = self._limits.age - (late + self._train.divisor) / self._history.sample_rate_hz
+            patience_s = min(PATIENCE_S, max(LEAST_PATIENCE_S, left_s))
+        heard = (self.answered, getattr(self._camera, "delivered", 0))
+        if not overdue or self._hands_over or heard != self._heard:
+            self._heard, self._heard_at = heard, now
+        elif now - self._heard_at > patience_s:
+            raise DeviceTimeout(
+                f"{self._camera.name}: no image came for {patience_s:.2g} s, trigger"
+                f" {self.answered} has had no answer; check the trigger line and the camera"
+            )
+        return overdue
+
+    def work(self) -> None:
+        """Receive until the end; then every trigger without an answer is a named loss."""
+        try:
+            if getattr(self._camera, "draws", False):  # a simulated one
+                give_way(5)
+            self._receive()
+        except BaseException as error:  # every trigger has its fate all the same
+            self._ending.call(sentence("camera", error), failed=True)
+        self._history.wait_for_end()
+        self._account()
+        self._close_account()
+
+    def join(self, *threads: threading.Thread) -> None:
+        """Wait for the threads of the camera and of the analysis, after the history has ended; a
+        camera that does not return is given up.
+        """
+        for thread in threads[:1]:
+            while thread.is_alive():
+                thread.join(POLL_S)
+                if not self._hands_over and time.monotonic() - self._asked_at > PATIENCE_S:
+                    self._ending.call(
+                        f"{self._camera.name}: it did not return from a call and was given up;"
+                        " check the camera, its connection and its driver",
+                        failed=True,
+                    )
+                    self._account()
+                    break
+        for thread in threads[1:]:
+            thread.join()
+
+    def _account(self) -> None:
+        """Every trigger without an answer is a named loss, and no answer counts any more."""
+        try:
+            with self._answering:
+                for missing in range(self.answered, self._train.count_before(self._history.end)):
+                    self._deliver(
+                        LostFrame(
+                            missing,
+                            self._train.sample(missing),
+                            f"no image came before the run ended: {self._ending.reason}",
+                        )
+                    )
+                self._is_over = True
+        finally:  # nobody waits for more
+            self._to_analysis.end()
+
+    def _close_account(self) -> None:
+        """Record what the camera's driver says of all triggers, if it does, and from which frame on
+        nothing is certain, if its account does not hold.
+        """
+        balance = getattr(self._camera, "balance", None)
+        if balance is not None and (text := balance()):
+            self._recorder.append(Event(self._history.end, "camera", text))
+        uncertain_from = getattr(self._camera, "uncertain_from", None)
+        if uncertain_from is not None and (first := uncertain_from()) is not None:
+            self.revoked_from = first
+            text = f"{first}: from this frame on nothing is certain, the account does not hold"
+            self._recorder.append(Event(self._history.end, REVOKED, text))
+
+    def _receive(self) -> None:
+        answered_at = time.monotonic()
+        while not self._history.has_ended or self.answered < self._train.count_before(
+            self._history.end
+        ):
+            try:
+                self._asked_at = time.monotonic()
+                answer = self._camera.read(POLL_S)
+                with self._answering:
+                    if self._is_over:
+                        return
+                    self._deliver(answer)
+                answered_at = time.monotonic()
+                self._asked_at = math.inf
+                self._check_losses()
+            except DeviceTimeout:
+                self._asked_at = math.inf
+                if self._history.has_ended:
+                    if time.monotonic() - answered_at > PATIENCE_S:
+                        return
+                    time.sleep(PAUSE_S)  # a camera without a board answers at once
+
+    def _check_losses(self) -> None:
+        share, is_judged = self.lost / self.answered, self.answered >= JUDGED_FROM
+        if is_judged and share > self._limits.lost_frames and not self._ending.is_called.is_set():
+            self._ending.call(
+                f"{self._camera.name}: {self.lost} of {self.answered} triggers have no image,"
+                f" limits.lost_frames is {self._limits.lost_frames:g}; check the camera, its cable"
+                " and its trigger",
+                failed=True,
+            )
+
+    def _deliver(self, answer: Frame | LostFrame) -> None:
+        if isinstance(answer, LostFrame):
+            self.lost += 1
+            self.losses.add(answer.reason)
+            self._recorder.append(
+                LostTrigger(answer.index, answer.sample, answer.reason, _span(answer))
+            )
+            return
+        self.received += 1
+        self.latest_image, self.latest_sample = answer.image, answer.sample
+        self._hands_over = True
+        try:
+            if answer.doubt != self._doubt:
+                self._doubt = answer.doubt
+                text = f"from frame {answer.index} on: {answer.doubt or 'no more doubt'}"
+                self._recorder.append(Event(answer.sample, "camera", text))
+            self._recorder.append(
+                ReceivedFrame(answer.index, answer.sample, answer.image, span=_span(answer))
+            )
+            self._to_analysis.put(answer)
+        finally:
+            self._hands_over = False
+
+
+def _span(answer: Frame | LostFrame) -> tuple[int, int] | None:
+    return None if answer.is_certain else (answer.first, answer.last)
+
+
+def check_camera(camera: Camera, config: Config) -> None:
+    """Refuse images of another kind or size than the settings want.
+
+    Raises
+    ------
+    DeviceError
+    """
+    if camera.dtype != config.camera.dtype:
+        raise DeviceError(
+            f"{camera.name}: {config.camera.pixel_format} was asked, it gives images of"
+            f" {camera.dtype.itemsize * 8} bit;"
+            f" set camera.pixel_format to {'Mono16' if camera.dtype.itemsize == 2 else 'Mono8'}"
+        )
+    if camera.shape != config.camera.shape:
+        rows, columns = camera.shape
+        raise DeviceError(
+            f"{camera.name}: images of {config.camera.width} x {config.camera.height} were asked,"
+            f" it gives {columns} x {rows}; set camera.width and camera.height to that"
+        )

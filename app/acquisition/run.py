@@ -1,0 +1,501 @@
+"""One live run: the threads from the devices to the disk and the analysis, and a stop that comes
+first.
+
+control   reads the force blocks, decides the phases, commands the actuator, watches the limits
+camera    reads every trigger's fate (`receiver`)
+analysis  one pipeline step per frame (`analyst`)
+recorder  everything to the session, by threads of its own (`recorder`)
+
+States: idle -> armed -> running -> stopping -> done | failed. Whatever happens, in whichever
+thread, the actuator is stopped first, what was measured reaches the disk, and the run ends in a
+named state with a reason (`ending`).
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from app.acquisition.analyst import Analyst
+from app.acquisition.channels import LatestChannel
+from app.acquisition.conduct import Conduct
+from app.acquisition.ending import Ending, sentence
+from app.acquisition.intake import BenchDevices, Intake
+from app.acquisition.receiver import Receiver, check_camera
+from app.acquisition.recorder_thread import Recorder, SessionSink
+from app.acquisition.stage import Stage, unsupervised
+from app.acquisition.stops import Stops
+from app.acquisition.watchdog import Watchdog
+from app.evaluation.frame_analysis import FrameAnalysis
+from app.evaluation.quality import Quality
+from app.evaluation.setup import bytes_per_s
+from app.evaluation.watched import Watched, not_begun
+from app.experiment.decisions import Experiment, ExperimentFailed
+from app.experiment.sight import Sight
+from app.records.record_types import SUPERVISOR, Counts, Event, Health, Outcome, Phase
+from app.records.summary import Summary
+from app.settings.sections import Config
+from app.system import logs
+from app.system.stopping import StopAnswer
+from app.system.usage import Usage
+from drivers.errors import DeviceTimeout
+from drivers.protocols import Frame, TriggerTrain
+
+LOG = logging.getLogger(__name__)
+
+START_S = 10.0  # that a device has to start
+PAUSE_S = 0.001  # until the next look at sources that wait
+REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
+# of frames kept for the analysis during the drive: one that takes longer than a frame loses none
+HURRIED_S = 0.6
+FEWEST_QUEUED = 4  # frames that the recorder's queue holds, however short it was asked
+# of frames kept for the analysis before the drive: taking the reference takes longer than a frame
+UNHURRIED_S = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class _Workers:
+    """Who works while the bench does."""
+
+    recorder: Recorder
+    receiver: Receiver
+    analyst: Analyst
+
+
+class Run(Watched):
+    """One loading experiment on one bench, recorded and analysed as it goes.
+
+    Parameters
+    ----------
+    config : Config
+    bench : BenchDevices
+        Opened by the run, closed by the run.
+    create_sink : callable
+        Makes the session, once the bench is open and its camera is as the settings say.
+    pipeline : FrameAnalysis
+        What analyses the frames.
+    pace : float or None
+        Seconds of the board per second; None where the sources wait for us (simulation at full
+        speed): then nothing is skipped and no queue can run full.
+    title : str
+        Name of the bench, for people.
+    output : Path
+        Where the session goes.
+    prepare : callable
+        Done first, before the bench is opened (compilation); it tells what it is at.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        bench: BenchDevices,
+        create_sink: Callable[[], SessionSink],
+        pipeline: FrameAnalysis,
+        *,
+        pace: float | None,
+        title: str,
+        output: Path,
+        prepare: Callable[[Callable[[str], None]], None],
+    ) -> None:
+        super().__init__(config, title, pipeline)
+        self.output = output
+        self._bench = bench
+        self._create_sink = create_sink
+        self._free_running = pace is None
+        self._quality = Quality(config, pace)
+        self._prepare = prepare
+        self._preparing = ""
+        self._train = TriggerTrain(first=0, divisor=config.camera.divisor)
+        self._queue_s = max(
+            config.recording.queue, FEWEST_QUEUED * config.camera.divisor / self.sample_rate_hz
+        )
+        self._experiment = Experiment(config)
+        self._history = self._analysis.history
+        self._ending = Ending(lambda: self._stops.send())  # noqa: PLW0108 - made below
+        self._watchdog = Watchdog(self._ending, config.limits.age, is_direct=pace is None)
+        self._ask = self._watchdog.ask
+        self._stage = Stage(config, bench)
+        self._unsupervised = unsupervised(config)
+        self._stops = Stops(self._stage, self._watchdog)
+        self._intake = Intake(config, bench, self._stage, self._history, self._watchdog, pace=pace)
+        self._unhurried_depth = math.ceil(UNHURRIED_S * config.frame_rate_hz)
+        self._to_analysis: LatestChannel[Frame] = LatestChannel(
+            self._unhurried_depth, sender_waits=self._free_running
+        )
+        self._sight = Sight(config, self._analysis.series.since)
+        self._conduct = Conduct(
+            self._experiment,
+            self._stage,
+            self._intake,
+            self._history,
+            self._ending,
+            self._ask,
+            lambda: bench.forces,
+            self._hurry,
+        )
+        self._workers: _Workers | None = None
+        self._progress = 0.0
+        self._left_s = math.nan, math.nan
+        self._drives = False  # by the clock on the wall
+
+    # ------------------------------------------------------------------ what others may call, from
+    # any thread
+
+    def start(self) -> None:
+        """Open the bench and begin, unless it was stopped before; returns at once."""
+        with self._starting:
+            if self._is_called_off:
+                return
+            if self._state != "idle":
+                raise RuntimeError(
+                    f"run: start was asked, but the run is {self._state}; make a new run"
+                )
+            self._state = "armed"
+        self._thread = self._ending.spawn("control", self._control)
+
+    def request_stop(self, reason: str) -> None:
+        """End the run in good order: the actuator stops now, what was measured is kept, the state
+        is "done". One that has not begun never will.
+        """
+        called_off = self._call_off("run", reason)
+        self._ending.call(called_off.reason if called_off else reason, failed=False)
+        if called_off:
+            self._watchdog.close()
+            self._analysis.close()
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the actuator in the calling thread, then end the run; what the actuator answered."""
+        state = self._state
+        self.request_stop("STOP MOTION was pressed")
+        return self._stops.told("idle" if state == "idle" else self._state)
+
+    def stop_answer(self) -> StopAnswer | None:
+        """What became of the newest stop, whoever called for it, once the position of the stage was
+        read; None where none was sent.
+        """
+        return self._stops.answer
+
+    def answer(self, text: str) -> None:
+        """Answer the question of the step under way."""
+        self._experiment.answer(text)
+
+    def latest_image(self) -> NDArray[Any] | None:
+        """The newest frame's image, not to be written to."""
+        return self._workers.receiver.latest_image if self._workers else None
+
+    def motion(self) -> tuple[int, float, bool]:
+        """Newest sample, travel of the stage (m), and whether it drives: for a supervisor."""
+        drives = self._state in ("running", "stopping") and self._experiment.phase is Phase.DRIVE
+        return self._history.end, self._stage.travel_m, drives
+
+    def health(self) -> Health:
+        """State, counts, queue and disk at this moment."""
+        try:
+            disk_free = shutil.disk_usage(self.output.parent).free
+        except OSError:
+            disk_free = 0
+        under_way = self._state in ("running", "stopping")
+        receiver = self._workers.receiver if self._workers else None
+        age_s, losses = math.nan, [self._intake.losses]
+        if receiver is not None:
+            losses.append(receiver.losses)
+            if receiver.latest_image is not None:
+                age_s = self._intake.age_s(receiver.latest_sample)
+        return Health(
+            state=self._state,
+            reason=self._ending.reason
+            or (self._experiment.advice if under_way else self._preparing),
+            phase=str(self._experiment.phase) if under_way else "",
+            counts=self._count(),
+            queue_fill=self._workers.recorder.fill if self._workers else 0.0,
+            queue_seconds=self._queue_s,
+            disk_free_bytes=disk_free,
+            sample=self._history.end,
+            progress=self._progress,
+            uncertain=len(self._analysis.uncertain),
+            exposures=self._intake.exposures,
+            losses="; ".join(filter(None, map(str, losses))),
+            damage=str(self._analysis.damage),
+            image_age_s=age_s,
+            shed=self._quality.shed,
+            shed_why=self._quality.why,
+            step=self._experiment.text if under_way else "",
+            left_s=self._left_s[0],
+            all_left_s=self._left_s[1],
+            question=self._experiment.question if under_way else "",
+        )
+
+    # ------------------------------------------------------- the life of the run, in its thread
+
+    def _control(self) -> None:
+        try:
+            with logs.beside(self.output):
+                self._live()
+        except BaseException as error:
+            LOG.debug("the run does not end in good order", exc_info=error)
+            self._ending.call(sentence("control", error), failed=True)
+        finally:
+            if not self._ended.is_set():  # whatever happened, somebody waits for the end
+                self._end(Outcome("failed", self._ending.reason, self._count(), None))
+
+    def _live(self) -> None:
+        """From the opening of the bench to the publishing of the outcome."""
+        usage = Usage()
+        sink: SessionSink | None = None
+        LOG.info("run on the %s, session %s", self.title, self.output.name)
+        try:
+            if self._is_made_ready():
+                sink = self._create_sink()
+                self._record_run(sink)
+        except BaseException as error:  # whatever it is, the session is closed
+            LOG.debug("the run can not begin", exc_info=error)
+            self._ending.call(sentence("control", error), failed=True)
+        self._stops.confirm()
+        self._stops.is_connected = False
+        self._wind_down_device("bench", self._bench.close)
+        self._watchdog.close()
+        self._analysis.close()
+        resources = usage.resources(
+            self._workers.recorder.peak_memory_bytes if self._workers else 0
+        )
+        outcome = self._outcome_now(self._summary(), resources)
+        if sink is not None:
+            self._finish(sink, outcome)
+            if sink.receipt is not None:
+                resources["receipt"] = str(sink.receipt)
+            if sink.path != self.output:
+                resources["session"] = str(sink.path)
+        self._ending.close()
+        ended = self._outcome_now(outcome.summary, resources)
+        self._progress = 1.0 if ended.is_complete else self._progress
+        LOG.info("%s; %s; %s", ended.ended_as, ended.counts, resources)
+        self._end(ended)
+
+    def _is_made_ready(self) -> bool:
+        """Prepare, open the bench and see that the drive can be done; False where the run was
+        stopped before: then nothing is started, and nothing written.
+        """
+        steps: list[Callable[[], None]] = [
+            lambda: self._prepare(self._say_preparing),
+            self._open,
+            lambda: check_camera(self._bench.camera, self.config),
+            lambda: self._ask(self._stage.name, self._stage.arm),
+        ]
+        for step in steps:
+            if not self._ending.is_called.is_set():
+                step()
+        if self._ending.is_called.is_set():
+            self._ending.reason = not_begun("run", self._ending.reason)
+            return False
+        return True
+
+    def _open(self) -> None:
+        def work() -> None:
+            self._bench.open()
+            if "bench" in self._watchdog.given_up:  # nobody waits for it any more
+                self._bench.close()
+
+        try:
+            self._ask("bench", work, math.inf)
+            self._stops.is_connected = True
+            if self._unsupervised:
+                LOG.warning("%s", self._unsupervised)
+        except DeviceTimeout:
+            if "bench" not in self._watchdog.given_up or self._ending.failed:
+                raise
+            LOG.warning("the bench did not open before the run was stopped, and was given up")
+
+    def _say_preparing(self, what: str) -> None:
+        LOG.info("%s", what)
+        self._preparing = what
+
+    def _finish(self, sink: SessionSink, outcome: Outcome) -> None:
+        self._ending.attempt("session", lambda: sink.append(outcome))
+        self._ending.attempt("session", sink.close)
+
+    def _summary(self) -> Summary | None:
+        """What the run comes down to; None where no frame was analysed."""
+        try:
+            return self._analysis.summary()
+        except BaseException as error:
+            LOG.debug("there is no summary", exc_info=error)
+            self._ending.call(sentence("summary", error), failed=True)
+            return None
+
+    def _outcome_now(self, summary: Summary | None, resources: dict[str, Any]) -> Outcome:
+        """How the run ends, by the reason that stands at this moment."""
+        state = "failed" if self._ending.failed else "done"
+        return Outcome(state, self._ending.reason, self._count(), summary, resources)
+
+    def _record_run(self, sink: SessionSink) -> None:
+        """From the first sample to the last byte on disk."""
+        recorder = Recorder(
+            sink,
+            self._queue_s,
+            bytes_per_s(self.config),
+            self.config.recording.flush_interval,
+            sender_waits=self._free_running,
+            on_failure=lambda reason: self._ending.call(reason, failed=True),
+        )
+        receiver = Receiver(
+            self._bench.camera,
+            self._train,
+            self._history,
+            recorder,
+            self._to_analysis,
+            self._ending,
+            self.config.limits,
+        )
+        analyst = Analyst(self._analysis, recorder, self._to_analysis, self._quality)
+        self._workers = workers = _Workers(recorder, receiver, analyst)
+        recording: list[threading.Thread] = []
+        others: list[threading.Thread] = []
+        try:
+            for name, work in recorder.works():
+                recording.append(self._ending.spawn(name, work))
+            if self._unsupervised:
+                recorder.append(Event(0, SUPERVISOR, self._unsupervised))
+            self._conduct.carry_out(recorder, 0)
+            for device in (self._bench.camera, self._bench.forces):
+                self._ask(device.name, partial(device.start, self._train), START_S)
+            self._state = "running"
+            others.append(self._ending.spawn("camera", receiver.work))
+            others.append(self._ending.spawn("analysis", analyst.work))
+            self._measure(workers)
+        except BaseException as error:
+            LOG.debug("the measurement can not go on", exc_info=error)
+            self._ending.call(sentence("control", error), failed=True)
+        if len(others) < 2:
+            self._to_analysis.abandon()  # nobody takes what is put there
+        try:
+            self._wind_down(workers, others)
+        finally:
+            self._history.finish()
+            recorder.end()
+            for thread in recording:
+                thread.join()
+
+    def _measure(self, workers: _Workers) -> None:
+        """Read, record, decide, until the experiment or somebody ends it."""
+        while not self._ending.is_called.is_set():
+            measured = self._intake.take(workers.recorder, workers.analyst.reference_taken.is_set())
+            while (
+                workers.receiver.is_behind(drives=self._drives)
+                and self._free_running
+                and not self._ending.is_called.is_set()
+            ):
+                time.sleep(PAUSE_S)  # recorded forces would run ahead of what is analysed
+            if measured is None:
+                continue
+            if self._free_running and self._experiment.looks:
+                self._catch_up(workers)
+            if self._experiment.is_reference_due(measured):
+                measured = replace(measured, has_reference=self._wait_for_reference(workers))
+            try:
+                phase = self._experiment.advance(replace(measured, seen=self._sight.look))
+            except ExperimentFailed:
+                if self._ending.is_called.is_set():
+                    return  # the stage stands because somebody stopped it
+                raise
+            self._progress = self._experiment.progress(measured)
+            self._left_s = self._experiment.left_s(measured)
+            self._conduct.carry_out(workers.recorder, measured.end_sample)
+            if phase is Phase.END:
+                self._ending.call(self._experiment.completed, failed=False)
+
+    def _catch_up(self, workers: _Workers) -> None:
+        """Wait until the frames that have come are analysed: a step looks at what they show."""
+        give_up = time.monotonic() + REFERENCE_WAIT_S
+        while (
+            workers.analyst.is_behind(workers.receiver.received)
+            and not self._ending.is_called.is_set()
+            and time.monotonic() < give_up
+        ):
+            time.sleep(PAUSE_S)
+
+    def _hurry(self) -> None:
+        """Keep fewer frames for the analysis from now on, as the stage is to move."""
+        if not self._free_running:
+            patience_s = min(HURRIED_S, self._quality.patience_s)
+            grace = 2 * self._unhurried_depth if patience_s == HURRIED_S else 0
+            depth = max(1, round(patience_s * self.config.frame_rate_hz))
+            self._to_analysis.narrow(depth, grace=grace)
+        self._watchdog.drives = self._drives = not self._free_running
+
+    def _wait_for_reference(self, workers: _Workers) -> bool:
+        """Whether the reference is in place, after waiting for it as long as nothing is sampled
+        meanwhile, and a frame that has come may become it.
+        """
+        give_up = time.monotonic() + REFERENCE_WAIT_S
+        due = self._train.count_before(self._history.end - self.config.exposure_samples)
+        while not workers.analyst.reference_taken.wait(0.01):
+            is_in_vain = (
+                workers.receiver.answered >= due
+                and not workers.analyst.is_behind(workers.receiver.received)
+                and self._analysis.pipeline.reference_frame is None
+            )
+            if (
+                self._ending.is_called.is_set()
+                or self._ask(self._bench.forces.name, self._bench.forces.backlog)
+                or time.monotonic() > give_up
+                or is_in_vain
+            ):
+                return False
+        self._watchdog.heard(0.0)  # nothing was sampled, so no force has become older meanwhile
+        return True
+
+    # ------------------------------------------------------------------ the end
+
+    def _wind_down(self, workers: _Workers, others: list[threading.Thread]) -> None:
+        """Actuator, last samples and exposure, forces, whether the stage stands, camera, analysis,
+        last events: in this order. A device that was given up is left alone.
+        """
+        attempt = self._ending.attempt
+        self._state = "stopping"
+        self._wind_down_device(self._stage.name, self._stops.send_now)
+        if self._bench.forces.name not in self._watchdog.given_up:
+            read_on, stood = self._intake.read_on, self._conduct.now
+            attempt("forces", lambda: read_on(workers.recorder, stood(), self._train))
+        self._wind_down_device(self._bench.forces.name, self._bench.forces.stop)
+        self._stops.confirm()
+        self._history.finish()
+        workers.receiver.join(*others)
+        self._analysis.revoke(workers.receiver.revoked_from)
+        self._wind_down_device(self._bench.camera.name, self._bench.camera.stop)
+        if self._experiment.phase is not Phase.END:
+            begin, end = self._conduct.begin_phase, self._history.end
+            attempt("recorder", lambda: begin(workers.recorder, Phase.END, end))
+        contact = self.contact()
+        if contact is not None:
+            attempt("recorder", lambda: workers.recorder.append(contact))
+        last = Event(
+            self._history.end, "error" if self._ending.failed else "stop", self._ending.reason
+        )
+        attempt("recorder", lambda: workers.recorder.append(last))
+
+    def _wind_down_device(self, name: str, step: Callable[[], None]) -> None:
+        if name not in self._watchdog.given_up:
+            self._ending.attempt(name, lambda: self._ask(name, step))
+
+    def _count(self) -> Counts:
+        workers = self._workers
+        return Counts(
+            triggers=self._train.count_before(self._history.end),
+            frames_received=workers.receiver.received if workers else 0,
+            frames_recorded=workers.recorder.frames_recorded if workers else 0,
+            frames_lost=(workers.receiver.lost + workers.recorder.frames_refused if workers else 0),
+            frames_analysed=len(self._analysis.series),
+            frames_skipped=self._to_analysis.skipped,
+            samples=self._history.end - self._intake.samples_lost,
+            samples_lost=self._intake.samples_lost,
+        )

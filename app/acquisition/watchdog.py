@@ -1,0 +1,147 @@
+"""Devices that do not return from a call: they are asked in a thread of their own, which is given
+up on, and the stage is stopped as soon as the newest force is too old.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from app.acquisition.ending import Ending
+from drivers.errors import DeviceTimeout
+
+T = TypeVar("T")
+PATIENCE_S = 3.0  # for a device that does not return from a call
+POLL_S = 0.02
+
+
+class _Call:
+    """A call under way in the thread of the devices."""
+
+    def __init__(self, step: Callable[[], Any]) -> None:
+        self.is_over = threading.Event()
+        self.result: Any = None
+        self.error: BaseException | None = None
+        self._step = step
+
+    def run(self) -> None:
+        try:
+            self.result = self._step()
+        except BaseException as error:  # raised in the thread that waits
+            self.error = error
+        self.is_over.set()
+
+
+class Watchdog:
+    """Asks the devices for the thread that decides, and watches how long that takes.
+
+    Parameters
+    ----------
+    ending : Ending
+        Called when the stage moves and no force comes.
+    age_s : float
+        Greatest age of the newest force while the stage moves.
+    is_direct : bool
+        True where the devices wait for us (simulation at full speed): they are asked in the calling
+        thread, and time does not count.
+
+    Attributes
+    ----------
+    asked : str
+        Device that is being asked; set by what asks several in one call.
+    given_up : set of str
+        Devices that did not return; they are not asked again.
+    drives : bool
+        Whether the stage moves.
+    is_direct : bool
+        As it was given.
+    """
+
+    def __init__(self, ending: Ending, age_s: float, *, is_direct: bool) -> None:
+        self.asked = ""
+        self.given_up: set[str] = set()
+        self.drives = False
+        self._ending, self._age_s, self.is_direct = ending, age_s, is_direct
+        self._calls: queue.SimpleQueue[_Call] | None = None
+        self._heard_at = time.monotonic()
+
+    def heard(self, age_s: float) -> float:
+        """Note that forces came, of which the newest is `age_s` old; how old the newest known one
+        had become by then, if that is more.
+        """
+        if self.is_direct:
+            return 0.0
+        before, self._heard_at = self._heard_at, time.monotonic() - age_s
+        return max(age_s, time.monotonic() - before)
+
+    def ask(self, who: str, step: Callable[[], T], patience_s: float = PATIENCE_S) -> T:
+        """What a step with a device returns or raises.
+
+        Raises
+        ------
+        DeviceTimeout
+            The device did not return within `patience_s`, or `PATIENCE_S` after the end of the run
+            was called for, or was given up before.
+        """
+        if self.is_direct:
+            return step()
+        if who in self.given_up:
+            raise self._is_given_up(who)
+        if self._calls is None:
+            self._calls = queue.SimpleQueue()
+            threading.Thread(
+                target=_work, args=(self._calls,), name="slipscope-devices", daemon=True
+            ).start()
+        self.asked, call = who, _Call(step)
+        self._calls.put(call)
+        give_up = time.monotonic() + patience_s
+        while not call.is_over.wait(POLL_S):
+            now = time.monotonic()
+            if self._ending.is_called.is_set():
+                give_up = min(give_up, now + PATIENCE_S)
+            elif self.drives and now - self._heard_at > self._age_s:
+                # another thread, because the stage may be what does not return
+                self._ending.spawn("watchdog", self._bark)
+                self._ending.is_called.wait(PATIENCE_S)
+            if now > give_up:
+                self._calls.put(_Call(_end))  # should it ever return
+                self._calls = None
+                self.given_up.add(self.asked)
+                raise self._is_given_up(self.asked)
+        if call.error is not None:
+            raise call.error
+        result: T = call.result
+        return result
+
+    def close(self) -> None:
+        """Let the thread end."""
+        if self._calls is not None:
+            self._calls.put(_Call(_end))
+
+    def _bark(self) -> None:
+        self._ending.call(
+            f"{self.asked}: it was asked and no force came for {self._age_s:g} s (limits.age) while"
+            " the stage moves; check this device, its connection and what else the computer does",
+            failed=True,
+        )
+
+    def _is_given_up(self, who: str) -> DeviceTimeout:
+        return DeviceTimeout(
+            f"{who}: it did not return from a call and was given up; check the device, its"
+            " connection and its driver"
+        )
+
+
+def _end() -> None:
+    raise SystemExit
+
+
+def _work(calls: queue.SimpleQueue[_Call]) -> None:
+    while True:
+        call = calls.get()
+        call.run()
+        if isinstance(call.error, SystemExit):
+            return

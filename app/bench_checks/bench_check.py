@@ -1,0 +1,324 @@
+"""`slipscope check`: tests a bench device by device, then takes a few seconds of data; moves only
+what it is allowed to.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.options import UNITS, quantity
+from app.acquisition.stage import unsupervised
+from app.bench_checks.bench_move import move
+from app.bench_checks.doctor import Finding, problem
+from app.evaluation.setup import sensor_chain
+from app.settings.protocol_steps import Approach
+from app.settings.sections import Config
+from drivers.bench import Bench
+from drivers.errors import DeviceError, DeviceTimeout
+from drivers.protocols import (
+    Actuator,
+    Camera,
+    ForceSource,
+    Frame,
+    LostFrame,
+    MadeReady,
+    SampleBlock,
+    TriggerTrain,
+)
+
+Device = Actuator | Camera | ForceSource
+
+SECONDS = 2.0  # of data
+HOME_TIMEOUT_S = 120.0
+MAINS_HZ = (50.0, 60.0)
+HUM_SHARE, HUM_MN = (
+    0.5,
+    1.0,
+)  # of the noise, and least rms, of a hum that is told: the paper's noise
+READ_TIMEOUT_S = 3.0
+NOISES = 3  # standard deviations that have to fit in a tolerance
+NEVER_S = 3600.0
+
+
+def unpressed(config: Config) -> Config:
+    """The settings, but that nobody presses the contact of a simulated world: a block that hangs
+    free may move, and its forces are those of the sensors.
+    """
+    return replace(config, sim=replace(config.sim, press_time=NEVER_S))
+
+
+def check(
+    config: Config, make: Callable[[], Bench], *, home: bool, move_um: float
+) -> Iterator[Finding]:
+    """Findings one by one, as they come; the others are checked even if one device fails.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the bench, of settings that are `unpressed`; called again for every further part of
+        the check where time passes once only, as in a simulated world and in a recording.
+    home : bool
+        Whether the stage may search its origin.
+    move_um : float
+        How far the stage may move, and back, if the forces can be watched; 0: not at all.
+    """
+    bench = make()
+    devices: dict[str, Device] = {
+        "actuator": bench.actuator,
+        "camera": bench.camera,
+        "forces": bench.forces,
+    }
+    opened = set()
+    for label, device in devices.items():
+        finding = _attempt(label, _open, device)
+        yield finding
+        if finding.is_fine:
+            opened.add(label)
+    if warning := unsupervised(config):
+        yield problem("supervisor", warning, needed=False)
+    parts: list[Callable[[Bench], Iterator[Finding]]] = []
+    if "actuator" in opened and home:
+        parts.append(partial(_homing, config, has_forces="forces" in opened))
+    if {"actuator", "forces"} <= opened and move_um:
+        parts.append(partial(_moving, config, move_um * UNITS["um"]))
+    if {"camera", "forces"} <= opened:
+        parts.append(partial(_take_data, config))
+    passes_once = bench.world is not None or "replay" in config.sources
+    now, later = (parts[:1], parts[1:]) if passes_once else (parts, [])
+    try:
+        if "actuator" in opened and isinstance(bench.actuator, MadeReady):
+            yield Finding("limits", _limits(config))
+        for part in now:
+            yield from part(bench)
+    finally:
+        for label, device in reversed(devices.items()):
+            closing = _attempt(label, _close, device)
+            if not closing.is_fine:
+                yield closing
+    for part in later:
+        with make() as another:
+            yield from part(another)
+
+
+def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Finding]:
+    """The search of the origin; the time of a simulated bench passes as its forces are read."""
+    if not has_forces:
+        yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05))
+        return
+    bench.forces.start(TriggerTrain(0, config.camera.divisor))
+    try:
+        yield _attempt("home", _home, bench.actuator, partial(bench.forces.read, READ_TIMEOUT_S))
+    finally:
+        bench.forces.stop()
+
+
+def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Finding]:
+    yield _attempt("move", move, config, bench, way_m)
+
+
+def _limits(config: Config) -> str:
+    within = quantity(config.actuator, "travel").replace(", ", " to ")
+    below = quantity(config.actuator, "max_velocity")
+    return f"before it moves, the controller is told to stay within {within} and below {below}"
+
+
+def _attempt(label: str, step: Callable[..., str], *arguments: Any) -> Finding:
+    try:
+        return Finding(label, step(*arguments))
+    except DeviceError as error:
+        return problem(label, str(error), needed=True)
+
+
+def _open(device: Device) -> str:
+    device.open()
+    return f"{device.name}: {device.describe()}"
+
+
+def _close(device: Device) -> str:
+    device.close()
+    return "closed"
+
+
+def _home(actuator: Actuator, wait: Callable[[], object]) -> str:
+    actuator.home()
+    _wait_until_still(actuator, HOME_TIMEOUT_S, wait)
+    return f"the origin was found, the stage is at {actuator.position_m() * 1e3:.4f} mm"
+
+
+def _wait_until_still(actuator: Actuator, timeout_s: float, wait: Callable[[], object]) -> None:
+    give_up = time.monotonic() + timeout_s
+    try:
+        while actuator.is_moving():
+            if time.monotonic() > give_up:
+                raise DeviceTimeout(
+                    f"{actuator.name}: it still moves after {timeout_s:.0f} s; it was stopped,"
+                    " check the stage"
+                )
+            wait()
+    except BaseException:
+        actuator.stop()
+        raise
+
+
+@dataclass
+class _Data:
+    """The data of these seconds."""
+
+    volts: list[NDArray[np.float64]] = field(default_factory=list)
+    lost_samples: int = 0
+    frames: int = 0
+    lost: list[str] = field(default_factory=list)
+    image: NDArray[np.generic] | None = None
+    seconds: float = math.nan
+
+
+def _take_data(config: Config, bench: Bench) -> Iterator[Finding]:
+    """A few seconds of samples and frames, and what they show of the wiring."""
+    train = TriggerTrain(0, config.camera.divisor)
+    samples = max(round(SECONDS * config.forces.sample_rate), 3 * config.camera.divisor)
+    data = _Data()
+    yield _attempt("data", _acquire, bench, train, samples, data)
+    if data.volts:
+        yield from _forces(config, np.concatenate(data.volts), len(data.volts[0]))
+    if data.image is not None:
+        yield _picture(config, data.image)
+
+
+def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> str:
+    bench.camera.start(train)
+    bench.forces.start(train)
+    began, end = time.monotonic(), 0
+    try:
+        while end < samples:
+            block = bench.forces.read(READ_TIMEOUT_S)
+            end = block.end
+            if isinstance(block, SampleBlock):
+                data.volts.append(block.volts)
+            else:
+                data.lost_samples += block.count
+            _collect(bench, data, 0.0)
+        data.seconds = time.monotonic() - began
+        due = train.count_before(end - bench.camera.exposure_samples)
+        while data.frames + len(data.lost) < due and _collect(bench, data, READ_TIMEOUT_S):
+            pass
+    finally:
+        bench.forces.stop()
+        bench.camera.stop()
+    account = (
+        f"{end - data.lost_samples} samples and {data.frames} frames of {due} triggers in"
+        f" {data.seconds:.1f} s"
+    )
+    problems = [f"{data.lost_samples} samples were lost"] if data.lost_samples else []
+    if data.frames < due:
+        problems.append(
+            data.lost[0] if data.lost else "the camera did not answer triggers; check its line"
+        )
+    if problems:
+        raise DeviceError(f"{account}: {'; '.join(problems)}")
+    return account
+
+
+def _collect(bench: Bench, data: _Data, timeout_s: float) -> bool:
+    """Take the answers that the camera has; whether there were any."""
+    found = False
+    while True:
+        try:
+            answer = bench.camera.read(timeout_s)
+        except DeviceTimeout:
+            return found
+        found = True
+        if isinstance(answer, LostFrame):
+            data.lost.append(answer.reason)
+        elif isinstance(answer, Frame):
+            data.frames, data.image = data.frames + 1, answer.image
+        if timeout_s:
+            return True
+
+
+def _forces(config: Config, volts: NDArray[np.float64], block: int) -> Iterator[Finding]:
+    """What the sensors read, and whether a contact could settle in their noise.
+
+    A run takes a contact as settled by the mean of each block, which has to stay within
+    ``run.settle_tolerance`` (P) and ``run.shear_tolerance`` (Q) of the load. Three standard
+    deviations of these means have to fit in there. Recorded forces are what an operator has pressed
+    as well, and are not judged.
+    """
+    newtons, run = sensor_chain(config).forces(volts), config.run
+    whole = len(newtons) // block * block
+    means = newtons[:whole].reshape(-1, block, 2).mean(axis=1).std(axis=0) * 1e3
+    loads = [step.normal_force for step in run.protocol if isinstance(step, Approach)]
+    load = min(loads, default=run.normal_force)
+    tolerances = ("settle_tolerance", "shear_tolerance")
+    is_recorded = config.forces.source == "replay"
+    for i, (label, symbol) in enumerate((("normal sensor", "P"), ("shear sensor", "Q"))):
+        reading, limit = volts[:, i], config.forces.range[i]
+        used = float(np.abs(reading).max()) / limit
+        force, unsteady = newtons[:, i].mean(), newtons[:, i].std() * 1e3
+        text = (
+            f"{reading.mean():+.4f} V, std {reading.std() * 1e3:.2f} mV; {force:+.4f} N, std"
+            f" {unsteady:.2f} mN"
+        )
+        most = getattr(run, tolerances[i]) * load * 1e3 / NOISES
+        mains, hum = max((_hum(newtons[:, i], hz, config) for hz in MAINS_HZ), key=itemgetter(1))
+        if not is_recorded:
+            text += f", of the means of {block} samples {means[i]:.2f} mN (limit {most:.2g} mN)"
+            if math.isfinite(hum):
+                text += f", at {mains:g} Hz {hum * 1e3:.2f} mN rms"
+        advice, is_hum = "", False
+        if used >= 0.98:
+            advice = f"it is at the end of its range of {limit:g} V: check the sensor, or raise"
+            advice += " forces.range"
+        elif np.ptp(reading) == 0:
+            advice = "it does not change by one step of the converter: is anything connected?"
+        elif means[i] > most and not is_recorded:
+            advice = (
+                f"too noisy for a contact of {load:g} N to count as settled: {NOISES} standard"
+                f" deviations are more than run.{tolerances[i]} of it; let the block hang free and"
+                " still, check shields, table and cables, or raise that tolerance"
+            )
+        elif hum > HUM_SHARE * newtons[:, i].std() and hum * 1e3 > HUM_MN and not is_recorded:
+            is_hum = True
+            period = round(config.forces.sample_rate / mains)
+            advice = (
+                f"that is the mains: check shields and grounds; a block of {2 * period} samples"
+                " (forces.block) averages it out, an exposure of one period does in each frame"
+            )
+        yield Finding(label, text, not advice, bool(advice) and not is_hum, advice, symbol)
+
+
+def _hum(newtons: NDArray[np.float64], hz: float, config: Config) -> tuple[float, float]:
+    """A frequency of the mains, and the rms of a force at it; NaN where the samples do not reach
+    it.
+    """
+    rate = config.forces.sample_rate
+    whole = int(len(newtons) * hz / rate) * rate / hz  # of its periods
+    used = newtons[: round(whole)]
+    if rate <= 2 * hz or not len(used):
+        return hz, math.nan
+    turning = np.exp(-2j * math.pi * hz * np.arange(len(used)) / rate)
+    return hz, float(math.sqrt(2.0) * abs(np.mean((used - used.mean()) * turning)))
+
+
+def _picture(config: Config, image: NDArray[np.generic]) -> Finding:
+    grey = image.astype(np.float64)
+    full = config.camera.full_scale
+    bright, dark = float((grey >= full).mean()), float((grey == 0).mean())
+    text = (
+        f"grey levels {grey.mean():.0f} on average, contrast {grey.std():.1f}, {bright:.2%} at full"
+        f" scale, {dark:.2%} at zero"
+    )
+    advice = ""
+    if bright > 0.02:
+        advice = "too bright: shorten camera.exposure, or dim the light"
+    elif grey.std() < config.dic.min_contrast * full / 255:
+        advice = "no contrast to correlate: check light, focus and lens cap"
+    return Finding("picture", text, not advice, False, advice)

@@ -1,0 +1,235 @@
+"""What SlipScope needs of this computer: packages, devices, display, disk, processor."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import walk_packages
+from typing import Any
+
+import analysis
+import app
+
+DISTRIBUTION = "slipscope"
+VENDORS = {  # distribution -> what it drives, and our extra that installs it
+    "grpcio": ("boards behind NI's gRPC device server, and emulated ones", "grpc"),
+    "pypylon": ("Basler cameras", "basler"),
+    "harvesters": ("cameras of other vendors, through their GenTL producers", "gentl"),
+}
+MODULES = {"grpcio": "grpc"}  # where the module has another name
+FINDERS = {
+    "boards": "drivers.daq.ni_daq",
+    "cameras": "drivers.cameras.pylon_camera",
+    "serial ports": "drivers.stages.newport_stage",
+}
+ROOM_FOR_A_RUN = 2 * 1000**3  # bytes; the default experiment takes 0.7 GB
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was checked.
+
+    Attributes
+    ----------
+    label, found : str
+    is_fine : bool
+    needed : bool
+        Whether a run is impossible without it.
+    advice : str
+        What to do if it is not fine.
+    symbol : str
+    """
+
+    label: str
+    found: str
+    is_fine: bool = True
+    needed: bool = False
+    advice: str = ""
+    symbol: str = ""
+
+    @property
+    def value(self) -> str:
+        """The finding as one line."""
+        return f"{self.found}; {self.advice}" if self.advice else self.found
+
+
+def problem(label: str, found: str, advice: str = "", *, needed: bool = False) -> Finding:
+    """A finding that is not fine."""
+    return Finding(label, found, False, needed, advice)
+
+
+def packages() -> list[Finding]:
+    """Every package that SlipScope is installed with, and its version."""
+    try:
+        requirements = metadata.requires(DISTRIBUTION) or []
+    except metadata.PackageNotFoundError:
+        advice = "in its folder, run: pip install -e ."
+        return [problem(DISTRIBUTION, "not installed", advice, needed=True)]
+    found = [Finding(DISTRIBUTION, metadata.version(DISTRIBUTION))]
+    needed = {
+        re.split(r"[^\w.-]", text, maxsplit=1)[0]: text
+        for text in requirements
+        if "extra ==" not in text
+    }
+    for name, requirement in needed.items():
+        try:
+            found.append(Finding(name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            found.append(problem(name, "missing", f'pip install "{requirement}"', needed=True))
+    return found
+
+
+def modules() -> Finding:
+    """Whether what a run, a replay and an analysis consist of can be imported with these packages;
+    the window is another matter, see `display`.
+    """
+    parts = [
+        module.name
+        for package in (app, analysis)
+        for module in walk_packages(package.__path__, f"{package.__name__}.")
+        if not module.name.startswith("app.gui") and not module.name.endswith("__main__")
+    ]
+    for name in parts:
+        try:
+            import_module(name)
+        except Exception as error:  # whatever another package's release brings
+            kind = type(error).__name__
+            return problem(
+                "modules",
+                f"{name} can not be imported: {kind}: {error}",
+                "reinstall SlipScope with the packages that it names",
+                needed=True,
+            )
+    return Finding("modules", f"{len(parts)} can be imported")
+
+
+def vendor_packages() -> list[Finding]:
+    """The vendors' own packages; none is needed for the simulated bench."""
+    findings = []
+    for name, (what, extra) in VENDORS.items():
+        if find_spec(MODULES.get(name, name)) is not None:
+            findings.append(Finding(name, f"{metadata.version(name)}, for {what}"))
+        else:
+            advice = (
+                f"in the folder of SlipScope: pip install '.[{extra}]', and the vendor's driver"
+            )
+            findings.append(problem(name, f"not installed, needed only for {what}", advice))
+    return findings
+
+
+def display() -> Finding:
+    """Whether a window can be opened, checked without Qt."""
+    from app.gui.display import display_problem
+
+    reason = display_problem()
+    if reason is None:
+        return Finding("display", "a window can be opened")
+    return problem("display", reason)
+
+
+def devices() -> list[Finding]:
+    """The possible values of `source` in the settings, by kind of device."""
+    from drivers.sources import DRIVERS, offered
+
+    return [Finding(kind, ", ".join([*own, *offered(kind)])) for kind, own in DRIVERS.items()]
+
+
+def found_by(module: str, *arguments: Any) -> list[Finding]:
+    """The devices that a driver finds on this computer, each with the name to write in the
+    settings; or why it can not search.
+    """
+    from drivers.errors import DeviceError
+
+    try:
+        found = import_module(module).find(*arguments)
+    except DeviceError as error:
+        return [problem("none", str(error))]
+    return [Finding(device.device, device.description) for device in found] or [
+        Finding("none", "no device was found")
+    ]
+
+
+def connected() -> list[Finding]:
+    """The devices that are connected to this computer; nothing is opened for longer than it takes
+    to read a name, and nothing moves.
+    """
+    return [
+        Finding(kind, f"{f.label}: {f.value}", f.is_fine)
+        for kind, module in FINDERS.items()
+        for f in found_by(module)
+    ]
+
+
+def computer() -> list[Finding]:
+    """Processor, memory, and disk."""
+    import psutil
+
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
+    enough = Finding("cores", f"{cores}")
+    memory = Finding("memory", f"{psutil.virtual_memory().total / 2**30:.1f} GiB")
+    return [
+        enough if cores >= 2 else problem("cores", "1", "a run at pace 1 needs two"),
+        memory,
+        disk(),
+    ]
+
+
+def disk() -> Finding:
+    """Room on the disk of the current folder."""
+    try:
+        free = shutil.disk_usage(Path.cwd()).free
+    except OSError as error:
+        found, advice = f"not readable: {error.strerror}", "change to a folder that exists"
+        return problem("disk", found, advice, needed=True)
+    found = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
+    if free >= ROOM_FOR_A_RUN:
+        return Finding("disk", found)
+    return problem("disk", found, "the default experiment takes about 0.7 GB")
+
+
+def kernel_cache() -> Finding:
+    """Where compiled code is kept between starts, and whether it can be kept there."""
+    from analysis import kernels
+
+    folder = kernels.place()
+    if not folder or kernels.told:
+        found = f"kept in {folder} for now" if folder else "can be kept nowhere"
+        return problem(
+            "compiled code", found, "set NUMBA_CACHE_DIR to a folder that can be written"
+        )
+    functions = sum(1 for _ in Path(folder).rglob("*.nbi"))
+    if not functions:
+        return Finding("compiled code", f"none yet in {folder}; the first start compiles")
+    return Finding("compiled code", f"{functions} functions kept in {folder}")
+
+
+def examine() -> dict[str, list[Finding]]:
+    """All findings, by heading."""
+    build = f"({platform.python_implementation()}, {platform.machine()})"
+    python = Finding("python", f"{platform.python_version()} {build}")
+    return {
+        "program": [python, Finding("platform", platform.platform()), *packages(), modules()],
+        "sources of devices": devices(),
+        "vendors' packages": vendor_packages(),
+        "connected devices": connected(),
+        "computer": [*computer(), display(), kernel_cache()],
+    }
+
+
+def as_data(finding: Finding) -> dict[str, Any]:
+    """A finding as plain data, for JSON."""
+    return {
+        "name": finding.label,
+        "found": finding.found,
+        "is_fine": finding.is_fine,
+        "needed": finding.needed,
+        "advice": finding.advice,
+    }

@@ -1,0 +1,147 @@
+"""`slipscope analyze` and `sweep`: many sessions, each by itself, and what they have in common."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from analysis.settings import PRESETS
+from app.cli.terminal import (
+    DONE,
+    FAILED,
+    Bar,
+    output,
+    print_json,
+    print_rows,
+    print_table,
+    say,
+)
+from app.records.quantities import joint_quantities, summary_quantities
+from app.report.summary_rows import plain
+from app.study.across_runs import Reduced
+from app.study.analysis_plan import RECORDED, Plan, planned
+from app.study.analyzing import Analysed, AnalysisFailed
+from app.study.analyzing import analyze as analyzed
+from app.study.sweep import swept
+from app.system.errors import UserError
+
+SHOWN = 40  # runs in the table
+MEMORY_BYTES = 700 << 20  # of a process that analyses
+TABLES = (("a", "Q_s", "mu_s", "mu_d"), ("mu", "L", "E"))
+
+
+def analyze(
+    sessions: Sequence[Path],
+    results: Path,
+    *,
+    preset: str,
+    overrides: Sequence[str],
+    jobs: int,
+    scheduler: str,
+    overwrite: bool,
+    as_json: bool,
+) -> int:
+    """Analyse sessions, write and print; the exit code."""
+    _check_preset(preset)
+    plan = planned(sessions, results, preset=preset, overrides=overrides, overwrite=overwrite)
+    return _done(plan, jobs, scheduler, overwrite=overwrite, as_json=as_json)
+
+
+def sweep(
+    bench: Path | None,
+    over: Sequence[str],
+    results: Path,
+    *,
+    preset: str,
+    overrides: Sequence[str],
+    jobs: int,
+    scheduler: str,
+    overwrite: bool,
+    as_json: bool,
+) -> int:
+    """Run and analyse a grid of simulated worlds, write and print; the exit code."""
+    _check_preset(preset)
+    plan = swept(bench, over, results, preset=preset, overrides=overrides, overwrite=overwrite)
+    return _done(plan, jobs, scheduler, overwrite=overwrite, as_json=as_json)
+
+
+def _check_preset(preset: str) -> None:
+    if preset not in (known := (*PRESETS, RECORDED)):
+        raise UserError(f"--preset {preset}: it is not known; use one of {', '.join(known)}")
+
+
+def _done(plan: Plan, jobs: int, scheduler: str, *, overwrite: bool, as_json: bool) -> int:
+    for note in plan.notes:
+        say(f"note: {note}")
+    try:
+        with Bar("analysing", quiet=as_json) as bar:
+            found = analyzed(
+                plan,
+                jobs=jobs or most_jobs(len(plan.tasks)),
+                scheduler=scheduler,
+                overwrite=overwrite,
+                on_progress=bar.show,
+            )
+    except KeyboardInterrupt:
+        say(f"Ctrl-C: left before the end; {plan.output}: the same command goes on from there")
+        return FAILED
+    except AnalysisFailed as error:
+        if as_json:
+            print_json({"error": str(error)})
+        else:
+            say(str(error))
+        return FAILED
+    if as_json:
+        print_json(data_of(plan, found))
+    else:
+        _print(plan, found)
+    return DONE
+
+
+def most_jobs(sessions: int) -> int:
+    """As many sessions at a time as processors and memory allow."""
+    by_memory = int(psutil.virtual_memory().available) // MEMORY_BYTES
+    return max(1, min(sessions, os.cpu_count() or 1, by_memory))
+
+
+def data_of(plan: Plan, found: Analysed) -> dict[str, Any]:
+    """The results as JSON, SI units in the keys."""
+    return {
+        "results": str(plan.output),
+        "runs": [
+            {"session": run.origin.session, "state": run.origin.state} | plain(run.summary)
+            for run in found.runs
+        ],
+        "joint": plain(found.joint),
+        "made_with": plan.made_with,
+    }
+
+
+def _print(plan: Plan, found: Analysed) -> None:
+    for symbols in TABLES:
+        _print_runs(found.runs[:SHOWN], symbols, "point" if plan.is_sweep else "session")
+        output().print()
+    if len(found.runs) > SHOWN:
+        output().print(f"... and {len(found.runs) - SHOWN} more runs")
+    output().print("value ± uncertainty, by noise and by what the operator gives together")
+    output().print()
+    if not plan.is_sweep:
+        together = joint_quantities(found.joint)
+        print_rows("All runs together", [(one.name, one.symbol, str(one)) for one in together])
+    for note in found.joint.notes:
+        output().print(f"note: {note}")
+    output().print(f"results: {plan.output}")
+
+
+def _print_runs(runs: Sequence[Reduced], symbols: Sequence[str], what: str) -> None:
+    """Some quantities of each run, which is a session or a point of a sweep."""
+    rows = []
+    for run in runs:
+        held = {one.symbol: one for one in summary_quantities(run.summary)}
+        name = run.origin.note if what == "point" else run.origin.session
+        rows.append([held["P"].rounded[0], *(str(held[symbol]) for symbol in symbols), name])
+    print_table(["P (N)", *symbols, what], rows, texts=(what,), numbers="left")

@@ -1,0 +1,320 @@
+"""`slipscope campaign`: runs of one bench, one after the other, and how far they are."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from app.campaigns.page import PAGE, Progress, check_page, table, write_page
+from app.campaigns.plan import Campaign, PlannedRun, chosen, natures_of, planned
+from app.campaigns.state import Found, State, alone_in, copied, found_of, keep
+from app.cli.end_of_run import draw
+from app.cli.names import parse_pace
+from app.cli.run_and_replay import Made, conducted, made_attached, made_run, window_problem
+from app.cli.terminal import DONE, FAILED, TYPED, Bar, output, print_json, print_table, say
+from app.gui.campaign_lines import duration
+from app.runs.live import check_run, expected_bytes, expected_seconds, make_bench
+from app.session.files import check_new_session, picture_of
+from app.settings.sections import Config
+from app.system.disk import free_bytes
+from app.system.errors import UserError
+from drivers.errors import DeviceError
+
+REPEAT, SKIP, LEAVE, GO = "r", "s", "q", ""
+BEGIN = {GO: "lift the block, then begin", SKIP: "skip it", LEAVE: "leave"}
+FAILURE = {GO: "go on with the next", REPEAT: "repeat it", LEAVE: "leave"}
+TOLD = ("run.normal_force", "run.velocity", "about.sample", "about.note", "sim.seed")
+
+
+def campaign(
+    file: Path,
+    folder: Path | None,
+    headless: bool,
+    pace: str,
+    overrides: Sequence[str],
+    only: Sequence[str],
+    *,
+    retry: bool,
+    checks_only: bool,
+    as_json: bool,
+) -> int:
+    """Run what of a campaign is not done yet; the exit code."""
+    plan, speed = planned(file, folder, overrides), parse_pace(pace)
+    wanted = chosen(plan, only)
+    problem = window_problem(headless)
+    with alone_in(plan.folder):
+        work = _Work(plan, speed, problem, as_json)
+        work.look()
+        due = work.due(wanted, retry)
+        with Bar("checking", quiet=as_json) as bar:
+            _check(work, due, bar)
+        if not checks_only:
+            if copied(plan):
+                say(
+                    f"{file} has changed since {plan.folder} was begun: {work.progress().done} of"
+                    " its runs are done as it says now"
+                )
+            if problem and not as_json:
+                say(f"{problem} (going on without a window)")
+                work.problem = ""
+            work.draw_missing(wanted)
+            work.go_through(due)
+        return _told(work, wanted, checks_only)
+
+
+class _Work:
+    """A campaign on its way."""
+
+    def __init__(
+        self, plan: Campaign, pace: float | None, problem: str | None, as_json: bool
+    ) -> None:
+        self.plan, self.pace, self.problem, self.as_json = plan, pace, problem, as_json
+        self.found: dict[int, Found] = {}
+        self._due: list[PlannedRun] = []
+        self._spent_s = self._expected_s = 0.0  # of the runs done by now
+        self._signal = ""  # that told the program to end
+
+    def look(self) -> None:
+        """See what is done."""
+        self.found = {run.number: found_of(run) for run in self.plan.runs}
+
+    def due(self, wanted: Sequence[PlannedRun], retry: bool) -> list[PlannedRun]:
+        """The runs that are to be done; failed ones only where they are to be tried again."""
+        settled = (State.DONE,) if retry else (State.DONE, State.FAILED)
+        return [run for run in wanted if self.found[run.number].state not in settled]
+
+    def draw_missing(self, wanted: Sequence[PlannedRun]) -> None:
+        """Draw the pictures of runs that are done but were left, by a kill, without one."""
+        for run in wanted:
+            is_done = self.found[run.number].state is State.DONE
+            if is_done and not picture_of(run.session).exists():
+                draw(run.session, self.as_json)
+
+    def progress(self) -> Progress:
+        """How far it is."""
+        return Progress(self.plan, self.found, self._left() if self._due else "")
+
+    def go_through(self, due: Sequence[PlannedRun]) -> None:
+        """Do these runs; until the operator leaves, or one is stopped."""
+        self._due = list(due)
+        try:
+            while self._due and self._is_passed(self._due[0]):
+                self._due.pop(0)
+        finally:
+            self._due.clear()
+            self._write_page()
+
+    def _is_passed(self, run: PlannedRun) -> bool:
+        """Do a run, again if the operator says so; whether the campaign goes on behind it."""
+        begins = self.found[run.number].state is not State.RUNNING
+        asks, answer = self.plan.pauses, GO
+        if asks and begins:
+            answer = self._ask(f"next, {orders(self.plan, run)}", BEGIN)
+        while answer in (GO, REPEAT):
+            found = self._do(run)
+            if found.state is State.STOPPED:
+                say(f"{run.name}: {found.reason}; the same command goes on with this run")
+                return False
+            if self._signal and len(self._due) > 1:  # it came when the run was over
+                say(f"{self._signal} after {run.name}; the same command goes on with the next run")
+                return False
+            if found.state is State.DONE or not asks:
+                return True
+            answer = self._ask(f"{run.name} has failed", FAILURE)
+            answer = SKIP if answer == GO else answer
+        return answer != LEAVE
+
+    def _do(self, run: PlannedRun) -> Found:
+        """Do a run; what has become of it."""
+        number, before = run.number, self.found[run.number]
+        if before.state is State.RUNNING:
+            before = self.found[number] = found_of(run)  # it may have ended meanwhile
+        if before.state is State.DONE:
+            return before
+        if before.is_there and (kept := keep(run.session)):
+            say(f"{run.name}: {before.reason}; what there is of it is now {kept}")
+        if not self.as_json:
+            say(f"{orders(self.plan, run)}; {self.progress().sentence()}")
+        self.found[number] = Found(State.RUNNING)
+        self._write_page()
+        began = time.monotonic()
+        try:
+            ended = self._ended(run, before)
+        except BaseException:
+            self.found[number] = Found(State.STOPPED, "the campaign was left")
+            raise
+        self.found[number] = ended
+        if ended.state is State.DONE:
+            self._spent_s += time.monotonic() - began
+            self._expected_s += expected_seconds(run.config)
+        elif ended.state is not State.STOPPED:
+            say(f"{run.name}: {ended.reason}")
+        return ended
+
+    def _ended(self, run: PlannedRun, before: Found) -> Found:
+        """Let a run take its course; what its session says then or, where there is none, how it
+        ended.
+        """
+        made: list[Made] = []
+
+        def make() -> Made:
+            if before.state is State.RUNNING:
+                made.append(made_attached(str(run.session.resolve()), as_json=True))
+                made[0].source.stays = False  # to leave the campaign is to stop its run
+            else:
+                made.append(made_run(run.config, run.session, self.pace, False, as_json=True))
+            return made[0]
+
+        try:
+            ended = conducted(make, self.problem, autostart=True, as_json=self.as_json, closes=True)
+        except DeviceError as error:
+            return Found(State.FAILED, str(error))
+        self._signal = ended.signal
+        found, outcome = found_of(run), made[0].source.outcome()
+        if found.state is not State.WAITING:
+            return found
+        if outcome is None or outcome.state != "failed":
+            return Found(State.STOPPED, outcome.reason if outcome else "the window was closed")
+        return Found(State.FAILED, outcome.reason)
+
+    def _left(self) -> str:
+        """How much time is left, in words."""
+        seconds = sum(expected_seconds(run.config) for run in self._due)
+        if self._expected_s:
+            seconds *= self._spent_s / self._expected_s
+        elif self.pace is None:
+            return "the time left is told after the first"
+        else:
+            seconds /= self.pace
+        asks = " and the operator's time" if self.plan.pauses else ""
+        return f"about {duration(seconds)}{asks} left"
+
+    def _ask(self, what: str, keys: dict[str, str]) -> str:
+        """Which of the keys the operator presses."""
+        choice = "; ".join(f"{key or 'Enter'}: {meaning}" for key, meaning in keys.items())
+        say(f"{what}. {choice}")
+        if sys.stdin is not None and sys.stdin.isatty():
+            TYPED.take()  # what was typed before is no answer
+        while line := TYPED.wait():
+            answer = line.strip().lower()[:1]
+            if answer in keys:
+                return answer
+            say(f"'{line.strip()[:20]}' is none of these: {choice}")
+        say("nobody answers: the standard input is at its end")
+        return LEAVE
+
+    def _write_page(self) -> None:
+        try:
+            write_page(self.progress())
+        except (UserError, OSError) as error:
+            say(f"no page: {error}")
+
+
+def orders(plan: Campaign, run: PlannedRun) -> str:
+    """What is to be done at the bench for a run, and what is another than in the one before."""
+    config, others = run.config, plan.runs
+    former = others[max(run.number - 2, 0)]
+    before = former.config
+    told = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
+    told += [
+        f"{key} = {value}"
+        for key, value in run.varied.items()
+        if key not in TOLD and value != former.varied.get(key)
+    ]
+    if config.about.sample:
+        verb = "mount " if config.about.sample != before.about.sample else ""
+        told.insert(0, f"{verb}sample {config.about.sample}")
+    if config.about.note != before.about.note:
+        told.append(config.about.note)
+    return f"run {run.number} of {len(others)}, {run.name}: {'; '.join(told)}"
+
+
+# ---------------------------------------------------------------------- before anything moves
+
+
+def _check(work: _Work, due: Sequence[PlannedRun], bar: Bar) -> None:
+    """Refuse, before anything moves, runs that can not be done; and say what they take."""
+    plan = work.plan
+    check_page(plan.folder)
+    known: list[Config] = []
+    for n, run in enumerate(due):
+        bar.show(f"checking run {run.number}", n / len(due))
+        state = work.found[run.number].state
+        try:
+            if state is State.WAITING:
+                check_new_session(run.session, overwrite=False)
+            if state is not State.RUNNING:
+                check_run(run.config, run.session, work.pace, state is not State.WAITING)
+            if natures_of(run.config) == {"simulated"} and not _is_like(run.config, known):
+                make_bench(run.config, work.pace)
+                known.append(run.config)
+        except (UserError, DeviceError) as error:
+            raise UserError(f"{plan.file.name}, run {run.number}: {error}") from None
+    needed, free = sum(expected_bytes(run.config) for run in due), free_bytes(plan.folder / PAGE)
+    if needed > free:
+        raise UserError(
+            f"{plan.folder}: the {len(due)} runs need about {needed / 1e9:.1f} GB, the disk has"
+            f" {free / 1e9:.1f} GB free; make room, or begin with some of them by --only"
+        )
+    if not work.as_json:
+        each = max((expected_bytes(run.config) for run in due), default=0)
+        seconds = sum(expected_seconds(run.config) for run in due)
+        pace = f" at pace {work.pace:g}" if work.pace else " of the experiment's time"
+        say(
+            f"{plan.name}: {len(plan.runs)} runs, {len(due)} to do: {needed / 1e9:.2f} GB in"
+            f" {plan.folder} (the largest {each / 1e9:.2f} GB; {free / 1e9:.0f} GB are free), about"
+            f" {duration(seconds / (work.pace or 1))}{pace}"
+        )
+
+
+def _is_like(config: Config, known: Sequence[Config]) -> bool:
+    """Whether the world of one of these is made as that of `config`."""
+    return any(
+        (c.sim, c.sample, c.forces, c.camera, c.run.normal_force)
+        == (config.sim, config.sample, config.forces, config.camera, config.run.normal_force)
+        for c in known
+    )
+
+
+# ---------------------------------------------------------------------- in the end
+
+
+def _told(work: _Work, wanted: Sequence[PlannedRun], checks_only: bool) -> int:
+    """Print how far the campaign is; the exit code."""
+    progress = work.progress()
+    states = [work.found[run.number].state for run in wanted]
+    page = None if checks_only else work.plan.folder / PAGE
+    if work.as_json:
+        print_json(_data(progress, page))
+    else:
+        headings, rows = table(progress)
+        print_table(headings, rows, texts=("", "session", "state", "about.sample"))
+        output().print(progress.sentence())
+        if page:
+            output().print(f"page: {page}")
+        if (count := states.count(State.FAILED)) and not checks_only:
+            say(f"{count} failed; --retry does them again, and keeps what there is of them")
+    is_done = all(state is State.DONE for state in states)
+    return DONE if is_done or checks_only else FAILED
+
+
+def _data(progress: Progress, page: Path | None) -> dict[str, Any]:
+    from app.report.summary_rows import plain
+
+    runs = [
+        {
+            "number": run.number,
+            "session": run.session,
+            "settings": run.varied,
+            "state": progress.found[run.number].state,
+            "reason": progress.found[run.number].reason,
+            "summary": progress.found[run.number].summary,
+        }
+        for run in progress.campaign.runs
+    ]
+    about = {"campaign": progress.campaign.name, "folder": progress.campaign.folder, "page": page}
+    data: dict[str, Any] = plain({**about, "runs": runs})
+    return data

@@ -1,0 +1,178 @@
+"""`slipscope check-driver`: tries a driver of somebody's own against every contract of its kind."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from functools import partial
+from typing import Any
+
+from app.bench_checks.doctor import Finding, as_data, problem
+from app.cli.terminal import DONE, FAILED, output, print_json
+from app.processes.dying_move import MOVES
+from app.processes.starting import hello_of, started
+from app.runs.live import make_bench
+from app.settings.config import load
+from app.settings.sections import Config
+from app.system.errors import UserError
+from drivers.clock import SampleClock
+from drivers.contracts import (
+    CONTRACTS,
+    TRAIN,
+    BrokenContract,
+    Contract,
+    NotTried,
+    WrongScale,
+    cut_line,
+)
+from drivers.errors import DeviceError
+from drivers.sources import Driver, driver
+
+READ_TIMEOUT_S = 5.0
+METHODS = {"actuator": "move_to", "forces": "backlog", "camera": "read"}  # the first that is there
+
+
+def check_driver(
+    source: str,
+    overrides: Sequence[str],
+    *,
+    move: bool,
+    as_json: bool,
+    pass_time: Callable[[float], None] = time.sleep,
+) -> int:
+    """Print one line for each contract; the exit code, 1 if one is broken.
+
+    Raises
+    ------
+    UserError
+        The source names no driver whose device could be tried by itself.
+    """
+    kind = kind_of(source)
+    config = load(None, [f"{kind}.source={source}", *overrides])
+    findings: list[Finding] = []
+    for finding in check(kind, config, move=move, pass_time=pass_time):
+        findings.append(finding)
+        if not as_json:
+            word = "ok    " if finding.is_fine else "BROKEN" if finding.needed else "left  "
+            output().print(f"{word} {finding.label}{': ' * bool(finding.found)}{finding.value}")
+    broken = sum(finding.needed and not finding.is_fine for finding in findings)
+    left = sum(not finding.needed for finding in findings)
+    if as_json:
+        contracts = [as_data(finding) for finding in findings]
+        print_json({"kind": kind, "keeps_all": not (broken or left), "contracts": contracts})
+    else:
+        text = f"{source}: of {len(findings)} contracts of the {kind}, {broken} are broken"
+        output().print(text + f", {left} were not tried" * bool(left))
+    return FAILED if broken else DONE
+
+
+def kind_of(source: str) -> str:
+    """The kind of device that a class ``package.module:Class`` drives, by its methods.
+
+    Raises
+    ------
+    UserError
+        It is none.
+    """
+    if ":" not in source:
+        raise UserError(f"check-driver: '{source}' is no class; give it as package.module:Class")
+    made = Driver("check-driver", source).made
+    for kind, method in METHODS.items():
+        if hasattr(made, method):
+            return kind
+    raise UserError(
+        f"check-driver: '{source}' has none of the methods {', '.join(METHODS.values())}, so that"
+        " it is no driver; see drivers/protocols.py"
+    )
+
+
+def check(
+    kind: str,
+    config: Config,
+    *,
+    move: bool,
+    pass_time: Callable[[float], None],
+    only: Sequence[str] = (),
+) -> Iterator[Finding]:
+    """A finding for each contract of the kind, or for those that are named, as they are tried, each
+    with a device of its own.
+    """
+    source = getattr(config, kind).source
+    if (nature := driver(kind, source).nature) != "real":
+        raise UserError(
+            f"check-driver: '{source}' is {nature}, which can not be tried by itself; give the"
+            " driver of a device"
+        )
+    must_not = "" if move else "the stage would move by up to 1 mm both ways; allow it with --move"
+    for contract in CONTRACTS[kind]:
+        if only and str(contract) not in only:
+            continue
+        if contract.moves and must_not:
+            yield Finding(str(contract), f"not tried, {must_not}", False)
+            continue
+        means = {"pass_time": pass_time, "may_move": partial(bool, not must_not)}
+        try:
+            yield _finding(contract, config, means)
+        except WrongScale as error:
+            yield problem(str(contract), str(error), needed=True)
+            must_not = must_not or f"{contract} is broken; mend that first"
+
+
+def _finding(contract: Contract, config: Config, means: dict[str, Any]) -> Finding:
+    with ExitStack() as stack:
+        try:
+            device, more = _made(contract.kind, config, stack)
+            stack.callback(_let_go, device)
+            contract.check(device, **means, **more)
+        except WrongScale:
+            raise
+        except NotTried as error:
+            return Finding(str(contract), f"not tried: {error}", False)
+        except (BrokenContract, DeviceError) as error:
+            return problem(str(contract), str(error), needed=True)
+        except Exception as error:  # of a driver that is being written
+            what = f"{type(error).__name__}: {error}; a driver raises DeviceError only"
+            return problem(str(contract), what, needed=True)
+    return Finding(str(contract), "", needed=True)
+
+
+def _made(kind: str, config: Config, stack: ExitStack) -> tuple[Any, dict[str, Any]]:
+    """A new device, and the clock that a camera sees: that of the bench's forces."""
+    if kind != "camera":
+        settings = getattr(config, kind)
+        clock = SampleClock(float(config.forces.sample_rate))
+        device = driver(kind, settings.source).made(settings, clock)
+        return device, {"cut": lambda: cut_line(device), "dying_move": partial(_dying_move, config)}
+    bench = make_bench(config, 1.0)
+    stack.callback(_let_go, bench.forces)
+    passed = 0
+
+    def run_until(sample: int) -> None:
+        nonlocal passed
+        if not passed:
+            bench.forces.open()
+            bench.forces.start(TRAIN)
+        while passed < sample:
+            passed = bench.forces.read(READ_TIMEOUT_S).end
+
+    return bench.camera, {"run_until": run_until, "end_clock": bench.forces.stop}
+
+
+def _dying_move(config: Config, target_m: float, velocity_m_s: float) -> None:
+    """Send the stage off from another process, and kill that while it moves."""
+    process = started("app.processes.dying_move", (config, target_m, velocity_m_s))
+    try:
+        if (hello := hello_of(process)) != MOVES:
+            raise BrokenContract(f"in a process of its own, {hello}")
+    finally:
+        process.kill()
+        process.wait()
+        for pipe in filter(None, (process.stdin, process.stdout)):
+            with suppress(OSError):
+                pipe.close()
+
+
+def _let_go(device: Any) -> None:
+    with suppress(Exception):  # what is wrong with it has been found
+        device.close()

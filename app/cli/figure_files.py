@@ -1,0 +1,128 @@
+"""`slipscope figures`: the figures of the paper, numbers and a report from a file of results."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from app.cli.terminal import DONE, Bar, output, print_json
+from app.records.study_results import Results
+from app.report.document import Picture, as_html, as_markdown, blocks
+from app.report.findings import findings
+from app.report.paper.collection import FIGURES, draw, stem
+from app.report.paper.runs import experiments
+from app.report.paper.style import FORMATS, NotDrawn, picture, write_table
+from app.report.practice import practice_rows
+from app.report.summary_json import summary_data
+from app.system.errors import UserError
+from app.system.outputs import check_output_folder, new_folder
+
+
+def figures(
+    path: Path,
+    folder: Path,
+    words: Sequence[str],
+    only: Sequence[str],
+    formats: Sequence[str],
+    *,
+    overwrite: bool,
+    as_json: bool,
+) -> int:
+    """Draw, write and tell; the exit code."""
+    names, kinds = _chosen(words, only, formats)
+    check_output_folder(folder, overwrite)
+    from app.session.results import read_results
+
+    results = read_results(path)
+    _check(results, path)
+    with (
+        new_folder(folder, overwrite, _written(names)) as unfinished,
+        Bar("drawing", quiet=as_json) as bar,
+    ):
+        data = write(results, unfinished, names, kinds, bar.show)
+    if as_json:
+        print_json(data)
+        return DONE
+    told, drawn = output(), 0
+    for name, one in data["figures"].items():
+        if "left_out" in one:
+            told.print(f"left out: figure {name}, {one['left_out']}")
+        drawn += "left_out" not in one
+    told.print(f"written: {folder}: {drawn} figures, summary.json, report.html, report.md")
+    return DONE
+
+
+def _chosen(
+    words: Sequence[str], only: Sequence[str], formats: Sequence[str]
+) -> tuple[list[str], list[str]]:
+    """Names of figures in their order, and formats; words behind an option go with it."""
+    kinds = list(dict.fromkeys([*formats, *(w for w in words if w in FORMATS)]))
+    wanted = [*only, *(w for w in words if w not in FORMATS)]
+    for kind in kinds:
+        if kind not in FORMATS:
+            raise UserError(f"--format {kind}: not known; use {', '.join(FORMATS)}")
+    for name in wanted:
+        if name not in FIGURES:
+            raise UserError(f"figure {name}: there is none; use {', '.join(FIGURES)}")
+    return [name for name in FIGURES if name in wanted or not wanted], kinds or ["png", "pdf"]
+
+
+def _written(names: Sequence[str]) -> re.Pattern[str]:
+    """What is written into a folder for these figures; those of others stay."""
+    stems = "|".join(map(stem, names))
+    figure = rf"({stems})(_inset|[a-d])?\.(png|pdf|svg|csv)"
+    return re.compile(rf"{figure}|summary\.json|report\.(html|md)")
+
+
+def _check(results: Results, path: Path) -> None:
+    """Refuse results from which no figure can be drawn."""
+    if not results.runs:
+        raise UserError(f"{path}: it holds no run; analyse sessions with `slipscope analyze`")
+    if not experiments(results):
+        raise UserError(
+            f"{path}: none of its {len(results.runs)} runs has a normal force, which every figure"
+            " needs; analyse sessions with forces"
+        )
+
+
+def write(
+    results: Results, folder: Path, names: Sequence[str], kinds: Sequence[str], show: Any
+) -> dict[str, Any]:
+    """Write all files into an empty folder; what `summary.json` holds."""
+    pictures = []
+    for n, name in enumerate(names):
+        show(f"figure {name}", n / len(names))
+        pictures.append(_drawn(results, folder, name, kinds))
+    runs = experiments(results)
+    found, practice = findings(results), practice_rows(runs)
+    data = summary_data(results, found, practice, pictures)
+    content = list(blocks(results, found, practice, pictures))
+    texts = {
+        "summary.json": json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n",
+        "report.html": as_html(content),
+        "report.md": as_markdown(content),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8", newline="\n")
+    return data
+
+
+def _drawn(results: Results, folder: Path, name: str, kinds: Sequence[str]) -> Picture:
+    """Draw one figure and write its files."""
+    try:
+        drawn = draw(name, results)
+    except NotDrawn as reason:
+        return Picture(name, str(reason))
+    files = []
+    png = picture(drawn.figure, "png")
+    for kind in kinds:
+        files.append(f"{stem(name)}.{kind}")
+        held = png if kind == "png" else picture(drawn.figure, kind)
+        (folder / files[-1]).write_bytes(held)
+    for part, table in drawn.tables.items():
+        files.append(f"{stem(name)}{part}.csv")
+        write_table(table, folder / files[-1])
+    return Picture(name, drawn.caption, png, tuple(files))

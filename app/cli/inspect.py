@@ -1,0 +1,136 @@
+"""`slipscope info`: what a session holds, without its images."""
+
+from __future__ import annotations
+
+from itertools import starmap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.cli.end_of_run import about_rows, tell_notes
+from app.cli.terminal import DONE, FAILED, output, print_json, print_rows, say
+from app.settings.config import from_record, own_options, values_of
+from app.settings.plain_values import STEPS
+from app.settings.sections import Config
+
+if TYPE_CHECKING:
+    from app.session.receipt import Receipt
+
+
+def info(session: Path, as_json: bool, verify: bool = False) -> int:
+    """Print what a session holds and, with `verify`, the result of reading it back; the exit code,
+    1 if it is not as it was recorded.
+    """
+    from app.report.summary_rows import Row, counts_rows, plain, resources_rows, summary_rows
+    from app.session.analyses import analyses_of
+    from app.session.datasets import uncertain_triggers
+    from app.session.journal import has_journal
+    from app.session.reader import SessionReader
+
+    receipt, fault = _read_back(session) if verify else (None, "")
+    with SessionReader(session) as reader:
+        header, outcome, ended = reader.header, reader.outcome, reader.ended
+        config = from_record(header.config_toml, f"{session}: settings")
+        version = reader.format
+        uncertain = uncertain_triggers(reader)
+        phases = [
+            {"phase": e.text, "sample": e.sample, "time_s": e.sample / header.sample_rate_hz}
+            for e in reader.events()
+            if e.kind == "phase"
+        ]
+    held = header.auxiliary
+    channels = dict(zip(held.name, held.unit, strict=False)) if held else {}
+    analyses = [path.name for path in analyses_of(session)]
+    changed = changed_settings(config)
+    if as_json:
+        data = {
+            "session": str(session),
+            "format": version,
+            "state": outcome.ended_as,
+            "reason": outcome.reason,
+            "started": header.started,
+            "about": config.about,
+            "ended": ended,
+            "frame_shape": header.frame_shape,
+            "auxiliary": channels,
+            "counts": outcome.counts,
+            "uncertain_triggers": uncertain,
+            "phases": phases,
+            "changed_settings": changed,
+            "summary": outcome.summary,
+            "resources": outcome.resources,
+            "versions": header.versions,
+            "has_journal": has_journal(session),
+            "source": header.source,
+            "analyses": analyses,
+        }
+        print_json(plain(data | ({"receipt": receipt, "fault": fault} if verify else {})))
+        return FAILED if fault else DONE
+    rows, columns = header.frame_shape
+    kept_in = f", in {header.source.session}" if header.source else ""
+    spans = ", ".join(f"{p['phase']} at {p['time_s']:.2f} s" for p in phases)
+    told = [
+        Row("format", "", f"SlipScope session, version {version}"),
+        Row("state", "", outcome.ended_as + (f": {outcome.reason}" if outcome.reason else "")),
+        *starmap(Row, about_rows(config.about)),
+        Row("started", "", header.started),
+        Row("ended", "", ended or "not closed in good order"),
+        Row("images", "", f"{columns} x {rows} px{kept_in}"),
+    ]
+    if channels:
+        named = ", ".join(f"{name} ({unit})" for name, unit in channels.items())
+        told.append(Row("further channels", "", named))
+    if analyses:
+        told.append(Row("further analyses", "", ", ".join(analyses)))
+    told += counts_rows(outcome.counts)
+    if uncertain:
+        doubt = f"{len(uncertain)}, the first is {uncertain[0]}: they may be of a trigger beside it"
+        told.append(Row("uncertain triggers", "", doubt))
+    told += [Row("phases", "", spans or "none")]
+    if outcome.summary:
+        told += summary_rows(outcome.summary)
+    else:
+        told.append(Row("summary", "", "none: the run did not come to its end"))
+    print_rows(str(session), told + resources_rows(outcome.resources))
+    tell_notes(outcome.summary.notes if outcome.summary else ())
+    print_rows(
+        "settings other than the defaults",
+        [Row(key, "", str(value)) for key, value in changed.items()] or [Row("none", "", "")],
+    )
+    if has_journal(session):
+        output().print(
+            f"`slipscope repair {session} -o REPAIRED.h5` brings back what its journal holds"
+        )
+    if receipt:
+        output().print(str(receipt))
+    if fault:
+        say(fault)
+    return FAILED if fault else DONE
+
+
+def _read_back(session: Path) -> tuple[Receipt | None, str]:
+    """The receipt of a session, or why it is not as it was recorded."""
+    from app.session.completing import account_of
+    from app.session.receipt import NotAsRecordedError, verify
+
+    try:
+        return verify(session, account_of(session)), ""
+    except NotAsRecordedError as error:
+        return None, str(error)
+
+
+def changed_settings(config: Config) -> dict[str, Any]:
+    """``table.key`` -> value, as in the settings file, of every setting that is not the default."""
+    default = values_of(Config())
+    changed = {
+        f"{table}.{key}": value
+        for table, values in values_of(config).items()
+        for key, value in values.items()
+        if value != default[table].get(key)
+    }
+    if changed.pop(f"run.{STEPS}", None):
+        steps = enumerate(config.run.protocol, 1)
+        changed |= {f"run.{STEPS}.{number}": str(step) for number, step in steps}
+    for table in own_options(config):
+        own = changed.pop(f"{table}.options")
+        changed |= {f"{table}.options.{key}": value for key, value in own.items()}
+    return changed

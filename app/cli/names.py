@@ -1,0 +1,39 @@
+"""What the command line says about names and pace, read and checked."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from app.system.errors import UserError
+
+
+def parse_pace(text: str) -> float | None:
+    """Simulated seconds per second; None for "max".
+
+    Raises
+    ------
+    UserError
+        Neither "max" nor a positive number.
+    """
+    if text == "max":
+        return None
+    try:
+        pace = float(text)
+    except ValueError:
+        pace = math.nan
+    if not (math.isfinite(pace) and pace > 0):
+        raise UserError(
+            f"--pace: '{text}' is not a pace; give 1 (real time), max (as fast as the machine), or"
+            " another number more than 0"
+        )
+    return pace
+
+
+def mark_of(path: Path) -> tuple[int, int, int] | None:
+    """What distinguishes a file from one that is written under its name later; None: no file."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns

@@ -1,0 +1,452 @@
+"""`slipscope run` and `slipscope replay`: experiments in the window or without one, and the report
+at their end.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from app.cli.end_of_run import report_analysis, report_replay, report_run
+from app.cli.names import mark_of, parse_pace
+from app.cli.terminal import BAD_INPUT, DONE, FAILED, TYPED, Bar, print_json, say
+from app.records.record_types import Health, Outcome
+from app.session.files import check_new_session, new_session_name, next_free
+from app.settings.config import load
+from app.settings.sections import Config
+from app.system.errors import UserError
+from app.system.stopping import Stop, StopAnswer
+
+POLL_S = 0.1
+LEAVE_S = 10.0  # time that an experiment has to end when the user leaves in a hurry
+
+
+class Source(Protocol):
+    """A live run or a replay, as far as the terminal is concerned.
+
+    Attributes
+    ----------
+    stays : bool
+        Whether it goes on when who shows it leaves.
+    """
+
+    stays: bool
+
+    def start(self) -> None: ...
+    def wait(self, timeout: float | None = None) -> Outcome | None: ...
+    def request_stop(self, reason: str) -> None: ...
+    def stop_motion(self) -> StopAnswer: ...
+    def stop_answer(self) -> StopAnswer | None: ...
+    def answer(self, text: str) -> None: ...
+    def health(self) -> Health: ...
+    def outcome(self) -> Outcome | None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A source, and what reports its end."""
+
+    source: Source
+    report: Callable[[], dict[str, Any]]
+
+
+class Desk(NamedTuple):
+    """What the window is to begin with: settings and file of its first run, its pace, and whether
+    that file may be replaced. Without settings a source is shown, whose settings are the next
+    run's.
+    """
+
+    config: Config | None = None
+    session: Path | None = None
+    pace: float | None = 1.0
+    overwrite: bool = False
+
+
+class Conducted(NamedTuple):
+    """The reports of what has run its course, and the signal that told the program to end, in
+    words; empty if none came.
+    """
+
+    reports: list[dict[str, Any]]
+    signal: str
+
+
+class _Reports:
+    """Reports each source once, when it has ended, and lets go of it: a window may stay open for an
+    evening of them.
+    """
+
+    def __init__(self, made: list[Made]) -> None:
+        self._made = made
+        self._reported: list[dict[str, Any]] = []
+
+    @contextmanager
+    def as_they_end(self) -> Iterator[None]:
+        """Report from a thread of its own for as long as the block lasts."""
+        over = threading.Event()
+
+        def watch() -> None:
+            while not over.wait(POLL_S):
+                self._report_next()
+
+        watcher = threading.Thread(target=watch, name="slipscope-reports")
+        watcher.start()
+        try:
+            yield
+        finally:
+            over.set()
+            watcher.join()
+
+    @property
+    def are_there(self) -> bool:
+        """Whether any has been given."""
+        return bool(self._reported)
+
+    def of_all(self) -> list[dict[str, Any]]:
+        """The reports of all that have ended, in order."""
+        while self._report_next():
+            pass
+        return self._reported
+
+    def _report_next(self) -> bool:
+        for made in tuple(self._made):
+            if made.source.outcome() is not None:
+                self._reported.append(made.report())
+                made.source.wait()  # for its threads
+                self._made.remove(made)  # it holds its images and fields
+                return True
+        return False
+
+
+def window_problem(headless: bool) -> str | None:
+    """Why there is no window: what is missing, or nothing ("") if none was wanted; None if there is
+    one.
+    """
+    if headless:
+        return ""
+    from app.gui.display import display_problem
+
+    return display_problem()
+
+
+def run(
+    bench: Path | None,
+    session: Path | None,
+    headless: bool,
+    pace: str,
+    overrides: Sequence[str],
+    overwrite: bool,
+    as_json: bool,
+    autostart: bool,
+) -> int:
+    """Run a loading experiment and report it; the exit code."""
+    config = load(bench, tuple(overrides))
+    speed = parse_pace(pace)
+    first = session or next_free(new_session_name(datetime.now()))
+    check_new_session(first, overwrite)
+    problem = window_problem(headless)
+    if problem is not None and not autostart:
+        raise UserError(
+            f"{problem}; `slipscope run --headless` runs the simulated experiment without one"
+        )
+
+    def make() -> Made:
+        return made_run(config, first, speed, overwrite, as_json)
+
+    desk = Desk(config, session, speed, overwrite)
+    done = conducted(make, problem, autostart=autostart, as_json=as_json, desk=desk)
+    return _told(done, as_json)
+
+
+def made_run(
+    config: Config, path: Path, pace: float | None, overwrite: bool, as_json: bool
+) -> Made:
+    """A run of these settings, not yet begun, and what reports its end.
+
+    Raises
+    ------
+    UserError, DeviceError
+        It can not be made.
+    """
+    from app.acquisition.stage import unsupervised
+    from app.processes.launch import launched_or_made
+    from app.runs.live import check_run
+
+    check_new_session(path, overwrite)
+    check_run(config, path, pace, overwrite)
+    if warning := unsupervised(config):
+        say(warning)
+    source, before = launched_or_made(config, path, pace, overwrite), mark_of(path)
+
+    def report() -> dict[str, Any]:
+        is_recorded = mark_of(path) != before
+        outcome = source.outcome()
+        assert outcome is not None
+        moved = outcome.resources.get("session")
+        is_there = is_recorded or moved is not None
+        written = Path(moved or path) if is_there else None
+        return report_run(outcome, config.about, written, as_json)
+
+    return Made(source, report)
+
+
+def attach(bench: str | None, headless: bool, as_json: bool) -> int:
+    """Show a run that is under way in another process, and report its end; the exit code.
+
+    Leaving does not end it.
+    """
+    problem = window_problem(headless)
+    made = made_attached(bench, as_json)
+    ended = conducted(lambda: made, problem, autostart=True, as_json=as_json)
+    return _told(ended, as_json)
+
+
+def made_attached(bench: str | None, as_json: bool) -> Made:
+    """A run that is under way in another process, and what reports its end; UserError."""
+    from app.processes.launch import attached
+
+    source = attached(bench)
+
+    def report() -> dict[str, Any]:
+        outcome = source.outcome()
+        assert outcome is not None
+        session = Path(outcome.resources.get("session", source.session))
+        written = session if session.exists() else None
+        return report_run(outcome, source.config.about, written, as_json)
+
+    return Made(source, report)
+
+
+def answer(text: str, bench: str | None) -> int:
+    """Answer the question of a run that is under way in another process; the exit code."""
+    from app.processes.launch import attached
+
+    source = attached(bench, "answer")
+    question = source.health().question
+    if not question:
+        raise UserError(f"answer: {source.title} asks nothing now; nothing was sent")
+    source.answer(text)
+    say(f"{question} {text}")
+    return DONE
+
+
+def stop(bench: str | None) -> int:
+    """Stop the motion of a run that is under way in another process, or of all of them if none is
+    named, and say what became of the stop; the exit code.
+    """
+    from app.processes.urgent import stop as stop_at_once
+
+    sentences, has_failed = stop_at_once(bench)
+    for sentence in sentences:
+        say(sentence)
+    return FAILED if has_failed else DONE
+
+
+def replay(
+    session: Path,
+    headless: bool,
+    pace: str | None,
+    output: Path | None,
+    overrides: Sequence[str],
+    overwrite: bool,
+    as_json: bool,
+) -> int:
+    """Replay a session, or analyse it again if an output or other settings are given, and report
+    it; the exit code.
+    """
+    problem = window_problem(headless)
+    is_analysis = output is not None or bool(overrides)
+    speed = parse_pace(pace or ("1" if problem is None and not is_analysis else "max"))
+    from app.replay.reanalysis import Reanalysis
+    from app.replay.replay import Replay
+
+    def make() -> Made:
+        if not is_analysis:
+            source = Replay(session, pace=speed)
+            return Made(source, lambda: report_replay(source, as_json))
+        path = output or next_free(session.with_stem(f"{session.stem}-analysis"))
+        analysis = Reanalysis(session, path, pace=speed, overrides=overrides, overwrite=overwrite)
+        return Made(analysis, lambda: report_analysis(analysis, as_json))
+
+    done = conducted(make, problem, autostart=True, as_json=as_json, desk=Desk())
+    return _told(done, as_json)
+
+
+def conducted(
+    make: Callable[[], Made],
+    problem: str | None,
+    *,
+    autostart: bool,
+    as_json: bool,
+    desk: Desk | None = None,
+    closes: bool = False,
+) -> Conducted:
+    """Let what `make` makes run its course, in the window unless there is a `problem`.
+
+    With a `desk` further runs and replays can be made in the window, whose first run is the desk's
+    if that has settings. With `closes` the window closes after what was made.
+    """
+    made: list[Made] = []  # and not yet reported
+    signals: list[str] = []
+
+    def make_and_keep() -> Any:
+        made.append(make())
+        return made[-1].source
+
+    reports = _Reports(made)
+    if problem is None:
+        from app.cli.workshop import Workshop
+        from app.gui.start import run_window
+        from app.processes.signals import acting_on_signals
+
+        def stop(reason: str) -> None:
+            signals.append(reason)
+            for one in tuple(made):
+                _stop(one.source, reason)
+
+        # what can not be used is refused here, not in a window
+        config = desk and desk.config
+        first: Any = None if config else make_and_keep()
+        workshop = desk and Workshop(
+            made.append, pace=desk.pace, overwrite=desk.overwrite, as_json=as_json
+        )
+        with reports.as_they_end(), acting_on_signals(stop) as signalled:
+            run_window(
+                first,
+                workshop,
+                config or first.config,
+                session=desk and desk.session,
+                autostart=autostart,
+                close_when=lambda: signalled.is_set() or (closes and reports.are_there),
+            )
+            for one in tuple(made):
+                _let_end(one.source)
+    else:
+        source = make_and_keep()  # what can not be used is refused before the long part begins
+        if problem and not as_json:
+            say(f"{problem} (going on without a window)")
+        _follow(source, as_json, signals)
+    return Conducted(reports.of_all(), signals[0] if signals else "")
+
+
+def _told(done: Conducted, as_json: bool) -> int:
+    """Print the reports, if they are wanted as JSON; the exit code."""
+    ended = done.reports
+    if as_json:
+        print_json(ended[-1] if len(ended) == 1 else {"runs": ended})
+    last: dict[str, Any] = ended[-1] if ended else {"state": "done"}
+    if last.get("refused"):
+        return BAD_INPUT
+    agrees = last.get("comparison", {}).get("agrees", True)
+    return DONE if agrees and last["state"] != "failed" else FAILED
+
+
+def _let_end(source: Source) -> None:
+    """Stop what the closed window left running, and wait for its end; a run that others have
+    started goes on.
+    """
+    state = source.health().state
+    if source.stays or state == "idle":
+        return
+    if state not in ("done", "failed"):
+        source.request_stop("the window was closed")
+    source.wait()
+
+
+def _stop(source: Source, reason: str) -> None:
+    """Stop the motion, then end what runs, unless others have started it."""
+    if not source.stays and source.health().state in ("armed", "running", "stopping"):
+        source.request_stop(reason)
+
+
+def _follow(source: Source, as_json: bool, signals: list[str]) -> Outcome:
+    """Start, show progress, and wait; `signals` gets the reason of each signal that comes.
+
+    Ctrl-C, and whatever else tells the program to end, ends the experiment in good order; a second
+    one stops the motion again and leaves. A run that others have started is only left.
+    """
+    from app.processes.signals import acting_on_signals
+
+    operator, stops = _Operator(source), _Stops(source)
+
+    def stop(reason: str) -> None:
+        signals.append(reason)
+        if not source.stays:
+            source.request_stop(reason)
+
+    try:
+        with Bar("starting", quiet=as_json) as bar, acting_on_signals(stop):
+            source.start()
+            while True:
+                outcome = source.wait(POLL_S)
+                health = source.health()
+                operator.ask(health.question)
+                stops.tell(everything=bool(signals))
+                bar.show(_progress_text(health), health.progress)
+                if outcome is not None:
+                    return outcome
+                if len(signals) > (0 if source.stays else 1):
+                    raise KeyboardInterrupt
+    except BaseException as error:
+        if not source.stays:
+            if not signals:
+                source.request_stop(f"the terminal failed ({type(error).__name__}: {error})")
+            # again, which does not change the reason
+            stops.tell(source.stop_motion(), everything=True)
+            source.wait(LEAVE_S)
+            stops.tell(everything=True)
+        raise
+
+
+class _Stops:
+    """Tells whoever sits at the terminal what became of a stop: each answer once, and that one has
+    failed also where nobody has called for it.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._told: StopAnswer | None = None
+
+    def tell(self, answer: StopAnswer | None = None, *, everything: bool) -> None:
+        """Tell `answer`, or else the newest of the source."""
+        answer = answer or self._source.stop_answer()
+        if answer is None or answer == self._told:
+            return
+        if everything or answer.kind is Stop.FAILED:
+            say(answer.sentence)
+            self._told = answer
+
+
+class _Operator:
+    """Whoever sits at the terminal: is shown a question, and answers it with a line."""
+
+    def __init__(self, source: Source) -> None:
+        self._source, self._asked, self._is_answered = source, "", True
+
+    def ask(self, question: str) -> None:
+        """Show a question once, and pass on the next line that is typed while it stands; what is
+        typed while none stands is for nobody.
+        """
+        line = TYPED.take()
+        if line and question and question == self._asked and not self._is_answered:
+            self._is_answered = True
+            self._source.answer(line.strip() or "yes")
+        if question and question != self._asked and sys.stdin and sys.stdin.isatty():
+            say(f"{question} (type an answer, or just Enter)")
+            self._is_answered = False
+            TYPED.ask()
+        self._asked = question
+
+
+def _progress_text(health: Health) -> str:
+    counts = health.counts
+    step = f", step {health.doing}" if health.step else ""
+    lost = f", {counts.frames_lost} lost" if counts.frames_lost else ""
+    advice = f": {health.reason}" if health.reason and health.state in ("armed", "running") else ""
+    return f"{health.phase or health.state}{step}{advice} ({counts.frames_received} frames{lost})"

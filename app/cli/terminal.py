@@ -1,0 +1,236 @@
+"""What the program writes to the terminal.
+
+Tables and results go to standard output, progress and errors to standard error.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import sys
+import threading
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import chain
+from typing import Any, Literal
+
+import typer
+from rich.cells import cell_len
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from app.settings.config import ConfigError
+from app.system.errors import UserError
+from drivers.errors import DeviceError, DeviceNotFound
+
+DONE, FAILED, BAD_INPUT = 0, 1, 2
+POLL_S = 0.1
+BAD_INPUTS = (UserError, ConfigError, DeviceNotFound)
+
+
+def console(*, to_stderr: bool = False, wraps: bool = True) -> Console:
+    """Standard output as it is now, on which every text, such as ``a:end:b.h5`` or ``[red]``, is
+    shown as it is.
+    """
+    return Console(
+        stderr=to_stderr, highlight=False, markup=False, emoji=False, soft_wrap=not wraps
+    )
+
+
+def output(*, to_stderr: bool = False) -> Console:
+    """The same for lines, which are not wrapped."""
+    return console(to_stderr=to_stderr, wraps=False)
+
+
+def say(sentence: str) -> None:
+    """Write one line for the person at the terminal to standard error."""
+    output(to_stderr=True).print(f"slipscope: {sentence}")
+
+
+class TypedLines:
+    """The lines that are typed at standard input, of which one at a time is read in the background:
+    a question that was answered elsewhere leaves no second reader that takes the next answer.
+    """
+
+    def __init__(self) -> None:
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._is_reading = False
+
+    def ask(self) -> None:
+        """Read the next line, unless that is waited for already; returns at once."""
+        with self._lock:
+            if not self._is_reading:
+                self._is_reading = True
+                threading.Thread(target=self._read, name="slipscope-typed", daemon=True).start()
+
+    def take(self) -> str | None:
+        """A line that was typed, with its end; "" at the end of the input, None for none yet."""
+        try:
+            return self._lines.get_nowait()
+        except queue.Empty:
+            return None
+
+    def wait(self) -> str:
+        """The next line, with its end; "" at the end of the input."""
+        self.ask()
+        while True:
+            with suppress(queue.Empty):
+                return self._lines.get(timeout=POLL_S)  # so that Ctrl-C is heard on Windows
+
+    def _read(self) -> None:
+        line = sys.stdin.readline() if sys.stdin else ""
+        with self._lock:
+            self._is_reading = False
+            self._lines.put(line)
+
+
+TYPED = TypedLines()
+
+
+def print_json(data: Any) -> None:
+    """Write one JSON document to standard output, in ASCII where that has no other characters."""
+    text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(data, indent=2, allow_nan=False)
+    typer.echo(text)
+
+
+def print_rows(title: str, rows: Iterable[tuple[str, str, str]]) -> None:
+    """Write a table to standard output: what each row is about, its symbol, and its value."""
+    out = console()
+    if title:
+        out.print(title, style="bold", soft_wrap=True)
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True, style="dim")
+    table.add_column(overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    out.print(table)
+    out.print()
+
+
+GAP = 2  # columns between two columns of a table
+FEWEST = 12  # columns to which a column of texts may be narrowed
+
+
+def print_table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    texts: Collection[str],
+    widest: int | None = None,
+    numbers: Literal["left", "right"] = "right",
+) -> None:
+    """Write a table to standard output, of which nothing is cut: the columns of these headings are
+    texts, which are at most so wide and are folded, all others are numbers, which stay whole.
+
+    In a file or a pipe each row is one line. In a terminal that is too narrow each row is a list of
+    lines, ``heading  value``.
+    """
+    out, held = console(), [list(row) for row in rows]
+    columns = list(zip(headings, *held, strict=True))
+    wide = [
+        max(map(cell_len, chain(*map(str.splitlines, column))), default=0) for column in columns
+    ]
+    least = [
+        min(width, FEWEST) if heading in texts else width
+        for heading, width in zip(headings, wide, strict=True)
+    ]
+    gaps = GAP * max(len(wide) - 1, 0)
+    if not out.is_terminal:
+        out.width = max(out.width, sum(wide) + gaps + 1)  # a file has no edge to wrap at
+    elif sum(least) + gaps > out.width:
+        for row in held:
+            print_rows(
+                "",
+                [
+                    (heading.replace("\n", " "), "", cell)
+                    for heading, cell in zip(headings, row, strict=True)
+                    if cell
+                ],
+            )
+        return
+    table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="bold")
+    for heading in headings:
+        if heading in texts:
+            table.add_column(heading, max_width=widest, overflow="fold")
+        else:
+            table.add_column(heading, justify=numbers, no_wrap=True)
+    for row in held:
+        table.add_row(*row)
+    out.print(table)
+
+
+@contextmanager
+def plain_errors(as_json: bool, debug: bool) -> Iterator[None]:
+    """Turn every error into one sentence and an exit code, never a traceback.
+
+    With `as_json` the sentence is printed as ``{"error": ...}`` on standard output; with `debug`
+    the exception is raised as it is.
+    """
+    try:
+        yield
+    except (typer.Exit, typer.Abort):
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        if debug:
+            raise
+        sentence = " ".join(_sentence_of(error).split())
+        if as_json:
+            print_json({"error": sentence})
+        else:
+            say(sentence)
+        raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
+
+
+def _sentence_of(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return "Ctrl-C: left before the end; what was flushed to a session is safe"
+    if isinstance(error, (*BAD_INPUTS, DeviceError, OSError)):
+        return str(error)
+    return (
+        f"unexpected {type(error).__name__}: {error}; `slipscope --debug ...` shows where it came"
+        " from"
+    )
+
+
+class Bar:
+    """A progress bar on standard error that disappears when it is done.
+
+    Where standard error is not a terminal it writes a line at each tenth of the way instead, and
+    nothing at all where `quiet`.
+    """
+
+    def __init__(self, description: str, *, quiet: bool) -> None:
+        out = console(to_stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            console=out,
+            transient=True,
+            disable=quiet or not out.is_terminal,
+        )
+        has_lines = not (quiet or out.is_terminal)
+        self._lines_left = [tenth / 10 for tenth in range(1, 11)] if has_lines else []
+        self._task = self._progress.add_task(description, total=1.0)
+
+    def __enter__(self) -> Bar:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def show(self, description: str, share: float) -> None:
+        """Set the text, and the share that is done, 0 to 1."""
+        self._progress.update(self._task, description=description, completed=share)
+        if self._lines_left and share >= self._lines_left[0]:
+            self._lines_left = [tenth for tenth in self._lines_left if tenth > share]
+            say(f"{share:4.0%} {description}")

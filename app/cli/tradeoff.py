@@ -1,0 +1,161 @@
+"""`slipscope tradeoff`: what accuracy costs on this computer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.dic.tracker import checked
+from analysis.options import options
+from analysis.settings import Correlation
+from app.cli.terminal import DONE, FAILED, Bar, output, print_table, say
+from app.files.grey_images import read_image, size_text
+from app.system.errors import UserError
+from app.system.outputs import check_output, new_file
+from app.tradeoff import correlation_study as correlation
+from app.tradeoff import study
+from app.tradeoff.study import Found, Study
+from app.tradeoff.texture import Texture, texture_of
+
+SIZE = (1200, 1600)  # of the standard pictures
+CORRELATED = 0.1  # correlation of neighbours from which the noise is not independent
+LEAST_SIZE = 128
+
+
+def tradeoff(
+    pictures: Sequence[Path],
+    rest: Sequence[Path],
+    *,
+    methods: Sequence[str],
+    boxes: Sequence[int],
+    rate_hz: float,
+    free: float,
+    period_px: float | None,
+    threads: int,
+    full_scale: int,
+    quick: bool,
+    results: Path | None,
+    picture: Path | None,
+    overwrite: bool,
+) -> int:
+    """Measure, print and draw; the exit code."""
+    if picture is not None:
+        inputs = {"picture": [*pictures, *rest]}
+        check_output(picture, overwrite, endings=(".png", ".pdf", ".svg"), inputs=inputs)
+    if not (0 < rate_hz < math.inf and 0 <= free < 1):
+        raise UserError(
+            f"--rate {rate_hz:g} and --free {free:g}: a rate above 0 and a share from 0 to less"
+            " than 1 are needed"
+        )
+    if period_px is not None and not 0 < period_px < math.inf:
+        raise UserError(f"--period {period_px:g}: a number of pixels above 0 is needed")
+    chosen = _methods(methods), _boxes(boxes)
+    texture, size = _texture(pictures, rest, full_scale)
+    wanted = correlation.variants(size, *chosen, quick)
+    measured = correlation.study(texture, size, threads, wanted, quick)
+    try:
+        with Bar("preparing", quiet=False) as bar:
+            found = study.run(measured, results, overwrite, bar.show)
+    except KeyboardInterrupt:
+        goes_on = "the same command goes on from there" if results else "nothing is kept"
+        say(f"Ctrl-C: left before the end; {f'{results}: ' if results else ''}{goes_on}")
+        return FAILED
+    _print_table(measured, found)
+    for sentence in correlation.advice(found, rate_hz, free, period_px):
+        output().print(sentence)
+    if picture is not None:
+        from app.tradeoff.drawing import draw
+
+        with new_file(picture, overwrite) as unfinished:
+            draw(measured, found, unfinished)
+    for path in filter(None, (results, picture)):
+        output().print(f"written: {path}")
+    return DONE
+
+
+def _texture(
+    pictures: Sequence[Path], rest: Sequence[Path], full_scale: int
+) -> tuple[Texture, tuple[int, int]]:
+    """The texture and the size of somebody's pictures, the first of which is the reference."""
+    if not pictures:
+        if rest:
+            raise UserError("--rest: there is no reference; name it before the pictures at rest")
+        say("no picture given: standard speckle with noise of 2 grey levels")
+        return Texture(), SIZE
+    first, *others = (_read(path) for path in [*pictures, *rest])
+    for path, image in zip([*pictures, *rest][1:], others, strict=True):
+        if image.shape != first.shape or image.dtype != first.dtype:
+            raise UserError(
+                f"{path}: {size_text(image)} found, the reference is {size_text(first)}; use"
+                " pictures of one size and depth"
+            )
+    if min(first.shape) < LEAST_SIZE:
+        raise UserError(
+            f"{pictures[0]}: {size_text(first)} found; {LEAST_SIZE} px or more are needed on either"
+            " side to measure a texture"
+        )
+    others = [image for image in others if not np.array_equal(image, first)]  # itself, by rest_*
+    try:
+        found = texture_of(first, others, full_scale)
+    except ValueError as error:
+        raise UserError(f"{pictures[0]}: {error}") from None
+    source = f"by {len(others) + 1} pictures at rest" if others else "by the reference alone"
+    say(f"{found.sentence()} {source}")
+    if abs(found.neighbours) > CORRELATED:
+        say(
+            f"the noise of neighbouring pixels is correlated ({found.neighbours:.2f}), as after"
+            " smoothing or compression; sigma is larger than predicted"
+        )
+    return found, (first.shape[0], first.shape[1])
+
+
+def _read(path: Path) -> Any:
+    image = read_image(path)
+    try:
+        return checked(image, str(path))
+    except ValueError as error:
+        raise UserError(str(error)) from None
+
+
+def _methods(names: Sequence[str]) -> list[str]:
+    """The methods of these names, all where none is given; ``icgn`` stands for its three orders."""
+    known = correlation.METHODS
+    wanted: list[str] = []
+    for name in names:
+        meant = [name] if name in known else [m for m in known if m.split()[0] == name]
+        if not meant:
+            raise UserError(f"--method {name}: not known; use {', '.join(known)}, or icgn for all")
+        wanted += meant
+    return list(dict.fromkeys(wanted or known))
+
+
+def _boxes(sides: Sequence[int]) -> list[int]:
+    declared = options(Correlation)["box"]
+    for side in sides:
+        if not declared.allows(side):
+            raise UserError(f"--box {side}: {declared.wanted} is needed")
+    return sorted(set(sides))
+
+
+def _print_table(measured: Study, found: Found) -> None:
+    """A table of all variants; a star at those which no other one beats."""
+    best = study.front(found, (measured.cost, *measured.errors))
+    headings = [heading.replace(" (", "\n(") for heading in measured.columns.values()]
+    rows = [
+        ["*" if name in best else "", name, *(_cell(figures[key]) for key in measured.columns)]
+        for name, figures in found.items()
+    ]
+    print_table(["", measured.subject, *headings], rows, texts=("", measured.subject), widest=44)
+    axes = ", ".join(measured.columns[key] for key in (measured.cost, *measured.errors))
+    output().print(f"*: no other is better in {axes}")
+
+
+def _cell(value: float) -> str:
+    if not math.isfinite(value):
+        return "-"
+    digits = 3 - math.ceil(math.log10(abs(value))) if value else 0
+    return f"{np.round(value, digits):,.{max(0, digits)}f}" if abs(value) > 1e-4 else f"{value:.1e}"

@@ -1,1 +1,0 @@
-"""What each command of `slipscope` does, once its arguments are read."""

@@ -1,0 +1,78 @@
+"""Compiles what the analysis of a run uses, so that nothing compiles during the run; cached for the
+next start.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis import dic
+from analysis.contact.marks import compile_marks
+from analysis.contact.rings import central_value, ring_means
+from app.settings.sections import Config
+
+
+def compile_analysis(config: Config) -> None:
+    """Compile the correlation of these settings, the means over rings, the search for marks."""
+    compile_correlation(config.correlation, config.camera.dtype)
+    _compile_contact()
+
+
+def compile_correlation(correlation: dic.Correlation, dtype: Any) -> None:
+    """Compile what a correlation of images of a type needs: the first time on a machine in two
+    processes, which halves the seconds that it takes.
+    """
+    if not dic.is_compiled(correlation):
+        with _compiling_search(correlation, dtype):
+            dic.compile_kernels(correlation, dtype, "field")
+    dic.compile_kernels(correlation, dtype)  # what was compiled beside comes from the cache
+
+
+@contextmanager
+def _compiling_search(correlation: dic.Correlation, dtype: Any) -> Iterator[None]:
+    """Meanwhile another process compiles the search and what the contact needs. Should it fail,
+    they are compiled here.
+    """
+    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+    other = subprocess.Popen(  # no multiprocessing, which runs the main script of the caller again
+        [sys.executable, "-P", "-m", "app.evaluation.compiling"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": paths},
+    )
+    assert other.stdin is not None
+    try:
+        with suppress(OSError), other.stdin as line:
+            pickle.dump((correlation, dtype), line)
+        yield
+    finally:
+        other.wait()
+
+
+def _compile_search() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the process that waits for it
+    correlation, dtype = pickle.load(sys.stdin.buffer)
+    dic.compile_kernels(correlation, dtype, "search")
+    _compile_contact()
+
+
+def _compile_contact() -> None:
+    r, ones = np.linspace(0.0, 1.0, 8), np.ones(8)
+    ring_means(ones, ones, 1.0, theta=ones)
+    central_value(r, ones, ones, 2.0)
+    compile_marks()
+
+
+if __name__ == "__main__":
+    _compile_search()

@@ -1,0 +1,261 @@
+"""What an experiment comes down to, from the snapshots of its drive."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from analysis.dic.fixed_pattern import Pull
+from analysis.friction.local_law import LocalLaw
+from analysis.friction.onset import Onset, sliding_onset
+from analysis.friction.pressure import check_pressure
+from analysis.mechanics import hertz
+from analysis.mechanics.interface import elastic_length
+from app.evaluation.budget import Budget, Measured, Values, budget
+from app.evaluation.law_fit import inverted
+from app.evaluation.loops import local_results
+from app.evaluation.readings import NOTHING_SEEN, readings
+from app.evaluation.setup import sensor_chain
+from app.evaluation.slides import slide_results
+from app.evaluation.tractions import PEAK_REACH
+from app.records.legs import first_loading
+from app.records.record_types import F64, ContactResult, Phase, Snapshot
+from app.records.snapshot_numbers import series_of
+from app.records.summary import Summary
+from app.settings.sections import Config
+
+LOG = logging.getLogger(__name__)
+T = TypeVar("T")
+MISALIGNED = math.radians(15.0)  # directions of frames that differ by more do not go together
+SETTLED = 8.0  # slip in mu L from which all but exp(-8) of the traction is there
+BUDGET_FRAMES = 96  # of the law, evenly spaced: a derivative needs no more
+CENTRAL = 3  # rings whose mean is the pressure at the centre
+HALF_WAY = 0.5  # of the largest Q: c is told there
+AGREEMENT = "agreement"  # of force and traction, among the results that have a budget
+
+
+def attempt(notes: list[str], what: str, estimator: Callable[[], T], otherwise: T) -> T:
+    """What an estimator gives. Where it fails that is noted, once: it must not end what is
+    measured, nor keep the other estimators from the frame.
+    """
+    try:
+        return estimator()
+    except Exception as error:
+        LOG.debug("%s", what, exc_info=error)
+        if not any(note.startswith(f"{what} failed") for note in notes):
+            notes.append(f"{what} failed, first with {type(error).__name__}: {error}")
+        return otherwise
+
+
+def hertz_radius_m(config: Config, normal_force_n: float) -> float:
+    """Hertz contact radius of the settings' sample at a normal force, NaN for none."""
+    s = config.sample
+    if not normal_force_n > 0:
+        return math.nan
+    return float(hertz.contact_radius(normal_force_n, s.young_modulus, s.poisson, s.lens_radius))
+
+
+def onset_of(measured: Measured, law: LocalLaw) -> Onset:
+    """The onset of sliding, once the law is known."""
+    drive = measured.drive
+    time, centre, shear, normal, centre_sd = (
+        series_of(drive, name)
+        for name in (
+            "time_s",
+            "centre_ux_m",
+            "shear_force_n",
+            "normal_force_n",
+            "centre_ux_sd_m",
+        )
+    )
+    # of two images of equal noise one is the reference
+    known = centre_sd[np.isfinite(centre_sd)]
+    reference_sd = float(np.median(known)) / math.sqrt(2) if len(known) else 0.0
+    settled = SETTLED * slip_scale(measured.config, law, shear, normal)
+    return sliding_onset(time, centre, shear, normal, shared_sd=reference_sd, settled=settled)
+
+
+def onset_on_the_way(config: Config, frames: list[Snapshot]) -> float:
+    """T_s in the time of the drive, from the frames of one motion so far; NaN until it can be
+    found.
+    """
+    time, centre, shear, normal, travel = (
+        series_of(frames, name)
+        for name in ("time_s", "centre_ux_m", "shear_force_n", "normal_force_n", "travel_m")
+    )
+    known = np.flatnonzero(np.isfinite(centre))
+    if not len(known):
+        return math.nan
+    way, first = math.copysign(1.0, travel[-1] - travel[0]), known[0]
+    settled = SETTLED * slip_scale(config, LocalLaw(), way * shear, normal)
+    moved = way * (centre - centre[first])
+    found = sliding_onset(time - time[0], moved, way * shear, normal, settled=settled)
+    return found.time + float(time[0])
+
+
+def results_of(measured: Measured, most_frames: int | None = None) -> Values:
+    """The results that have a budget, by their names in the session, without uncertainties; those
+    of the law from `most_frames` at most.
+    """
+    config, contact = measured.config, measured.contact
+    normal = series_of(measured.drive, "normal_force_n")
+    force, sample = float(normal.mean()), config.sample
+    hertz_m = hertz_radius_m(config, force)
+    frames = inverted(measured, hertz_m, most_frames)
+    law = frames.law(draws=0) if frames else LocalLaw()
+    onset = onset_of(measured, law)
+    results = {
+        "apparent_radius": contact.apparent_radius_m if contact else math.nan,
+        "hertz_radius": hertz_m,
+        "onset_time": onset.time,
+        "static_force": onset.static_force,
+        "mu_s": onset.mu_s,
+        "mu_d": onset.mu_d,
+        "law_mu": law.mu,
+        "law_length": law.L,
+        "young_modulus": law.E,
+        "sliding_velocity": onset.velocity,
+    }
+    if frames and math.isfinite(law.E):
+        told = (force, sample.poisson, sample.lens_radius, sample.roughness)
+        at_centre = float(law.pressure[:CENTRAL].mean())
+        results |= {
+            "pressure": at_centre,
+            "stress": at_centre * law.mu * sample.young_modulus / law.E,
+            "block_displacement": float(law.D[-1]),
+            "peak_radius": frames.stick_radius(HALF_WAY, PEAK_REACH * hertz_m),
+            AGREEMENT: check_pressure(law, *told).ratio,
+        }
+    return results
+
+
+class Conclusion(NamedTuple):
+    """What an experiment comes down to; `law_frames` are the numbers of the frames of the law's
+    slip and ratio, row by row.
+    """
+
+    summary: Summary
+    law: LocalLaw
+    law_frames: tuple[int, ...]
+
+
+def conclude(
+    config: Config,
+    snapshots: list[Snapshot],
+    contact: ContactResult | None,
+    notes: list[str],
+    pull: Pull | None = None,
+) -> Conclusion:
+    """What the experiment comes down to (paper, sections 2.3.1 and 3), from the snapshots of the
+    drive; `pull` is that of a fixed pattern, which they are corrected for.
+    """
+    drive = along_the_drive([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
+    whole = Measured(config, drive, contact)
+    measured = Measured(config, first_loading(drive), contact)
+    notes = list(notes)
+    seen = attempt(
+        notes, "readings", lambda: readings(config, snapshots, measured.drive), NOTHING_SEEN
+    )
+    measured = replace(measured, seen=seen, pull=pull)
+    normal = series_of(measured.drive, "normal_force_n")
+    force = float(normal.mean()) if drive else math.nan
+    hertz_m = hertz_radius_m(config, force)
+
+    frames = attempt(notes, "local law", lambda: inverted(measured, hertz_m), None)
+    law = LocalLaw()
+    if frames is not None:
+        law = attempt(notes, "local law", frames.law, law)
+    onset = attempt(notes, "onset", lambda: onset_of(measured, law), Onset())
+    nothing = Budget()
+    spent = nothing
+    if math.isfinite(onset.time) or law.sliding:
+        spent = attempt(notes, "budget", lambda: _spent(measured, law), nothing)
+    calibration = math.hypot(*sensor_chain(config).relative_uncertainty())
+    sample, agreement = config.sample, spent.relative_sd(AGREEMENT)
+    told = (force, sample.poisson, sample.lens_radius, sample.roughness)
+    silent: tuple[str, ...] = ()
+    disagreement = silent
+    if law.sliding and math.isfinite(agreement):
+        disagreement = attempt(
+            notes,
+            "pressure",
+            lambda: check_pressure(law, *told, relative_sd=agreement).notes,
+            silent,
+        )
+    local: dict[str, Any] = attempt(
+        notes, "loops", lambda: local_results(whole, law, hertz_m, onset.time), {}
+    )
+    none: dict[str, Any] = {}
+    local |= attempt(notes, "slides", lambda: slide_results(whole, notes), none)
+    summary = Summary(
+        normal_force_n=force,
+        apparent_radius_m=contact.apparent_radius_m if contact else math.nan,
+        apparent_radius_sd_m=contact.apparent_radius_sd_m if contact else math.nan,
+        hertz_radius_m=hertz_m,
+        onset_time_s=onset.time,
+        onset_time_sd_s=onset.time_sd,
+        static_force_n=onset.static_force,
+        static_force_sd_n=onset.static_force_sd,
+        mu_s=onset.mu_s,
+        mu_s_sd=onset.mu_s_sd,
+        mu_d=onset.mu_d,
+        mu_d_sd=onset.mu_d_sd,
+        mu_d_range=onset.mu_d_range,
+        sliding_velocity_m_s=onset.velocity,
+        notes=(*notes, *seen.notes, *onset.notes, *law.notes, *disagreement, *spent.notes),
+        law_chi2=law.reduced_chi2,
+        pressure_radius_m=tuple(law.radius.tolist()),
+        pressure_pa=tuple(law.pressure.tolist()),
+        pressure_sd_pa=tuple(law.pressure_sd.tolist()),
+        law_mu=law.mu,
+        law_mu_sd=law.mu_sd,
+        law_length_m=law.L,
+        law_length_sd_m=law.L_sd,
+        young_modulus_pa=law.E,
+        young_modulus_sd_pa=law.E_sd,
+        calibration_sd=calibration,
+        budget_inputs=spent.inputs,
+        budget_quantities=spent.results,
+        budget=tuple(share for row in spent.shares for share in row),
+        **local,
+    )
+    return Conclusion(summary, law, tuple(s.frame for s in frames.frames) if frames else ())
+
+
+def _spent(measured: Measured, law: LocalLaw) -> Budget:
+    """The budget from some frames, or from all where some do not tell the law."""
+    some = results_of(measured, BUDGET_FRAMES)
+    is_told = all(
+        math.isfinite(some[name]) or not math.isfinite(value)
+        for name, value in (("law_mu", law.mu), ("law_length", law.L), ("young_modulus", law.E))
+    )
+    most = BUDGET_FRAMES if is_told else None
+    return budget(measured, lambda now: results_of(now, most))
+
+
+def slip_scale(config: Config, law: LocalLaw, shear: F64, normal: F64) -> float:
+    """Mu L in metres: measured, or else by the greatest Q/P and the roughness of the settings."""
+    if math.isfinite(law.L):
+        return law.mu * law.L
+    sample = config.sample
+    loaded = normal > 0
+    ratios = shear[loaded] / normal[loaded]
+    ratio = float(ratios[np.isfinite(ratios)].max(initial=0.0))
+    return ratio * elastic_length(sample.roughness, sample.poisson)
+
+
+def along_the_drive(drive: list[Snapshot]) -> list[Snapshot]:
+    """Those frames of a drive whose direction in the picture is that of most: before the block has
+    moved, a turned picture is not known to be one.
+    """
+    angle = series_of(drive, "drive_angle_rad") if drive else np.empty(0)
+    if not np.isfinite(angle).any():
+        return drive
+    x, y = np.nanmedian(np.cos(angle)), np.nanmedian(np.sin(angle))
+    off = np.cos(angle - math.atan2(y, x)) < math.cos(MISALIGNED)
+    return [s for s, is_off in zip(drive, off, strict=True) if not is_off]

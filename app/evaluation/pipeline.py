@@ -1,0 +1,450 @@
+"""One frame in, one snapshot out: the analysis that live runs and replays share, step by step and
+without side effects elsewhere.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.contact.apparent import ApparentContact, apparent_contact
+from analysis.contact.marks import Marks
+from analysis.contact.orientation import Direction, drive_direction
+from analysis.contact.rings import Rings, central_value, ring_means
+from analysis.dic import Tracker, open_tracker
+from analysis.dic.field import Field
+from analysis.dic.fixed_pattern import Pull, fixed_pattern, pull_of
+from analysis.dic.threads import together
+from analysis.dic.updating import UpdatingTracker
+from analysis.friction.stick import fit_stick_radius
+from analysis.undistorted import ideal_displacement
+from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
+from app.evaluation.setup import grid_of, places_m
+from app.evaluation.tractions import Tractions, mask_radius_m
+from app.records.effort import Effort, Product
+from app.records.record_types import (
+    Conditions,
+    ContactResult,
+    DisplacementField,
+    Motion,
+    Phase,
+    RingProfile,
+    Snapshot,
+    Stick,
+    StressProfile,
+    Traction,
+)
+from app.records.summary import Summary
+from app.settings.sections import Config
+
+EFFORT = Effort()
+LOG = logging.getLogger(__name__)
+REGION = 1.2  # of the radius within which there is a traction: so far D needs displacements
+CENTRE_SHARE = 0.3  # u_x at the centre is extrapolated from this share of a
+OUTER_RINGS = 4  # outside that radius, that an inversion needs to tell D
+SPARE_RINGS = 2  # further ones that are measured, as the block moves out of their places
+OUTSIDE = 1.3  # in contact radii: there the block moves as the drive does
+MOVED_PX = 0.1  # from which its direction is that of the block's motion, within a degree or so
+UNDO = "--set camera.fixed_pattern=undo"
+TURNED = math.radians(5.0)  # from which the angle of the drive is told
+
+
+def full_slip_stress(config: Config, amplitude: float) -> float:
+    """Traction mu p0 at the centre of a contact that slides as a whole, pascals, of a
+    `StickFit.amplitude`.
+    """
+    E, nu = config.sample.young_modulus, config.sample.poisson
+    return amplitude * math.pi * E / ((1 + nu) * (1 - nu / 2))
+
+
+class Pipeline:
+    """Background, reference, displacement field, ring means, stick radius: the state of the
+    analysis of one session.
+
+    Frames must come in order. The result of a frame depends on the background and reference frames;
+    those analysed in between only start its search, which can change a displacement by a small part
+    of its uncertainty. The same frames give the same bits.
+
+    Everything but the displacement field, which is that of the image, is along the drive, wherever
+    it goes in the picture. A frame's direction is that of the block's own motion in it, as soon as
+    it has moved.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.grid = grid_of(config)
+        self.contact: ContactResult | None = None
+        self.reference_frame: int | None = None
+        self.notes: list[str] = []
+        self.conclusion: Conclusion | None = None  # with the summary
+        self._background: NDArray[np.generic] | None = None
+        self._tracker: Tracker | None = None
+        self._reference: tuple[int, int, NDArray[np.generic], Conditions, Effort] | None = None
+        self._reference_shear_n = 0.0
+        self._tractions: Tractions | None = None
+        self._difference: NDArray[np.float32] | None = None  # until the pull is known
+        self._pull: Pull | None = None
+        self._marks: Marks | None = None
+        self._nominal = Direction.at(config.camera.angle)
+        if config.run.direction < 0:
+            self._nominal = self._nominal.reversed
+        self._direction = self._nominal  # of the last frame
+        self._outside = np.ones(self.grid.shape, np.bool_)
+        # within which displacements are measured if no more is asked; everywhere if None
+        self._region: NDArray[np.bool_] | None = None
+        self._region_m = math.inf
+        self._x_px, self._y_px = np.meshgrid(self.grid.x_px, self.grid.y_px)
+        self._x_m, self._y_m = places_m(config, self._x_px, self._y_px)
+
+    @property
+    def pictures(self) -> tuple[NDArray[np.generic] | None, NDArray[np.generic] | None]:
+        """The images of the reference and of the free block, as far as there are any."""
+        return self._reference[2] if self._reference else None, self._background
+
+    @property
+    def _pixel_m(self) -> float:
+        return self.config.camera.pixel
+
+    @property
+    def _ring_m(self) -> float:
+        """Width of a ring."""
+        return self.config.dic.step * self._pixel_m
+
+    @property
+    def _undoes(self) -> bool:
+        """Whether what stays in the picture is undone."""
+        return self.config.camera.fixed_pattern == "undo"
+
+    @property
+    def _centre_m(self) -> tuple[float, float]:
+        """Centre of the contact on the interface."""
+        assert self.contact is not None
+        x, y = places_m(self.config, *self.contact.centre_px)
+        return float(x), float(y)
+
+    def close(self) -> None:
+        """Let the tracker's threads go, and note what became of the reference and of the
+        tractions.
+        """
+        if self._tractions is not None:
+            self.notes.extend(self._tractions.notes())
+        if abs(self._direction.angle) > TURNED and abs(self._nominal.angle) < TURNED:
+            self.notes.append(
+                f"camera: the drive goes at {math.degrees(self._direction.angle):.1f} degrees from"
+                " the rows of the picture; displacements but those of the field are along the drive"
+            )
+        if self._tracker is not None:
+            self._tracker.close()
+        if isinstance(self._tracker, UpdatingTracker) and self._tracker.updates:
+            drift = (
+                f"{self._tracker.updates} times, which adds {self._tracker.drift_px:.4f} px to the"
+                " uncertainty of u_x"
+            )
+            self.notes.append(f"dic: the reference was replaced {drift}")
+
+    def restart(self) -> None:
+        """Go on as a new pipeline would that is given the background and the reference again."""
+        if self._tracker is not None:
+            self._tracker.close()
+        self._tracker = self._tractions = self.contact = self.reference_frame = None
+        self._difference = self._pull = self._marks = None
+        self._direction = self._nominal
+        self.notes.clear()
+        if self._reference is not None:
+            self.step(*self._reference)
+
+    def start_from(self, field: DisplacementField) -> None:
+        """Begin the search of the next frame with the displacements of another one, once the
+        reference is taken.
+        """
+        assert self._tracker is not None
+        self._tracker.start_from(field.ux_px, field.uy_px)
+
+    def summary(self, snapshots: list[Snapshot]) -> Summary:
+        """What the experiment comes down to, from all its snapshots; once it is closed."""
+        self.conclusion = conclude(self.config, snapshots, self.contact, self.notes, self._pull)
+        return self.conclusion.summary
+
+    def step(
+        self,
+        index: int,
+        sample: int,
+        image: NDArray[np.generic],
+        now: Conditions,
+        effort: Effort = EFFORT,
+    ) -> Snapshot:
+        """The snapshot of one frame, given what the bench measured during its exposure, with what
+        the effort says is to be computed.
+        """
+        if now.phase is Phase.BACKGROUND:
+            self._background = image
+        elif now.phase is Phase.REFERENCE and self.reference_frame is None:
+            self._take_reference(index, image, now, effort)
+            self._reference = index, sample, image, now, effort
+        elif self.reference_frame is None and self._reference is not None:
+            self.step(*self._reference)  # a restart has failed
+        measured = Snapshot(index, sample, now, effort=effort)
+        if self._reference is None or not effort.products & Product.CONTACT:
+            return measured
+        if self._tracker is None:
+            self._open_tracker(self._reference[2])
+        return self._measure(measured, image)
+
+    def _open_tracker(self, reference: NDArray[np.generic]) -> None:
+        self._tracker = open_tracker(self.config.correlation, self._correlated(reference))
+        at_rest = np.zeros(self.grid.shape)
+        self._tracker.start_from(at_rest, at_rest)  # spares the search of a cold start
+
+    def _take_reference(
+        self, index: int, image: NDArray[np.generic], now: Conditions, effort: Effort
+    ) -> None:
+        self._reference_shear_n = now.shear_force_n
+        works = [partial(self._find_contact, image)]
+        if effort.products & Product.CONTACT:
+            works.append(partial(self._open_tracker, image))
+        # marks that are undone must be known before the reference is correlated
+        together(works, 1 if self._undoes else min(2, self.config.dic.threads))
+        assert self.contact is not None
+        attempt(self.notes, "fixed pattern", lambda: self._find_pattern(image), None)
+        x, y = self._centre_m
+        held = (self.contact.apparent_radius_m, hertz_radius_m(self.config, now.normal_force_n))
+        radius = next((a for a in held if math.isfinite(a)), 0.0)
+        distance = np.hypot(self._x_m - x, self._y_m - y)
+        self._outside = distance > OUTSIDE * radius
+        if math.isfinite(hertz_m := held[1]):
+            mask_m, ring_m = mask_radius_m(self.config, hertz_m), self._ring_m
+            self._region_m = max(REGION * mask_m, mask_m + (OUTER_RINGS + SPARE_RINGS) * ring_m)
+            self._region = distance < self._region_m
+        if self.config.stress.method != "none":
+            self._prepare_tractions(now)
+        self.reference_frame = index
+
+    def _find_contact(self, image: NDArray[np.generic]) -> None:
+        """Centre and apparent radius from the background difference; without one the picture's
+        middle, and a note that says so.
+        """
+        rows, columns = image.shape
+        middle = ((columns - 1) / 2, (rows - 1) / 2)
+        if self._background is None:
+            self.notes.append(
+                "contact: no background image was taken, so a is not measured and rings are drawn"
+                " about the picture's middle"
+            )
+            nothing = np.empty(0)
+            self.contact = ContactResult(
+                middle, math.nan, math.nan, (math.nan, math.nan), nothing, nothing
+            )
+            return
+        background = self._background
+        found = attempt(
+            self.notes,
+            "contact",
+            lambda: apparent_contact(
+                background, image, take_marks_off=self.config.camera.fixed_pattern != "ignore"
+            ),
+            ApparentContact(),
+        )
+        self._difference, self._marks = found.difference, found.marks
+        if (marks := found.marks) is not None:
+            off = "every image" if self._undoes else "the images in which the contact is looked for"
+            more = "" if self._undoes else "; for the others replay with " + UNDO
+            self.notes.append(
+                f"picture: {marks.count} marks (dust) stay while the block moves, in"
+                f" {100 * marks.covered:.2g} % of the picture; the darkest lets"
+                f" {marks.darkest:.0%} of the light pass. They are taken off {off}{more}"
+            )
+        centre = found.centre_px
+        if not all(map(math.isfinite, centre)):
+            self.notes.extend((*found.notes, "contact: rings are drawn about the picture's middle"))
+            centre = middle
+        self.contact = ContactResult(
+            centre,
+            found.radius_px * self._pixel_m,
+            found.radius_sd_px * self._pixel_m,
+            found.shift_px,
+            found.profile_radius_px,
+            found.profile_grey,
+        )
+
+    def _without_marks(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
+        return image if self._marks is None else self._marks.taken_off(image)
+
+    def _correlated(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
+        """The image as it is correlated: without marks where what stays is undone."""
+        return self._without_marks(image) if self._undoes else image
+
+    def _find_pattern(self, reference: NDArray[np.generic]) -> None:
+        """What stays in the picture while the block moves, by the background, and how it pulls."""
+        difference, self._difference = self._difference, None
+        correlation = self.config.correlation
+        asked = self.config.camera.fixed_pattern
+        is_asked = asked != "ignore" and correlation.update == "never"
+        if difference is None or self._background is None or not is_asked:
+            return
+        assert self.contact is not None
+        rows, columns = (np.arange(n) for n in reference.shape)
+        x, y = self.contact.centre_px
+        outside = OUTSIDE * self.contact.apparent_radius_m / self._pixel_m
+        usable = (difference != 0) & (np.hypot(columns - x, rows[:, None] - y) > outside)
+        background = self._without_marks(self._background)
+        if self._marks is not None:
+            usable.reshape(-1)[self._marks.where] = False
+        found = fixed_pattern(background, difference, usable, self.contact.shift_px)
+        if found is None or not found.is_certain:
+            return
+        told = (
+            f"picture: {100 * found.share:.2f} +- {100 * found.share_sd:.2g} % of its grey levels"
+            " stay while the block moves (unequal pixels, dirt), which pulls displacements towards"
+            " zero"
+        )
+        if asked == "tell":
+            self.notes.append(f"{told} and makes L too small; replay with {UNDO}")
+            return
+        reference = self._without_marks(reference)
+        pull = self._pull = pull_of(found, correlation, reference, difference)
+        self.notes.append(
+            f"{told} by up to {pull.largest_px:.3f} px; u_x(r) and what follows from it are"
+            f" corrected, to {100 * pull.relative_sd:.0f} % of that, fields are not"
+        )
+
+    def _prepare_tractions(self, now: Conditions) -> None:
+        assert self.contact is not None
+        centre_x, centre_y = self._centre_m
+        try:
+            hertz_m = hertz_radius_m(self.config, now.normal_force_n)
+            self._tractions = Tractions(
+                self.config, self._x_m - centre_x, self._y_m - centre_y, hertz_m
+            )
+        except Exception as error:  # the displacements can be measured all the same
+            LOG.debug("no shear traction", exc_info=error)
+            self.notes.append(f"no shear traction was computed: {error}")
+
+    def _measure(self, snapshot: Snapshot, image: NDArray[np.generic]) -> Snapshot:
+        assert self._tracker is not None
+        assert self.contact is not None
+        now, pixel_m = snapshot.conditions, np.float64(self._pixel_m)
+        products, points = snapshot.effort.products, None
+        if not products & Product.PICTURE and self.config.dic.update == "never":
+            points = self._region
+        seen = self._correlated(image)
+        field = self._tracker.track(seen, points, 0 if products & Product.SETTLED else 1)
+        here: Any = slice(None) if points is None else points
+        drive = self._direction = self._drive_in(field, here, now)
+        compliance = self.config.sample.lens_compliance
+        # a stiff holder needs no force
+        lens_m = compliance * (now.shear_force_n - self._reference_shear_n) if compliance else 0.0
+        ux_m, uy_m = (u[here] * pixel_m for u in self._ideal(field))
+        centre_x, centre_y = self._centre_m
+        # distances from the lens where the material is now, not where it was at t = 0
+        x = self._x_m[here] + ux_m - centre_x - drive.x * lens_m
+        y = self._y_m[here] + uy_m - centre_y - drive.y * lens_m
+        r = np.hypot(x, y)
+        sliding_ux = drive.along(ux_m, uy_m) - lens_m
+        width = self._ring_m
+        azimuth = np.arctan2(drive.across(x, y), drive.along(x, y))
+        hertz_m = hertz_radius_m(self.config, now.normal_force_n)
+        furthest_m = self._furthest_m(hertz_m)
+        if points is not None:  # which have moved since they were chosen
+            furthest_m = min(furthest_m, self._region_m - float(np.nanmax(np.hypot(ux_m, uy_m))))
+        rings = ring_means(r, sliding_ux, width, furthest_m, theta=azimuth)
+        apparent_m = self.contact.apparent_radius_m
+        inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
+        stick, traction, stress, stress_field = None, None, None, None
+        if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
+            notes = self.notes
+            stick = attempt(notes, "stick radius", lambda: self._stick(rings, hertz_m), None)
+            if (of := self._tractions) is not None:
+                none: tuple[Traction, StressProfile] | tuple[None, None] = (None, None)
+                traction, stress = attempt(notes, "shear traction", lambda: of.of(rings), none)
+                if products & Product.EVERY_POINT:
+                    stress_field = attempt(
+                        notes,
+                        "field of the shear traction",
+                        lambda: of.field(
+                            self._on_grid(sliding_ux, here), field.ux_std_px * pixel_m, drive
+                        ),
+                        None,
+                    )
+        dic = self.config.dic
+        centre_ux_m, centre_sd_m = central_value(
+            r,
+            azimuth,
+            sliding_ux,
+            inner_m,
+            box=dic.averaging_box_px * self._pixel_m,
+            shared=max(1.0, (dic.noise_box_px / dic.step) ** 2),
+        )
+        return replace(
+            snapshot,
+            motion=Motion(lens_m, centre_ux_m, centre_sd_m, drive.angle),
+            field=DisplacementField(
+                field.ux_px,
+                field.uy_px,
+                field.ux_std_px,
+                field.uy_std_px,
+                field.zncc,
+                field.status,
+            ),
+            rings=RingProfile(rings.radius, rings.mean, rings.standard_error),
+            stick=stick,
+            traction=traction,
+            stress=stress,
+            stress_field_pa=stress_field,
+        )
+
+    def _on_grid(self, values: NDArray[Any], here: Any) -> NDArray[Any]:
+        """Values of some points of the grid, NaN at the others."""
+        out = np.full(self.grid.shape, np.nan)
+        out[here] = values
+        return out
+
+    def _ideal(self, field: Field) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Displacements in pixels, the pull of a fixed pattern and the lens's distortion undone."""
+        camera = self.config.camera
+        u: tuple[NDArray[Any], NDArray[Any]] = (field.ux_px, field.uy_px)
+        if self._pull is not None:
+            u = self._pull.corrected(*u)
+        if not camera.distortion:
+            return u
+        return ideal_displacement(self._x_px, self._y_px, *u, camera.distortion, camera.shape)
+
+    def _drive_in(self, field: Field, here: Any, now: Conditions) -> Direction:
+        """Where the drive goes in the picture, by what the block has moved in a frame, at those
+        points.
+        """
+        if now.phase is not Phase.DRIVE or self.config.camera.angle_from == "angle":
+            return self._nominal
+        u, v, outside = field.ux_px[here], field.uy_px[here], self._outside[here]
+        found = drive_direction(u, v, outside, least=MOVED_PX)
+        return found or self._nominal
+
+    def _stick(self, rings: Rings, hertz_m: float) -> Stick | None:
+        """The profile that fits the rings of a frame; None where none stands out of the noise."""
+        box = self.config.dic.averaging_box_px * self._pixel_m
+        width = self._ring_m
+        fit = fit_stick_radius(
+            rings.radius, rings.mean, rings.standard_error, hertz_m, box=box, width=width
+        )
+        if math.isnan(fit.stick_radius):
+            return None
+        full_slip_pa = full_slip_stress(self.config, fit.amplitude)
+        return Stick(fit.stick_radius, fit.stick_radius_sd, full_slip_pa, fit.reduced_chi2)
+
+    def _furthest_m(self, hertz_m: float) -> float:
+        """Radius of the largest ring about the contact's centre that lies inside the grid, or of
+        the few that a traction needs outside the contact if that is more: their harmonics are
+        fitted, so that a small gap does no harm.
+        """
+        assert self.contact is not None
+        cx, cy = self.contact.centre_px
+        x, y = self.grid.x_px, self.grid.y_px
+        whole = max(0.0, float(min(cx - x[0], x[-1] - cx, cy - y[0], y[-1] - cy))) * self._pixel_m
+        if not (math.isfinite(hertz_m) and whole > hertz_m):
+            return whole
+        return max(whole, mask_radius_m(self.config, hertz_m) + OUTER_RINGS * self._ring_m)

@@ -1,0 +1,198 @@
+"""What a run itself tells of readings that the settings do not explain: the zeros of the force
+sensors, what each reads of the other force, and a drift of the picture at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from analysis.mechanics import hertz
+from analysis.robust import serial_inflation
+from app.records.record_types import F64, Phase, RingProfile, Snapshot
+from app.records.snapshot_numbers import series_of
+from app.settings.sections import Config
+
+CERTAIN = 4.0  # standard uncertainties from which something is there
+FEWEST = 6  # frames of one phase from which they tell anything
+FEWEST_SHEARED = 24  # frames of the drive that tell P against Q
+UNLOADED = 0.1  # of P under load: below it the faces are apart
+BEFORE_SLIDING = 0.95  # of the greatest Q
+
+
+class Readings(NamedTuple):
+    """What was seen beyond the uncertainties of the settings, 0 for nothing.
+
+    Attributes
+    ----------
+    zero : (float, float)
+        Of P and Q, newtons.
+    coupling : (float, float)
+        Share of Q in the reading of P, and of P in that of Q.
+    drift : float
+        Of the contact in the picture at rest, m/s.
+    rest_s : float
+        From the reference to the start of the drive: so long anything may have drifted before.
+    notes : tuple of str
+        Each of them in a sentence.
+    """
+
+    zero: tuple[float, float] = (0.0, 0.0)
+    coupling: tuple[float, float] = (0.0, 0.0)
+    drift: float = 0.0
+    rest_s: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+NOTHING_SEEN = Readings()
+
+
+def readings(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -> Readings:
+    """What the frames of a run show of its sensors and its picture; `drive` are those of the first
+    loading.
+    """
+    told, notes = config.uncertainty, list[str]()
+    loaded = _mean(_forces([s for s in snapshots if s.conditions.phase is Phase.REFERENCE]))
+    free = _forces([s for s in snapshots if s.conditions.phase is Phase.BACKGROUND])
+    most = UNLOADED * loaded[0][0]
+    after = [s for s in snapshots if s.conditions.phase is Phase.END]
+    apart = _forces([s for s in after if abs(s.conditions.normal_force_n) < most])
+    before, since = _mean(free), _mean(apart)
+    zero = [0.0, 0.0]
+    for when, (means, errors) in (("before contact", before), ("after separation", since)):
+        for i, name in enumerate("PQ"):
+            mean, sd = float(means[i]), float(errors[i])
+            if _is_seen(mean, sd, told.zero):
+                zero[i] = max(zero[i], abs(mean))
+                notes.append(
+                    f"forces: {when}, without a force, {name} reads {1e3 * mean:.2f} +-"
+                    f" {1e3 * sd:.2g} mN (uncertainty.zero is {1e3 * told.zero:g} mN); it is not"
+                    f" taken off, and the uncertainties include it: zero the sensors"
+                )
+    pressed = [
+        float(a - (b if math.isfinite(b) else 0.0))
+        for a, b in zip(loaded[0], before[0], strict=True)
+    ]
+    coupling = [0.0, 0.0]
+    if pressed[0] > 0:
+        share = pressed[1] / pressed[0]
+        known = [sd if math.isfinite(sd) else told.zero for sd in before[1]]
+        sd = math.hypot(loaded[1][1], known[1]) / pressed[0]
+        if _is_seen(share, sd, told.coupling):
+            coupling[1] = abs(share)
+            notes.append(
+                f"forces: as the contact was pressed, Q came to read {100 * share:.2f} +-"
+                f" {100 * sd:.2g} % of P (uncertainty.coupling is {100 * told.coupling:g} %): a"
+                " cross term that forces.coupling does not have, or a shear that the pressing left;"
+                " the uncertainties include it"
+            )
+    share, sd = _shear_in_normal(drive)
+    if _is_seen(share, sd, told.coupling):
+        coupling[0] = abs(share)
+        notes.append(
+            f"forces: as the contact was sheared, P changed by {100 * share:.2f} +- {100 * sd:.2g}"
+            f" % of Q (uncertainty.coupling is {100 * told.coupling:g} %): a cross term that"
+            " forces.coupling does not have, or a load that changes with the shear; the"
+            " uncertainties include it"
+        )
+    drift, sd = _drift_at_rest(config, snapshots, float(loaded[0][0]))
+    seen = _is_seen(drift, sd, told.drift)
+    if seen:
+        notes.append(
+            f"drift: at rest under load the contact creeps by {1e6 * drift:.4f} +- {1e6 * sd:.2g}"
+            f" um/s in the picture (uncertainty.drift is {1e6 * told.drift:g} um/s): let camera,"
+            " lens and block come to rest; it is not taken off, and the uncertainties include it"
+        )
+    return Readings(
+        (zero[0], zero[1]),
+        (coupling[0], coupling[1]),
+        abs(drift) if seen else 0.0,
+        _rest_s(config, snapshots, drive),
+        tuple(notes),
+    )
+
+
+def _is_seen(value: float, sd: float, told: float) -> bool:
+    return abs(value) > max(CERTAIN * sd, told)
+
+
+def _forces(frames: list[Snapshot]) -> F64:
+    """P and Q of those frames in which they are known, shape (2, n)."""
+    both = np.stack([series_of(frames, f"{of}_force_n") for of in ("normal", "shear")])
+    return np.asarray(both[:, np.isfinite(both).all(axis=0)])
+
+
+def _mean(forces: F64) -> tuple[F64, F64]:
+    """Means of P and Q, and their standard uncertainties; NaN of few frames."""
+    n = forces.shape[1]
+    if n < FEWEST:
+        return np.full(2, math.nan), np.full(2, math.nan)
+    return forces.mean(axis=1), forces.std(axis=1, ddof=1) / math.sqrt(n)
+
+
+def _shear_in_normal(drive: list[Snapshot]) -> tuple[float, float]:
+    """Share of Q in P as the contact is sheared, beside a change of P in time, and its standard
+    uncertainty; NaN where that can not be told.
+    """
+    nothing = math.nan, math.nan
+    P, Q, t = (series_of(drive, f) for f in ("normal_force_n", "shear_force_n", "time_s"))
+    known = np.isfinite(P) & np.isfinite(Q) & np.isfinite(t)
+    n = int(known.sum())
+    if n < FEWEST_SHEARED:
+        return nothing
+    P, Q, t = P[known], Q[known], t[known]
+    # once the contact slides, Q follows each change of P: its mean is what P may follow
+    sliding = np.maximum.accumulate(Q) > BEFORE_SLIDING * Q.max()
+    if not sliding.any():  # Q is against the drive
+        return nothing
+    columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
+    normal = columns.T @ columns
+    if np.linalg.cond(normal) > 1e12:
+        return nothing
+    found = np.linalg.solve(normal, columns.T @ P)
+    residual = P - columns @ found
+    variance = serial_inflation(residual) * float(residual @ residual) / (n - columns.shape[1])
+    return float(found[1]), math.sqrt(variance * float(np.linalg.inv(normal)[1, 1]))
+
+
+def _drift_at_rest(
+    config: Config, snapshots: list[Snapshot], normal_force_n: float
+) -> tuple[float, float]:
+    """Velocity of the contact in the picture before the drive, along it, and its standard
+    uncertainty; NaN where it was not measured.
+    """
+    rest = [s for s in snapshots if s.conditions.phase is Phase.REFERENCE and s.rings]
+    if len(rest) < FEWEST or not normal_force_n > 0:
+        return math.nan, math.nan
+    s = config.sample
+    a = hertz.contact_radius(normal_force_n, s.young_modulus, s.poisson, s.lens_radius)
+    means = np.array([_mean_within(shot.rings, float(a)) for shot in rest if shot.rings])
+    t = np.array([shot.sample for shot in rest]) / config.forces.sample_rate
+    u, t = means[known := np.isfinite(means)], t[known]
+    if len(u) < FEWEST:
+        return math.nan, math.nan
+    t -= t.mean()
+    spread = float(t @ t)
+    slope = float(t @ u) / spread
+    residual = u - u.mean() - slope * t
+    variance = serial_inflation(residual) * float(residual @ residual) / (len(u) - 2)
+    return slope, math.sqrt(variance / spread)
+
+
+def _rest_s(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -> float:
+    measured = (s for s in snapshots if s.conditions.phase is Phase.REFERENCE and s.motion)
+    reference = next(measured, None)
+    if reference is None or not drive:
+        return 0.0
+    since = (drive[0].sample - reference.sample) / config.forces.sample_rate
+    return max(0.0, since - drive[0].conditions.time_s)
+
+
+def _mean_within(rings: RingProfile, radius_m: float) -> float:
+    """Mean of u_x over the disc of that radius; NaN where it is not known."""
+    inside = (rings.radius_m < radius_m) & np.isfinite(rings.ux_m)
+    if not inside.any():
+        return math.nan
+    return float(np.average(rings.ux_m[inside], weights=rings.radius_m[inside]))

@@ -1,0 +1,109 @@
+"""What the settings make of a run before anything is measured: the calibration of the sensors, the
+grid of boxes, and the header of the session. Light to import.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from analysis.calibration.forces import SensorChain
+from analysis.grid import Grid
+from analysis.options import as_written
+from analysis.undistorted import ideal_places
+from app.records.analog_channels import Channels
+from app.records.record_types import F64, ZERO, Event, Header
+from app.settings.config import to_toml
+from app.settings.sections import Config
+from app.system.errors import UserError
+
+
+def sensor_chain(config: Config) -> SensorChain:
+    """Volts to newtons with the constants of the settings."""
+    f = config.forces
+    return SensorChain(
+        sensitivity_m_per_v=f.sensitivity,
+        stiffness_n_per_m=f.stiffness,
+        zero_v=f.zero,
+        coupling=f.coupling,
+        stiffness_std_n_per_m=f.stiffness_uncertainty,
+    )
+
+
+def forces_of(config: Config, volts: F64, events: Iterable[Event]) -> F64:
+    """Forces (n, 2) of all readings of a recording from its first sample on, with the zeros that
+    its sensors were given on the way.
+
+    Raises
+    ------
+    UserError
+        An event says something else than two voltages.
+    """
+    chain = sensor_chain(config)
+    forces = chain.forces(volts)
+    for event in events:
+        if event.kind == ZERO:
+            forces[event.sample :] = zeroed(chain, event).forces(volts[event.sample :])
+    return forces
+
+
+def bytes_per_s(config: Config) -> float:
+    """What a second of a run of these settings takes on the disk."""
+    camera = config.camera
+    points = (camera.width // config.dic.step) * (camera.height // config.dic.step)
+    frame = camera.width * camera.height * camera.dtype.itemsize + 21 * points
+    samples = config.forces.sample_rate * (32 + 8 * len(config.forces.auxiliary))
+    return config.frame_rate_hz * frame + samples
+
+
+def zeroed(chain: SensorChain, event: Event) -> SensorChain:
+    """The chain with the zeros of an event of the kind `ZERO`; UserError if that has none."""
+    try:
+        normal, shear = map(float, event.text.split())
+        return replace(chain, zero_v=(normal, shear))
+    except ValueError:
+        raise UserError(
+            f"event at sample {event.sample}: two readings without a force are needed, found"
+            f" '{event.text[:80]}'; somebody changed the session, use a copy of it if there is one"
+        ) from None
+
+
+def grid_of(config: Config) -> Grid:
+    """The boxes in which the displacement is measured."""
+    return Grid.cover(config.camera.shape, config.dic.box, config.dic.step)
+
+
+def places_m(config: Config, x_px: ArrayLike, y_px: ArrayLike) -> tuple[F64, F64]:
+    """Where places of the picture are on the interface, metres, the lens's distortion undone."""
+    camera = config.camera
+    x, y = ideal_places(x_px, y_px, camera.distortion, camera.shape)
+    return x * camera.pixel, y * camera.pixel
+
+
+def header_of(config: Config, versions: dict[str, str], first_trigger: int = 0) -> Header:
+    """What a session of these settings begins with."""
+    grid = grid_of(config)
+    return Header(
+        frame_shape=config.camera.shape,
+        frame_dtype="uint8" if config.camera.dtype == np.uint8 else "uint16",
+        versions=versions,
+        config_toml=to_toml(config),
+        sample_rate_hz=float(config.forces.sample_rate),
+        first_trigger=first_trigger,
+        divisor=config.camera.divisor,
+        exposure_samples=config.exposure_samples,
+        pixel_m=config.camera.pixel,
+        grid_x_px=grid.x_px,
+        grid_y_px=grid.y_px,
+        **as_written(config.about),
+        compression="gzip" if config.recording.compression == "gzip" else "none",
+        auxiliary=Channels(
+            tuple(channel.name for channel in config.forces.auxiliary_channels),
+            tuple(channel.unit for channel in config.forces.auxiliary_channels),
+        )
+        if config.forces.auxiliary
+        else None,
+    )

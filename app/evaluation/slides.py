@@ -1,0 +1,96 @@
+"""What the slides of a protocol give: friction at each velocity, and its peak after each hold."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from analysis.friction.ageing import Slide, fit_ageing, slide_friction
+from app.evaluation.budget import Measured
+from app.records.record_types import Snapshot
+from app.records.snapshot_numbers import series_of
+from app.settings.protocol_steps import Hold, Motion
+
+FEWEST_MOVING = 5  # frames of a step whose velocity is told
+
+
+class _Slid(NamedTuple):
+    """One motion of the protocol, as it was measured."""
+
+    step: int
+    began_s: float
+    way: float
+    velocity: float
+    friction: Slide
+
+
+def slide_results(measured: Measured, notes: list[str]) -> dict[str, Any]:
+    """Fields of the summary about the slides of a protocol, if it has several; what can not be told
+    is noted.
+    """
+    run = measured.config.run
+    if not run.steps:
+        return {}
+    frames: dict[int, list[Snapshot]] = {}
+    for snapshot in measured.drive:
+        frames.setdefault(snapshot.conditions.step, []).append(snapshot)
+    slides = [
+        _slid(number, frames[number])
+        for number, step in enumerate(run.protocol, 1)
+        if isinstance(step, Motion) and len(step.ends(0.0, 1.0, 1.0)) == 1 and number in frames
+    ]
+    if len(slides) < 2:
+        return {}
+    holds, rises, rise_sds = [], [], []
+    for i, slide in enumerate(slides):
+        stopped = frames.get(slides[i - 1].step + 1) if i else None
+        held = slide.began_s - _began_s(stopped) if stopped else 0.0
+        before = slides[i - 1].friction if i and slides[i - 1].way == slide.way else Slide()
+        is_rise = held > 0 and isinstance(run.protocol[slide.step - 2], Hold)
+        friction = slide.friction
+        holds.append(held)
+        rises.append(friction.peak - before.mu_d if is_rise else math.nan)
+        sd = math.hypot(friction.peak_sd, before.mu_d_sd)
+        rise_sds.append(sd if is_rise else math.nan)
+    found: dict[str, Any] = {
+        "slide_step": tuple(slide.step for slide in slides),
+        "slide_hold_s": tuple(holds),
+        "slide_velocity_m_s": tuple(slide.velocity for slide in slides),
+        "slide_peak": tuple(slide.friction.peak for slide in slides),
+        "slide_peak_sd": tuple(slide.friction.peak_sd for slide in slides),
+        "slide_mu_d": tuple(slide.friction.mu_d for slide in slides),
+        "slide_mu_d_sd": tuple(slide.friction.mu_d_sd for slide in slides),
+        "slide_rise": tuple(rises),
+        "slide_rise_sd": tuple(rise_sds),
+    }
+    if any(math.isfinite(rise) for rise in rises):
+        ageing = fit_ageing(holds, rises, rise_sds)
+        notes.extend(ageing.notes)
+        found |= {
+            "ageing_rate": ageing.rate,
+            "ageing_rate_sd": ageing.rate_sd,
+            "ageing_time_s": ageing.time,
+            "ageing_time_sd_s": ageing.time_sd,
+        }
+    return found
+
+
+def _began_s(frames: list[Snapshot]) -> float:
+    """When a step began, in the time of the drive."""
+    first = frames[0].conditions
+    return first.time_s - first.step_time_s
+
+
+def _slid(number: int, frames: list[Snapshot]) -> _Slid:
+    time, travel, P, Q = (
+        series_of(frames, name)
+        for name in ("time_s", "travel_m", "normal_force_n", "shear_force_n")
+    )
+    way = math.copysign(1.0, travel[-1] - travel[0])
+    ratio = np.divide(way * Q, P, out=np.full(len(P), np.nan), where=P > 0)
+    velocity = math.nan
+    if len(frames) >= FEWEST_MOVING:  # the stage starts and stops within the first and the last
+        velocity = float(np.polyfit(time[1:-1], travel[1:-1], 1)[0])
+    return _Slid(number, _began_s(frames), way, velocity, slide_friction(ratio))

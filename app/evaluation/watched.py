@@ -1,0 +1,112 @@
+"""What the window and the terminal see of an experiment, live or recorded."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.evaluation.frame_analysis import Analysis, FrameAnalysis
+from app.evaluation.quality import Quality
+from app.evaluation.setup import grid_of
+from app.records.record_types import ContactResult, Counts, Outcome, Snapshot
+from app.settings.sections import Config
+from app.system.stopping import StopAnswer
+
+
+def not_begun(what: str, reason: str) -> str:
+    """Why something that was stopped before it began has ended."""
+    return f"the {what} was stopped before it began: {reason}"
+
+
+class Watched:
+    """An experiment that is being analysed, to be read from any thread.
+
+    Attributes
+    ----------
+    config : Config
+    title : str
+        What it is, for people.
+    pixel_m, sample_rate_hz : float
+    grid_x_px, grid_y_px : ndarray, shape (nx,) and (ny,)
+        Centres of the correlation boxes.
+    stays : bool
+        Whether it goes on when the window that shows it is closed.
+    """
+
+    stays = False
+
+    def __init__(self, config: Config, title: str, pipeline: FrameAnalysis) -> None:
+        self.config, self.title = config, title
+        self.pixel_m = config.camera.pixel
+        self.sample_rate_hz = float(config.forces.sample_rate)
+        self._analysis = Analysis(config, pipeline)
+        self._quality = Quality(config, None)
+        grid = grid_of(config)
+        self.grid_x_px, self.grid_y_px = grid.x_px, grid.y_px
+        self._state = "idle"
+        self._starting = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._ended = threading.Event()
+        self._outcome: Outcome | None = None
+        self._is_called_off = False  # it was to end before it began
+
+    def wait(self, timeout: float | None = None) -> Outcome | None:
+        """The outcome once the experiment has ended and its threads are gone; None if it has not
+        after `timeout` seconds.
+        """
+        if self._ended.wait(timeout) and self._thread is not None:
+            # an interpreter that ends while the thread lets go of its arrays may crash
+            self._thread.join()
+        return self._outcome
+
+    def answer(self, text: str) -> None:
+        """Answer the question of the step under way; what is recorded asks none."""
+
+    def stop_answer(self) -> StopAnswer | None:
+        """What became of a stop; what is recorded moves nothing."""
+        return None
+
+    def outcome(self) -> Outcome | None:
+        """How the experiment ended; None while it has not."""
+        return self._outcome
+
+    def contact(self) -> ContactResult | None:
+        """The apparent contact, once the reference was taken."""
+        return self._analysis.pipeline.contact
+
+    def reference_image(self) -> NDArray[Any] | None:
+        """The image from which displacements are measured; None before it was taken."""
+        return self._analysis.reference_image
+
+    def snapshots_since(self, n: int, *, is_shown: bool = False) -> list[Snapshot]:
+        """The snapshots after the first `n`; only the newest holds all its parts
+        (`app.evaluation.series`). `is_shown` says that a window shows them.
+        """
+        if is_shown:
+            self._quality.shows()
+        return self._analysis.series.since(n)
+
+    def force_history(
+        self, n: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """About `n` points of the experiment so far: samples, P and Q in newtons."""
+        return self._analysis.history.block_means(n)
+
+    def _call_off(self, what: str, reason: str) -> Outcome | None:
+        """End an experiment that has not begun, which never will; None if it has begun."""
+        with self._starting:
+            if self._state != "idle":
+                return None
+            self._is_called_off = True
+            why = not_begun(what, reason)
+            outcome = Outcome("done", why, Counts(), None)
+            self._end(outcome)
+        return outcome
+
+    def _end(self, outcome: Outcome) -> None:
+        self._outcome = outcome
+        self._state = outcome.state
+        self._ended.set()

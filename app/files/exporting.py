@@ -1,0 +1,321 @@
+"""What a session or a file of results holds, in the files of other programs: images, tables,
+arrays, ParaView.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from app.evaluation.setup import sensor_chain, zeroed
+from app.files.array_files import Array, session_arrays, table_arrays, write_mat, write_npz
+from app.files.field_files import FieldTable, stated
+from app.files.kinds import KINDS, RESULTS
+from app.files.paraview import write_pvd
+from app.files.tabular import Tables
+from app.files.text_tables import number_cell
+from app.records.record_types import (
+    STEP,
+    ZERO,
+    DisplacementField,
+    Event,
+    Snapshot,
+)
+from app.session.datasets import as_certain_as_told
+from app.session.field_series import is_results
+from app.session.reader import SessionReader
+from app.session.result_tables import TABLES, results_table
+from app.session.results import ResultsReader
+from app.session.tables import SESSION, force_columns, session_table, stage_um
+from app.settings.config import from_record, to_toml
+from app.system.errors import UserError
+from app.system.outputs import cell_of, check_output, check_output_folder, new_file, new_folder
+
+# of an image: the sample of the forces on which its exposure began, its time from sample 0, the
+# sample on which its phase did; P_N, Q_N: means over the exposure; stage_um: in its middle; first,
+# last: triggers that may have taken it; step, step_sample: of the protocol, and where it began
+FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last,"
+FRAMES += "step,step_sample"
+# what an export writes into a folder
+_OURS = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
+
+
+def export(
+    held: Path,
+    output: Path,
+    what: str = "",
+    *,
+    frames: str = "",
+    overwrite: bool = False,
+    on_progress: Callable[[str, float], None] = lambda text, share: None,
+) -> str:
+    """Write what a session or a file of results holds; one sentence about what was written.
+
+    Files appear only when they are complete; one frame at a time is in memory (but see
+    `app.files.array_files.write_mat`).
+
+    Parameters
+    ----------
+    output : Path
+        A folder (no ending), or a file whose ending is in `KINDS`, or in `RESULTS`.
+    what : str
+        One of those for that ending; empty: the first.
+    frames : str
+        Trigger numbers as ``first:end:step``, the end not included, or one number; empty: all.
+
+    Raises
+    ------
+    UserError
+        It can not be written so, the output exists, or there is nothing to write; nothing was
+        written.
+    """
+    has_runs = is_results(held)
+    kind = _kind(output, what, RESULTS if has_runs else KINDS)
+    wanted = frame_range(frames) if frames else None
+    if kind in KINDS[""]:
+        check_output_folder(output, overwrite)
+    else:
+        name = "file of results" if has_runs else "session"
+        check_output(output, overwrite, inputs={name: [held]})
+    if has_runs:
+        with ResultsReader(held) as results:
+            return _write_results(results, kind, wanted, output, overwrite, on_progress)
+    with SessionReader(held) as reader:
+        chosen = _Chosen(reader, wanted, on_progress)
+        if kind in SESSION:
+            return chosen.tables.write(kind, output, overwrite)
+        return _WRITERS[kind](chosen, output, overwrite)
+
+
+def _kind(output: Path, what: str, kinds: Mapping[str, tuple[str, ...]]) -> str:
+    ending = "" if output.is_dir() else output.suffix.lower()
+    if ending not in kinds:
+        raise UserError(
+            f"{output}: the ending '{ending}' is not known; give a folder (no ending) or"
+            f" {', '.join(list(kinds)[1:])}"
+        )
+    if what and what not in kinds[ending]:
+        able = ", ".join(dict.fromkeys(kinds[ending]))
+        raise UserError(f"{output}: {what} can not be written so; '{ending}' takes {able}")
+    return what or kinds[ending][0]
+
+
+def _write_results(
+    reader: ResultsReader,
+    kind: str,
+    frames: range | None,
+    output: Path,
+    overwrite: bool,
+    tell: Callable[[str, float], None],
+) -> str:
+    tables = Tables(
+        TABLES, lambda what: results_table(reader, what, frames), tell, frames is not None
+    )
+    if kind == "tables":
+        return tables.write_all(output, overwrite)
+    if kind == "arrays":
+        return _write_these(table_arrays(tables), output, overwrite)
+    return tables.write(kind, output, overwrite)
+
+
+def frame_range(text: str) -> range:
+    """Trigger numbers from ``first:end:step`` or one number; all for an empty text.
+
+    Raises
+    ------
+    UserError
+        It is neither.
+    """
+    if re.fullmatch(r"\d{1,15}", text):
+        return range(int(text), int(text) + 1)
+    parts = re.fullmatch(r"(\d{0,15}):(\d{0,15})(?::(\d{1,15}))?", text or ":")
+    if parts is None or int(parts[3] or 1) == 0:
+        raise UserError(
+            f"--frames: '{text}' can not be read; give first:end:step, such as 10:200:5 (200 is not"
+            " included), or one number"
+        )
+    return range(int(parts[1] or 0), int(parts[2] or 10**15), int(parts[3] or 1))
+
+
+class _Chosen:
+    """A session, and the frames of it that are to be written."""
+
+    def __init__(
+        self, reader: SessionReader, frames: range | None, tell: Callable[[str, float], None]
+    ) -> None:
+        self.reader, self.header, self.tell, self.frames = reader, reader.header, tell, frames
+        wanted = frame_range("") if frames is None else frames
+        triggers = as_certain_as_told(reader.triggers(), reader.events())
+        self.triggers = triggers[[int(index) in wanted for index in triggers["index"]]]
+        # rows of results, and those of them that have a displacement field
+        self.rows = [i for i, index in enumerate(reader.analysed_frames()) if index in wanted]
+        has_field = reader.have_fields()
+        self.measured = [i for i in self.rows if has_field[i]]
+        self.tables = Tables(
+            tuple(SESSION),
+            lambda what: session_table(reader, what, frames),
+            tell,
+            frames is not None,
+        )
+
+    def fields(self) -> Iterator[tuple[Snapshot, DisplacementField]]:
+        """The displacement field of each frame that has one.
+
+        Raises
+        ------
+        UserError
+            None has.
+        """
+        if not self.measured:
+            raise UserError(
+                f"{self.reader.path}: no displacement field was measured on these frames;"
+                " `slipscope info` lists what there is"
+            )
+        for n, i in enumerate(self.measured):
+            self.tell(f"field {n + 1} of {len(self.measured)}", n / len(self.measured))
+            snapshot = self.reader.snapshot(i)
+            assert snapshot.field is not None
+            yield snapshot, snapshot.field
+
+
+def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
+    reader, header, triggers = chosen.reader, chosen.header, chosen.triggers
+    if not len(triggers):
+        raise UserError(
+            f"{reader.path}: it has none of the frames that were chosen; `slipscope info` says how"
+            " many there are"
+        )
+    received = int(triggers["received"].sum())
+    needed = received * math.prod(header.frame_shape) * np.dtype(header.frame_dtype).itemsize
+    free = shutil.disk_usage(output.parent).free
+    if needed > free:
+        raise UserError(
+            f"{output}: the images need {needed / 1e9:.2f} GB, {free / 1e9:.2f} GB are free; make"
+            " room or choose --frames"
+        )
+    config = from_record(header.config_toml, f"{reader.path}: settings")
+    for event in reader.events():
+        if event.kind == ZERO:
+            zero = zeroed(sensor_chain(config), event).zero_v
+            config = replace(config, forces=replace(config.forces, zero=zero))
+    settings = to_toml(config)
+    with new_folder(output, overwrite, _OURS) as folder:
+        exposures = _Exposures(reader)
+        with _text(folder / "metadata.csv") as table:
+            table.write(f"{FRAMES}\n")
+            cells = csv.writer(table, lineterminator="\n")
+            for n, (index, sample, is_there, _, reason, *span) in enumerate(triggers.tolist()):
+                name = f"{index:06d}.tiff" if is_there else ""
+                chosen.tell(name or f"frame {index}", n / len(triggers))
+                if is_there:
+                    image = reader.frame(index)[2]
+                    # uncompressed; OpenCV itself opens only some paths on Windows
+                    _, encoded = cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+                    (folder / name).write_bytes(encoded.tobytes())
+                row = [index, *exposures.cells(sample), name, cell_of(reason), *span]
+                cells.writerow([*row, *exposures.step(sample)])
+        chosen.tables.write_to(folder / "forces.csv", "forces", force_columns(reader))
+        (folder / "settings.toml").write_text(settings, encoding="utf-8")
+    return (
+        f"{output}: {received} images, {len(triggers) - received} lost frames, metadata.csv,"
+        " forces.csv, settings.toml"
+    )
+
+
+class _Exposures:
+    """What the bench did during exposures, as cells of a table."""
+
+    def __init__(self, reader: SessionReader) -> None:
+        self._header, self._forces = reader.header, reader.forces().forces
+        self._positions = reader.positions()
+        self._phases = [event for event in reader.events() if event.kind == "phase"]
+        self._steps = [event for event in reader.events() if event.kind == STEP]
+
+    def cells(self, sample: int) -> list[str]:
+        """Cells sample, time_s, phase, phase_sample, P_N, Q_N, stage_um."""
+        length = self._header.exposure_samples
+        exposed = self._forces[sample : sample + length]
+        forces = exposed.mean(axis=0) if len(exposed) else np.full(2, np.nan)
+        phase = _last(self._phases, sample)
+        stage = stage_um(*self._positions, np.array([sample + length / 2]))
+        numbers = [*forces.tolist(), *stage.tolist()]
+        return [
+            str(sample),
+            number_cell(sample / self._header.sample_rate_hz),
+            cell_of(phase.text) if phase else "",
+            str(phase.sample) if phase else "",
+            *map(number_cell, numbers),
+        ]
+
+    def step(self, sample: int) -> list[str]:
+        """Cells step and step_sample; empty where no step is known."""
+        step = _last(self._steps, sample)
+        return [step.text.partition(" ")[0], str(step.sample)] if step else ["", ""]
+
+
+def _last(events: list[Event], sample: int) -> Event | None:
+    """The last of some events at a sample."""
+    return next((event for event in reversed(events) if event.sample <= sample), None)
+
+
+def _text(path: Path) -> Any:
+    return path.open("x", encoding="utf-8", newline="\n")
+
+
+def _write_fields(chosen: _Chosen, output: Path, overwrite: bool) -> str:
+    x_px, y_px = chosen.header.grid_x_px, chosen.header.grid_y_px
+    dic = from_record(chosen.header.config_toml, f"{chosen.reader.path}: settings").dic
+    with new_file(output, overwrite) as path, _text(path) as file:
+        measured_in = stated(chosen.header.pixel_m, dic.averaging_box_px, dic.noise_box_px)
+        table = FieldTable(file, x_px, y_px, has_lens=True, constants=measured_in)
+        for snapshot, field in chosen.fields():
+            table.append(snapshot.frame, field, _lens_px(snapshot, chosen.header.pixel_m))
+    return f"{output}: {len(chosen.measured)} fields of {len(x_px) * len(y_px)} points"
+
+
+def _lens_px(snapshot: Snapshot, pixel_m: float) -> float:
+    """Motion of the lens along x, NaN where it is not known."""
+    if snapshot.motion is None:
+        return math.nan
+    along, angle = snapshot.motion.lens_m, snapshot.motion.drive_angle_rad
+    return along * (math.cos(angle) if math.isfinite(angle) else 1.0) / pixel_m
+
+
+def _write_arrays(chosen: _Chosen, output: Path, overwrite: bool) -> str:
+    arrays = session_arrays(chosen.reader, chosen.frames, chosen.tell)
+    return _write_these(arrays, output, overwrite)
+
+
+def _write_these(arrays: Iterable[Array], output: Path, overwrite: bool) -> str:
+    write = write_mat if output.suffix.lower() == ".mat" else write_npz
+    with new_file(output, overwrite) as path:
+        return f"{output}: {write(path, arrays)} arrays"
+
+
+def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
+    folder = output.with_suffix("")
+    check_output_folder(folder, overwrite)
+    with (
+        new_file(output, overwrite) as path,
+        new_folder(folder, overwrite, _OURS) as unfinished,
+    ):
+        write_pvd(path, unfinished, folder.name, chosen.header, chosen.fields())
+    return f"{output}: {len(chosen.measured)} fields, one file each in {folder}"
+
+
+_WRITERS: dict[str, Callable[[_Chosen, Path, bool], str]] = {
+    "images": _write_images,
+    "tables": lambda chosen, output, overwrite: chosen.tables.write_all(output, overwrite),
+    "fields": _write_fields,
+    "arrays": _write_arrays,
+    "paraview": _write_paraview,
+}

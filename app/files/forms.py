@@ -1,0 +1,294 @@
+"""How a table in a text file is written: encoding, separator, decimal sign, header; given, or found
+in its first lines.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+from app.system.errors import UserError
+
+LOOKED_AT = 200  # lines from which the form of a table is found
+LONGEST_LINE = 1 << 16  # characters; a text without line breaks is no table
+SEPARATORS = {";": "';'", "\t": "tabs", ",": "','", "|": "'|'", " ": "spaces"}
+_NAMED = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+_GROUP = r"(?:[1-9]\d{{0,2}}(?:[ '{0}\u00a0\u202f]\d{{3}})+|\d*)"
+_NUMBER = {
+    decimal: re.compile(
+        r"[+-]?(?=[\d{1}])".replace("{1}", re.escape(decimal))
+        + _GROUP.format(other)
+        + rf"(?:{re.escape(decimal)}\d*)?(?:[eE][+-]?\d+)?"
+    )
+    for decimal, other in ((".", ","), (",", "."))
+}
+_GROUPS = {".": re.compile("[ ',\u00a0\u202f]"), ",": re.compile("[ '.\u00a0\u202f]")}
+_UNIT = re.compile(
+    r"(?P<name>.*?)(?:\s*[\[(]\s*(?P<a>[^\])]*?)\s*[\])]|\s*/\s*(?P<b>\S+)|\s+in\s+(?P<c>\S+)"
+    r"|_(?P<d>[A-Za-zµμ]+))?\s*"
+)
+_UNITS_ALONE = re.compile(r"[\[(]?\s*(?:[mkuµμn]?[msNV]|min|px|-|)\s*[\])]?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """How tables are written; what is None is found.
+
+    Attributes
+    ----------
+    columns : mapping of str to str
+        Quantity with its unit, such as ``P_N`` -> the name in the header, or the number of the
+        column from 1 on.
+    delimiter, decimal, encoding : str or None
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    delimiter: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+
+    @classmethod
+    def given(
+        cls,
+        columns: Sequence[str] = (),
+        delimiter: str | None = None,
+        decimal: str | None = None,
+        encoding: str | None = None,
+    ) -> Form:
+        """The form that options name; each of `columns` is ``QUANTITY=NAME, QUANTITY=NAME``.
+
+        Raises
+        ------
+        UserError
+        """
+        named: dict[str, str] = {}
+        for text in columns:
+            for part in re.split(r"[,;]\s*(?=\w+\s*=)", text):
+                quantity, sign, name = (one.strip() for one in part.partition("="))
+                if not (quantity and sign and name):
+                    raise UserError(
+                        f"--columns: '{text[:200]}' is not QUANTITY=NAME; write for example"
+                        ' --columns "time_s=Zeit, P_N=Fn [N], Q_N=Ft [N]"'
+                    )
+                named[quantity] = name
+        if delimiter is not None:
+            delimiter = _NAMED.get(delimiter.lower(), delimiter)
+            if delimiter not in SEPARATORS:
+                raise UserError(
+                    f"--delimiter: '{delimiter[:20]}' can not separate cells; give one of"
+                    " ',', ';', '|', tab, space"
+                )
+        if decimal is not None and decimal not in _NUMBER:
+            raise UserError(f"--decimal: '{decimal[:20]}' was given; give '.' or ','")
+        if decimal == delimiter == ",":
+            raise UserError("--decimal, --delimiter: ',' can not be both; give another delimiter")
+        if encoding is not None:
+            try:
+                codecs.lookup(encoding)
+                "".encode(encoding)
+            except (LookupError, ValueError):
+                raise UserError(
+                    f"--encoding: '{encoding[:40]}' is not known; give utf-8, utf-16 or latin-1"
+                ) from None
+        return cls(columns=named, delimiter=delimiter, decimal=decimal, encoding=encoding)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The form of one table: how it is read, and the names of its columns; `rows_from` lines,
+    without comments and empty ones, come before its first row.
+    """
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    header: tuple[str, ...]
+    rows_from: int
+
+    def __str__(self) -> str:
+        sign = "point" if self.decimal == "." else "comma"
+        return f"{SEPARATORS[self.delimiter]}, decimal {sign}, {self.encoding}"
+
+    def rows(self, path: Path) -> Iterator[list[str]]:
+        """The cells of each row."""
+        with path.open(newline="", encoding=self.encoding) as file:
+            lines = islice(_lines(file, []), self.rows_from, None)
+            if self.delimiter == " ":
+                yield from (line.split() for line in lines)
+            else:
+                yield from csv.reader(lines, delimiter=self.delimiter)
+
+    def number(self, cell: str) -> float:
+        """The number in a cell; infinity where there is none."""
+        try:
+            if self.decimal == ".":
+                return float(cell)
+            if "," not in cell and "." not in cell:
+                return float(cell)
+        except ValueError:
+            pass
+        if _NUMBER[self.decimal].fullmatch(cell):
+            return float(_GROUPS[self.decimal].sub("", cell).replace(",", "."))
+        try:
+            return float(cell)
+        except ValueError:
+            return float("inf")
+
+
+def layout_of(path: Path, form: Form, is_known: Callable[[str], bool]) -> Layout:
+    """How the table in a file is written; `is_known` says which names a header may have.
+
+    Raises
+    ------
+    OSError, UnicodeError, csv.Error
+        The file can not be read.
+    """
+    encoding = form.encoding or _encoding(path)
+    comments: list[str] = []
+    with path.open(newline="", encoding=encoding) as file:
+        lines = list(islice(_lines(file, comments), LOOKED_AT))
+    if not lines:
+        return Layout(encoding, form.delimiter or ",", form.decimal or ".", (), 0)
+    first = form.delimiter or max(",;\t", key=lines[0].count)
+    names = tuple(name.strip() for name in _cells([lines[0]], first)[0])
+    wanted = set(form.columns.values())
+    if any(is_known(name) or name in wanted for name in names):
+        rows = _cells(lines[1:], first)
+        return Layout(encoding, first, form.decimal or _decimal(rows, first), names, 1)
+    return _found(lines, comments, encoding, form)
+
+
+def _found(lines: list[str], comments: list[str], encoding: str, form: Form) -> Layout:
+    """The layout by which the first lines hold the most numbers, with what stands above them."""
+    best: tuple[tuple[float, float], str, str, int, list[list[str]]] | None = None
+    for separator in [form.delimiter] if form.delimiter else SEPARATORS:
+        rows = _cells(lines, separator)
+        width = Counter(len(row) for row in rows[1:] or rows).most_common(1)[0][0]
+        if width < 2:
+            continue
+        decimal = form.decimal or _decimal(rows, separator)
+        like = [row for row in rows if len(row) == width and _numbers(row, decimal)]
+        if not like:
+            continue
+        share = sum(_numbers(row, decimal) for row in like) / (width * len(like))
+        rank = (round(len(like) / len(rows), 1), share)
+        if best is None or rank > best[0]:
+            best = rank, separator, decimal, width, rows
+    if best is None:
+        separator = form.delimiter or max(",;\t", key=lines[0].count)
+        names = tuple(name.strip() for name in _cells([lines[0]], separator)[0])
+        return Layout(encoding, separator, form.decimal or ".", names, 1)
+    _, separator, decimal, width, rows = best
+    usual = max(_numbers(row, decimal) for row in rows if len(row) == width)
+    first = next(
+        (
+            n
+            for n, row in enumerate(rows)
+            if len(row) == width and 0 < usual <= 2 * _numbers(row, decimal)
+        ),
+        1,
+    )
+    above = rows[:first]
+    if separator == " " and above and len(above[-1]) != width:  # names of several words
+        above[-1] = re.split(r"\s{2,}", lines[first - 1].strip())
+    if not (above and len(above[-1]) == width):
+        commented = _cells(comments[-1:], separator)
+        if commented and len(commented[0]) == width:
+            above = commented
+        else:
+            return Layout(
+                encoding, separator, decimal, tuple(str(n + 1) for n in range(width)), first
+            )
+    names = tuple(name.strip() for name in above[-1])
+    if (
+        len(above) > 1
+        and len(above[-2]) == width
+        and all(map(_UNITS_ALONE.fullmatch, names))
+        and any(names)
+    ):
+        named = zip(above[-2], names, strict=True)
+        names = tuple(
+            f"{name.strip()} [{unit.strip('[]() ')}]" if unit else name.strip()
+            for name, unit in named
+        )
+    return Layout(encoding, separator, decimal, names, first)
+
+
+def _lines(file: Iterator[str], comments: list[str]) -> Iterator[str]:
+    """The lines that are neither empty nor comments; the comments before the first go to
+    `comments`.
+    """
+    begun = False
+    for line in file:
+        if line.lstrip().startswith("#"):
+            if not begun and len(comments) < LOOKED_AT:
+                comments.append(line.lstrip().lstrip("#").strip())
+        elif line.strip():
+            begun = True
+            yield line
+
+
+def _cells(lines: Sequence[str], separator: str) -> list[list[str]]:
+    if separator == " ":
+        return [line.split() for line in lines]
+    return list(csv.reader((line[:LONGEST_LINE] for line in lines), delimiter=separator))
+
+
+def _numbers(row: Sequence[str], decimal: str) -> int:
+    return sum(1 for cell in row if _NUMBER[decimal].fullmatch(cell.strip()))
+
+
+def _decimal(rows: Sequence[Sequence[str]], separator: str) -> str:
+    """The decimal sign with which more of the cells are numbers."""
+    if separator == ",":
+        return "."
+    point, comma = (sum(_numbers(row, sign) for row in rows) for sign in ".,")
+    if point != comma:
+        return "." if point > comma else ","
+    cells = [cell for row in rows for cell in row if _NUMBER["."].fullmatch(cell.strip())]
+    signs = {sign for cell in cells for sign in ".," if sign in cell}
+    return "," if signs == {","} else "."
+
+
+def _encoding(path: Path) -> str:
+    """UTF-8 or UTF-16 if the file is that, else the code page of Windows for the West."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+        if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return "utf-16"
+        for start, name in ((1, "utf-16-le"), (0, "utf-16-be")):
+            half = head[start::2]
+            if len(half) > 8 and half.count(0) > 0.9 * len(half):
+                return name
+        decoder, text = codecs.getincrementaldecoder("utf-8-sig")(), head
+        try:
+            while text:
+                decoder.decode(text)
+                text = file.read(1 << 20)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return "cp1252"
+    return "utf-8-sig"
+
+
+def name_and_unit(header: str) -> tuple[str, str]:
+    """The name of a column in small letters, and its unit: of ``Normal force [mN]``, ``t/s``,
+    ``P_N``.
+    """
+    found = _UNIT.fullmatch(header.strip())
+    assert found is not None  # every text is a name without a unit
+    unit = next((found[key] for key in "abcd" if found[key] is not None), "")
+    name = re.sub(r"[\s_\-]+", " ", found["name"]).strip().lower()
+    return name, unit.strip().lower().replace("µ", "u").replace("μ", "u")
+
+
+def quoted(names: Collection[str]) -> str:
+    """Names for a message, the first dozen of them."""
+    told = ", ".join(f"'{name[:60]}'" for name in list(names)[:12])
+    return told + (f" and {len(names) - 12} more" if len(names) > 12 else "")

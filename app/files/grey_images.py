@@ -1,0 +1,91 @@
+"""Grey images in files: PNG, or TIFF with one or many pages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.system.errors import UserError
+from drivers.cameras.image_files import MOST_BYTES, decoded, page_count
+from drivers.cameras.image_folder import SUFFIXES, images_of
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """An image in a file: the only one, or a page of many, from 0 on."""
+
+    path: Path
+    page: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The file, and the page if it holds many."""
+        return self.path.name if self.page is None else f"{self.path.name}, page {self.page}"
+
+    def __str__(self) -> str:
+        return str(self.path) if self.page is None else f"{self.path}, page {self.page}"
+
+
+def pictures_of(paths: Iterable[Path]) -> list[Picture]:
+    """The images of files, of the pages of files that hold many, and of folders, in their order.
+
+    Raises
+    ------
+    UserError
+        There is no such file, or a folder without images.
+    """
+    pictures: list[Picture] = []
+    for path in paths:
+        files = images_of(path) if path.is_dir() else [path]
+        if not files:
+            raise UserError(
+                f"{path}: no image ({', '.join(SUFFIXES)}) in this folder; check the name"
+            )
+        for file in files:
+            try:
+                pages = page_count(file) if file.is_file() else 1
+            except OSError:  # told by who reads it
+                pages = 1
+            of_file = [Picture(file)] if pages < 2 else [Picture(file, n) for n in range(pages)]
+            pictures.extend(of_file)
+    return pictures
+
+
+def read_image(source: Path | Picture, most_bytes: int = MOST_BYTES) -> NDArray[Any]:
+    """The grey levels of an image, shape (rows, columns), as stored: 8 or 16 bit, or 32-bit floats.
+
+    A file with three equal channels (a grey palette, a grey picture saved as RGB) counts as grey.
+
+    Raises
+    ------
+    UserError
+        The file is missing, is not an image, holds several images or colours, or takes more than
+        `most_bytes` of memory.
+    """
+    path = source if isinstance(source, Picture) else Picture(source)
+    try:
+        image = decoded(path.path, most_bytes, path.page)
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from None
+    except OSError as error:
+        raise UserError(
+            f"{path}: the file can not be read ({error.strerror or error}); check the name"
+        ) from None
+    if image.ndim == 3 and image.shape[2] == 3 and (image == image[..., :1]).all():
+        image = image[..., 0]
+    if image.ndim != 2:
+        raise UserError(
+            f"{path}: a colour image ({image.shape[2]} channels); convert it to grey levels"
+        )
+    return np.ascontiguousarray(image)
+
+
+def size_text(image: NDArray[Any]) -> str:
+    """Width, height and pixel type of an image, for a message: ``1600 x 1200 uint8``."""
+    rows, columns = image.shape
+    return f"{columns} x {rows} {image.dtype}"

@@ -1,0 +1,124 @@
+"""The forces and places of an import as a session has them: volts by sample, phases, gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.options import quantity
+from app.evaluation.setup import sensor_chain
+from app.files.frames import ImportedTrigger, Sources
+from app.files.phases import chosen_phases, listed_phases, listed_steps
+from app.files.text_tables import Table, by_sample, clock_samples
+from app.records.record_types import Event, Phase, Position
+from app.replay.loop import Measurements
+from app.session.checks import LONGEST_GAP_S
+from app.settings.sections import Config
+from app.system.errors import UserError
+
+F64 = NDArray[np.float64]
+
+# largest difference, as a fraction of the largest force, between forces in newtons and those that
+# follow from the readings in volts
+DISAGREEMENT = 1e-3
+
+
+def measurements_of(
+    config: Config,
+    frames: list[ImportedTrigger],
+    table: Table | None,
+    forces: Table | None,
+    sources: Sources,
+    remarks: list[str],
+) -> Measurements:
+    """What an import gives beside its images; what is not known is among the remarks."""
+    exposure, rate = config.exposure_samples, config.forces.sample_rate
+    volts = np.empty((0, 2)) if forces is None else _volts(config, forces)
+    end = max(len(volts), frames[-1].sample + exposure)
+    volts = np.concatenate([volts, np.full((end - len(volts), 2), np.nan)])
+    if forces is None:
+        remarks.append(
+            "no forces: P, Q and what follows from them are not known; the displacement fields are"
+        )
+    has_options = (sources.background, sources.reference, sources.drive) != (None, None, None)
+    phases = [] if has_options else listed_phases(frames)
+    phases = phases or chosen_phases(config, frames, volts, sources, remarks)
+    if phases[-1][1] is not Phase.END:
+        phases.append((end, Phase.END))
+    # a phase is known from the end of the block before it, so that each begins a block
+    ends = sorted(
+        {*range(config.forces.block, end, config.forces.block), end}
+        | {sample for sample, _ in phases if 0 < sample < end}
+    )
+    stage = np.full(len(ends), np.nan)
+    for given in (forces, table):
+        if given is not None and np.isfinite(given.numbers.get("stage", np.nan)).any():
+            metres = given.numbers["stage"]
+            at, known = _row_samples(given, config, sources), np.isfinite(metres)
+            middle = exposure / 2 if given is table else 0.0
+            stage = np.interp(np.array(ends), at[known] + middle, metres[known])
+            break
+    gaps = _gaps(volts, int(LONGEST_GAP_S * rate))
+    events = [Event(sample, "phase", str(phase)) for sample, phase in phases]
+    events += [] if has_options else listed_steps(frames)
+    known = np.flatnonzero(np.isfinite(volts).all(axis=1))
+    begins, ends_at = (int(known[0]), int(known[-1])) if len(known) else (end, 0)
+
+    def fate(first: int) -> str:
+        if forces is None:
+            return "not there: no forces were given"
+        if begins <= first <= ends_at:
+            return "lost: not among the imported forces"
+        return f"not there: the table {'begins later' if first < begins else 'ends earlier'}"
+
+    events += [Event(first, "gap", f"{count} samples {fate(first)}") for first, count in gaps]
+    positions = [Position(*one) for one in zip(ends, stage.tolist(), strict=True)]
+    return Measurements(volts, gaps, positions, events)
+
+
+def _row_samples(table: Table, config: Config, sources: Sources) -> F64:
+    """The sample of each row; where the table has no times, that of its number."""
+    at = clock_samples(table, float(config.forces.sample_rate))
+    if at is not None:
+        return at
+    rate, rows = config.forces.sample_rate, np.arange(table.rows, dtype=np.float64)
+    apart = rate / sources.frame_rate if sources.frame_rate else config.camera.divisor
+    return table.numbers.get("frame", rows) * apart
+
+
+def _gaps(volts: F64, longest: int) -> list[tuple[int, int]]:
+    """First sample and length of the stretches without readings, none longer than `longest`."""
+    missing = np.isnan(volts).any(axis=1)
+    edges = np.flatnonzero(np.diff(missing, prepend=False, append=False))
+    return [
+        (first, min(longest, end - first))
+        for begin, end in edges.reshape(-1, 2).tolist()
+        for first in range(begin, end, longest)
+    ]
+
+
+def _volts(config: Config, table: Table) -> F64:
+    """Readings by sample; for forces in newtons, those that the sensors of the settings would have
+    given.
+    """
+    chain, rate = sensor_chain(config), float(config.forces.sample_rate)
+    newtons = by_sample(table, ("p", "q"), rate) if table.has("p", "q") else None
+    if not table.has("normal", "shear"):
+        if newtons is None:
+            raise UserError(
+                f"{table.path}: the header has neither P_N and Q_N nor normal_V and shear_V; name"
+                " the columns so"
+            )
+        return chain.volts(newtons)
+    volts = by_sample(table, ("normal", "shear"), rate)
+    if newtons is not None:
+        off = np.nanmax(np.abs(chain.forces(volts) - newtons), initial=0.0)
+        if off > DISAGREEMENT * np.nanmax(np.abs(newtons), initial=1e-3):
+            raise UserError(
+                f"{table.path}: the readings in volts mean forces that are up to {off:.3g} N from"
+                " those in newtons by the settings"
+                f" ({quantity(config.forces, 'sensitivity_shear')},"
+                f" {quantity(config.forces, 'stiffness_shear')} for Q); give the --settings of the"
+                " bench, or leave the wrong columns out"
+            )
+    return volts

@@ -1,0 +1,479 @@
+"""Images and forces of other benches and programs, made into a session: settings, times, phases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.saturation import end_of_scale
+from app.evaluation.frame_analysis import Analysis
+from app.evaluation.pipeline import Pipeline
+from app.evaluation.setup import header_of
+from app.files.clocks import TOLERANCE, matched, motion_of
+from app.files.forms import quoted
+from app.files.frames import (
+    ImportedTrigger,
+    Sources,
+    files_of,
+    first_image,
+    image_or_reason,
+    listed,
+    numbered,
+    with_lost,
+)
+from app.files.grey_images import size_text
+from app.files.imported_forces import measurements_of
+from app.files.text_tables import (
+    FORCES,
+    FRAMES,
+    LONGEST_S,
+    Table,
+    clock_samples,
+    read_table,
+)
+from app.records.record_types import Event, LostTrigger, Outcome, Phase, ReceivedFrame
+from app.replay.loop import Measurements, Trigger, record_analysis
+from app.session.files import check_new_session
+from app.session.versions import versions
+from app.settings.config import load, read_settings
+from app.settings.sections import Config
+from app.system.errors import UserError
+
+F64 = NDArray[np.float64]
+
+FINEST_HZ = 500  # a slower clock of forces is divided, so that images have their place on it
+LATE = 0.05  # of the time that the images take: forces that begin so much later are told
+# of an experiment with forces, of which one at least must be measured
+RESULTS = (
+    *("apparent_radius_m", "onset_time_s", "mu_d", "law_mu", "law_length_m", "young_modulus_pa"),
+    "sliding_velocity_m_s",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """How the import ended, what was found and assumed, a sentence each, and how many samples are
+    beside the table of forces, before its first row or after its last.
+    """
+
+    outcome: Outcome
+    remarks: tuple[str, ...]
+    samples_outside: int
+    has_result: bool
+
+    @property
+    def shortcoming(self) -> str:
+        """Why nothing came of it, and what to do; empty if there is a result."""
+        counts, summary = self.outcome.counts, self.outcome.summary
+        if not counts.frames_received:
+            return "import: none of the images could be read; see the reasons in the session"
+        if summary is None or self.has_result:
+            return ""
+        why = "; ".join(summary.notes[:3]) or "no quantity could be measured"
+        return (
+            f"import: nothing was measured ({why}); check the phases that are told above, and give"
+            " --background, --reference, --drive or --time-offset"
+        )
+
+
+def import_files(
+    sources: Sources,
+    output: Path,
+    *,
+    overwrite: bool = False,
+    on_progress: Callable[[str, float], None] = lambda text, share: None,
+) -> Imported:
+    """Make a session at `output` of all images and forces, analysed as in a live run; it is
+    complete or not there at all.
+
+    Raises
+    ------
+    UserError, ConfigError
+        Something can not be used, or is needed and missing.
+    """
+    check_new_session(output, overwrite, has_picture=False)
+    read = understood(sources, on_progress)
+    config, frames, first = read.config, read.frames, read.first
+    missing = sum(frame.path is None for frame in frames)
+    reason = f"imported: {len(frames) - missing} images, {missing} lost, from {sources.images[0]}"
+    reason += f", forces from {read.forces}" if read.forces else ""
+    read.measured.events.append(Event(len(read.measured.volts), "import", reason))
+    end, exposure = len(read.measured.volts), config.exposure_samples
+
+    analysis, measured_fields = Analysis(config, Pipeline(config)), 0
+
+    def triggers() -> Iterator[Trigger]:
+        nonlocal measured_fields
+        for frame in frames:
+            image = image_or_reason(frame, first)
+            if isinstance(image, str):
+                yield LostTrigger(frame.index, frame.sample, image), None
+            else:
+                yield ReceivedFrame(frame.index, frame.sample, image), image
+                field = analysis.series.since(len(analysis.series) - 1)[0].field
+                measured_fields += field is not None and bool(np.isfinite(field.ux_px).any())
+            on_progress(f"frame {frame.index}", (frame.sample + exposure) / end)
+
+    first_trigger = max(0, frames[0].sample - frames[0].index * config.camera.divisor)
+    outcome = record_analysis(
+        analysis,
+        read.measured,
+        triggers(),
+        header_of(config, versions(), first_trigger),
+        output,
+        lambda: reason,
+        overwrite=overwrite,
+    )
+    summary = outcome.summary
+    has_result = (
+        measured_fields > 0
+        if read.forces is None
+        else summary is not None and any(math.isfinite(getattr(summary, name)) for name in RESULTS)
+    )
+    return Imported(outcome, tuple(read.remarks), read.outside, has_result)
+
+
+@dataclass(frozen=True, slots=True)
+class Understood:
+    """What is to be imported, once it is known what everything means."""
+
+    config: Config
+    frames: list[ImportedTrigger]
+    first: NDArray[Any]
+    measured: Measurements
+    remarks: list[str]
+    forces: Path | None
+    outside: int
+
+
+def understood(
+    sources: Sources, on_progress: Callable[[str, float], None] = lambda text, share: None
+) -> Understood:
+    """Read the tables and the first image, and find clocks and phases; see `import_files`."""
+    remarks: list[str] = []
+    sources, files = files_of(sources, remarks)
+    table = read_table(sources.metadata, FRAMES, sources.form) if sources.metadata else None
+    forces = read_table(sources.forces, FORCES, sources.form) if sources.forces else None
+    _check_named(sources, [one for one in (table, forces) if one])
+    frames = numbered(files, remarks) if table is None else listed(table, files, remarks)
+    first = first_image(frames)
+    given = _given(sources)
+    seen = f"{len(files)} images of {size_text(first)}, {files[0]} to {files[-1].name}"
+    if missing := _missing(sources, given, table, forces):
+        read = ". ".join([seen, *(one.told for one in (table, forces) if one)])
+        listed_ = (
+            missing[0]
+            if len(missing) == 1
+            else " ".join(f"({n}) {one};" for n, one in enumerate(missing, 1))
+        )
+        raise UserError(f"import: {listed_.rstrip(';')}. What was read: {read}")
+    remarks += [one.told for one in (table, forces) if one]
+    rate = _rate(sources, given, forces)
+    config = _settings(sources, first, table, forces, rate)
+    if sources.settings is None:
+        remarks.append(
+            "no settings file: the sample, the lens and the sensors are those that `slipscope"
+            " config` prints" + (", but for what --set gives" if sources.overrides else "")
+        )
+    places = _places(frames, table, config, sources)
+    if forces is not None:
+        on_progress("comparing the clocks of images and forces", 0.0)
+        places, table, forces = _on_one_clock(
+            sources, config, frames, places, table, forces, first, remarks
+        )
+    if (
+        table is not None
+        and (at := clock_samples(table, float(config.forces.sample_rate))) is not None
+    ):
+        places = at
+    for frame, place in zip(frames, places.tolist(), strict=True):
+        frame.sample = round(place)
+    frames = with_lost(frames)
+    measured = measurements_of(config, frames, table, forces, sources, remarks)
+    _tell_saturated(config, frames, measured, first, remarks)
+    outside = 0
+    if forces is not None:
+        known = np.flatnonzero(np.isfinite(measured.volts).all(axis=1))
+        outside = len(measured.volts) - int(known[-1] - known[0] + 1) if len(known) else 0
+        bare = [
+            frame
+            for frame in frames
+            if frame.path and not np.isfinite(measured.volts[frame.sample]).all()
+        ]
+        if bare:
+            remarks.append(
+                f"for {len(bare)} of {len(frames)} images there are no forces, the first is frame"
+                f" {bare[0].index}, the last frame {bare[-1].index}"
+            )
+    return Understood(config, frames, first, measured, remarks, sources.forces, outside)
+
+
+def _tell_saturated(
+    config: Config,
+    frames: list[ImportedTrigger],
+    measured: Measurements,
+    first: NDArray[Any],
+    remarks: list[str],
+) -> None:
+    """A remark if the grey scale of the reference ends before that of its type."""
+    at = next((e.sample for e in measured.events if e.text == Phase.REFERENCE), -1)
+    reference = next((one for one in frames if one.path and one.sample >= at), None)
+    image = None if reference is None else image_or_reason(reference, first)
+    given = config.correlation.full_scale
+    if image is None or isinstance(image, str) or (end := end_of_scale(image, given)) >= given:
+        return
+    remarks.append(
+        f"{(image >= end).mean():.2%} of the pixels of the reference share the grey level {end:g},"
+        " at which the grey scale seems to end: they count as saturated; --set dic.full_scale=LEVEL"
+        " says where it ends"
+    )
+
+
+def _check_named(sources: Sources, tables: list[Table]) -> None:
+    """Refuse columns that are named and nowhere found."""
+    for column, name in sources.form.columns.items():
+        if not any(column.partition("_")[0].lower() in one.columns for one in tables):
+            headers = "; ".join(f"{one.path.name}: {quoted(one.header)}" for one in tables)
+            raise UserError(
+                f"--columns: '{column}={name}' fits no table; there are the columns"
+                f" {headers or 'of no table'}, and the quantities time_s, P_N, Q_N, normal_V,"
+                " shear_V, stage_um, sample, frame, file"
+            )
+
+
+def _given(sources: Sources) -> set[str]:
+    """``table.key`` of all settings that a file or --set gives."""
+    data = {} if sources.settings is None else read_settings(sources.settings)
+    keys = {
+        f"{table}.{key}"
+        for table, content in data.items()
+        if isinstance(content, dict)
+        for key in content
+    }
+    return keys | {one.partition("=")[0].strip() for one in sources.overrides}
+
+
+def _missing(
+    sources: Sources, given: set[str], table: Table | None, forces: Table | None
+) -> list[str]:
+    """What has to be known and is not, a clause each with what gives it."""
+    missing: list[str] = []
+    if sources.pixel_um is None and "camera.pixel" not in given:
+        missing.append("the size of a pixel, um, is not known; give --pixel, or --settings")
+    has_rate = sources.rate_hz is not None or "forces.sample_rate" in given
+    has_divisor = sources.divisor is not None or "camera.divisor" in given
+    by_samples = (table is not None and table.has("sample")) or (
+        forces is not None and forces.has("sample")
+    )
+    is_timed = table is not None and (table.has("sample") or table.has("time"))
+    if not is_timed and sources.frame_rate is None and not has_divisor:
+        missing.append(
+            "the time from one image to the next is not known; give --frame-rate HZ (or --divisor"
+            " SAMPLES of the clock of --rate HZ), or a table --metadata with a column time_s"
+        )
+    uses_divisor = has_divisor and not is_timed and sources.frame_rate is None
+    if not has_rate and (by_samples or uses_divisor):
+        missing.append(
+            "the samples of the forces per second (without forces: of the times of images), Hz, are"
+            " not known; give --rate, or --settings"
+        )
+    if forces is not None:
+        if not (forces.has("p", "q") or forces.has("normal", "shear")):
+            missing.append(
+                f"{forces.path}: the header has neither P_N and Q_N nor normal_V and shear_V; name"
+                " the columns so, or say which they are:"
+                ' --columns "time_s=NAME, P_N=NAME, Q_N=NAME" (units N, mN, V, mV; s, ms)'
+            )
+        if not forces.has("sample") and not forces.has("time"):
+            missing.append(
+                f"{forces.path}: the header has neither sample nor time_s; say when each row was"
+                ' measured: --columns "time_s=NAME"'
+            )
+    return missing
+
+
+def _rate(sources: Sources, given: set[str], forces: Table | None) -> int | None:
+    """The rate of the sample clock where nobody gives it: that of the forces, or a multiple."""
+    if sources.rate_hz is not None or "forces.sample_rate" in given:
+        return sources.rate_hz
+    if forces is None or not forces.has("time") or forces.rows < 2:
+        return None
+    step = float(np.nanmedian(np.diff(forces.numbers["time"])))
+    if not step > 0:
+        return None  # told by who reads the times
+    rate = float(f"{1 / step:.3g}") if 1 / step >= 10 else 1 / step
+    return max(1, round(rate * max(1, math.ceil(FINEST_HZ / rate))))
+
+
+def _settings(
+    sources: Sources,
+    first: NDArray[Any],
+    table: Table | None,
+    forces: Table | None,
+    rate: int | None,
+) -> Config:
+    """The settings of the analysis: those given, with what the images and the options say."""
+    known: dict[str, Any] = {
+        "camera.width": first.shape[1],
+        "camera.height": first.shape[0],
+        "camera.max_rate": 10000,  # they are taken already
+        "camera.pixel": sources.pixel_um,
+        "forces.sample_rate": rate,
+        "camera.divisor": sources.divisor,
+    }
+    if forces is None:
+        known["sample.lens_compliance"] = 0  # without Q nobody knows how far the lens moved
+    overrides = [f"{key}={value}" for key, value in known.items() if value is not None]
+
+    def loaded(*more: str) -> Config:
+        return load(sources.settings, [*overrides, *sources.overrides, *more], recorded=True)
+
+    if sources.divisor is None and (table is not None or sources.frame_rate is not None):
+        found = loaded("camera.divisor=1000000").forces.sample_rate
+        apart = found / sources.frame_rate if sources.frame_rate else 0.0
+        if table is not None and (at := _clock(table, found)) is not None and len(at) > 1:
+            numbers = table.numbers.get("frame", np.arange(table.rows))
+            apart = float(np.median(np.diff(at) / np.diff(numbers)))
+        if apart:
+            overrides.append(f"camera.divisor={max(1, round(apart))}")
+            most_ms = 1e3 * max(1, round(apart)) / found
+            if (
+                "camera.exposure" not in _given(sources)
+                and Config().camera.exposure > most_ms / 1e3
+            ):
+                overrides.append(f"camera.exposure={most_ms:g}")
+    config = loaded()
+    if config.camera.dtype != first.dtype:
+        word = "Mono8" if first.dtype == np.uint8 else "Mono16"
+        config = loaded(f"camera.pixel_format={word}")
+    return config
+
+
+def _clock(table: Table, rate: float) -> F64 | None:
+    """Place of each row on the sample clock, counted from where the table counts; None without."""
+    if table.has("sample"):
+        return table.numbers["sample"]
+    return table.numbers["time"] * rate if table.has("time") else None
+
+
+def _places(
+    frames: list[ImportedTrigger], table: Table | None, config: Config, sources: Sources
+) -> F64:
+    """Place of each image on the sample clock; where no table has times, that of its number."""
+    rate = float(config.forces.sample_rate)
+    if table is not None and (at := _clock(table, rate)) is not None:
+        return at
+    apart = rate / sources.frame_rate if sources.frame_rate else float(config.camera.divisor)
+    return np.array([frame.index * apart for frame in frames])
+
+
+def _on_one_clock(
+    sources: Sources,
+    config: Config,
+    frames: list[ImportedTrigger],
+    places: F64,
+    table: Table | None,
+    forces: Table,
+    first: NDArray[Any],
+    remarks: list[str],
+) -> tuple[F64, Table | None, Table]:
+    """The places of the images, and both tables, counted from one origin: the clock of the forces
+    is moved by --time-offset, or by as much as the images say.
+
+    Raises
+    ------
+    UserError
+        Forces and images do not overlap.
+    """
+    rate = float(config.forces.sample_rate)
+    at = _clock(forces, rate)
+    assert at is not None
+    if not (np.diff(at) > 0).all():
+        clock_samples(forces, rate)  # says which row
+    offset_s = sources.offset_s
+    if offset_s is None:
+        offset_s = 0.0
+        if not forces.has("sample") and len(places) > 1 and not any(f.phase for f in frames):
+            offset_s = _offset_s(config, frames, places / rate, forces, first, remarks)
+    else:
+        remarks.append(
+            f"{offset_s:g} s are added to the times of the forces, as --time-offset says"
+        )
+    begin, end = float(at[0]) / rate + offset_s, float(at[-1]) / rate + offset_s
+    from_s, to_s = places[0] / rate, places[-1] / rate
+    if not (end >= from_s and begin <= to_s + config.exposure_samples / rate):
+        raise UserError(
+            f"import: the forces cover {begin:.6g} to {end:.6g} s, the images {from_s:.6g} to"
+            f" {to_s:.6g} s, which do not overlap; move the clock of the forces with --time-offset"
+            f" SECONDS: {from_s - begin:.6g} if both began together"
+        )
+    origin = min(begin, from_s)
+    if 0 <= origin <= LONGEST_S and max(begin, from_s) - origin < LONGEST_S:
+        origin = 0.0
+    elif origin:
+        remarks.append(
+            f"sample 0 is at {origin:.6g} s of the images' clock, where"
+            f" {'the forces' if begin < from_s else 'the images'} begin"
+        )
+    moved = table if not origin else table and table.shifted(-origin, rate)
+    if offset_s != origin:
+        forces = forces.shifted(offset_s - origin, rate)
+    return (places - origin * rate if origin else places), moved, forces
+
+
+def _offset_s(
+    config: Config,
+    frames: list[ImportedTrigger],
+    times_s: F64,
+    forces: Table,
+    first: NDArray[Any],
+    remarks: list[str],
+) -> float:
+    """What is to be added to the times of the forces: 0 if images and Q begin to move together."""
+
+    def image(number: int) -> NDArray[Any] | None:
+        found = image_or_reason(frames[number], first)
+        return None if isinstance(found, str) else found
+
+    motion = motion_of(times_s.tolist(), image)
+    shear = forces.numbers["q" if forces.has("p", "q") else "shear"]
+    at = forces.numbers["time"]
+    exposure_s = config.exposure_samples / config.forces.sample_rate
+    match = None if motion is None else matched(motion, at, shear, exposure_s)
+    known = at[np.isfinite(at)]
+    if match is None:
+        if known[0] > times_s[0] + LATE * (times_s[-1] - times_s[0]) or known[-1] < times_s[-1] - (
+            LATE * (times_s[-1] - times_s[0])
+        ):
+            remarks.append(
+                f"the forces cover {known[0]:.6g} to {known[-1]:.6g} s, the images"
+                f" {times_s[0]:.6g} to {times_s[-1]:.6g} s: if their clocks began at different"
+                " times, give --time-offset SECONDS"
+            )
+        return 0.0
+    apart = float(np.median(np.diff(times_s)))
+    close = max(3 * match.sd_s, TOLERANCE * apart)
+    told = f"{match.ahead_s:.3f} ± {match.sd_s:.3f} s"
+    if abs(match.ahead_s) <= close:
+        return 0.0
+    together = {"began": known[0] - times_s[0], "ended": known[-1] - times_s[-1] - apart}
+    which = next((one for one in together if abs(together[one] - match.ahead_s) <= close), "")
+    if which:
+        remarks.append(
+            f"the clock of the forces is {told} ahead of that of the images, by the start of the"
+            f" motion in both; {-together[which]:.3f} s are added to its times, with which both"
+            f" {which} together (--time-offset SECONDS for another)"
+        )
+        return -float(together[which])
+    remarks.append(
+        f"the clock of the forces is {told} ahead of that of the images, by the start of the motion"
+        f" in both; {-match.ahead_s:.3f} s are added to its times (--time-offset SECONDS for"
+        " another)"
+    )
+    return -match.ahead_s

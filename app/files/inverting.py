@@ -1,0 +1,291 @@
+"""Shear tractions from a series of displacement fields."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.contact.orientation import Direction
+from analysis.contact.rings import ring_means
+from analysis.inversion.axisymmetric import AxisymmetricInversion
+from analysis.inversion.conjugate import conjugate_gradient
+from analysis.inversion.coupled import CoupledInversion, CoupledProblem
+from analysis.inversion.material import as_seen
+from analysis.inversion.problem import InversionProblem, mask_radius
+from analysis.inversion.regularised import RegularisedInversion
+from analysis.inversion.result import Inversion, RadialInversion
+from analysis.inversion.van_cittert import van_cittert
+from analysis.mechanics import hertz
+from app.files.field_files import FieldSeries
+from app.settings.sections import InversionSettings
+from app.system.errors import UserError
+from app.system.outputs import new_file
+
+F64 = NDArray[np.float64]
+
+ENDINGS = (".csv", ".npz")
+# share of the bump that the contact makes in the field: the part above gives the contact's centre
+HALF = 0.5
+OBLIQUE = 0.1  # sine of the angle between drive and rows up to which a field is along x
+_PROFILE = "r_mm,sigma_kPa,sigma_sd_kPa"
+_WHOLE = "x_mm,y_mm,sigma_kPa,sigma_sd_kPa,residual_um"
+
+
+@dataclass(frozen=True, slots=True)
+class Inverted:
+    """The traction under one field along the drive; `profile` is its azimuthal mean about the
+    contact's centre as (r, sigma, standard uncertainty), `across` the component across the drive.
+    """
+
+    number: int
+    result: Inversion
+    profile: tuple[F64, F64, F64]
+    across: F64 | None = None
+
+    @property
+    def peak_radius_m(self) -> float:
+        """Where the profile is largest."""
+        r, sigma, _ = self.profile
+        return float(r[np.nanargmax(sigma)])
+
+    @property
+    def residual_over_noise(self) -> float:
+        """Root mean square of the residual in units of the noise."""
+        return math.sqrt(self.result.chi2)
+
+
+def with_centre(series: FieldSeries) -> FieldSeries:
+    """The series with the contact's centre, computed from the last field unless it is known: the
+    centroid of the upper half of the bump that the contact makes in u_x.
+
+    Raises
+    ------
+    UserError
+        There is no bump.
+    """
+    if series.centre_m is not None:
+        return series
+    *_, (_, ux, _) = series.fields()
+    rim = np.concatenate([ux[0], ux[-1], ux[:, 0], ux[:, -1]])
+    bump = np.nan_to_num(np.nanmedian(rim) - ux) if np.isfinite(rim).any() else np.zeros(ux.shape)
+    weight = np.maximum(bump - HALF * bump.max(), 0.0)
+    if not weight.sum() > 0:
+        raise UserError(
+            "invert: no contact stands out of the last field; give its place with --centre"
+        )
+    x, y = np.meshgrid(series.x_m, series.y_m)
+    weight, moved = weight / weight.sum(), np.nan_to_num(ux)
+    now_x, now_y = x + series.direction.x * moved, y + series.direction.y * moved
+    centre = float(np.vdot(weight, now_x)), float(np.vdot(weight, now_y))
+    return replace(series, centre_m=centre)
+
+
+def invert_series(
+    series: FieldSeries, settings: InversionSettings, failures: list[str]
+) -> Iterator[Inverted]:
+    """The traction under each field of a series whose centre is known, one at a time.
+
+    Fields that can not be inverted are left out; `failures` gets a sentence about each.
+
+    Raises
+    ------
+    UserError
+        The fields do not allow any inversion.
+    """
+    pitch, centre, drive = series.pitch_m, series.centre_m, series.direction
+    if centre is None:
+        raise ValueError("invert_series: the centre must be known; use `with_centre`")
+    if abs(float(series.y_m[1] - series.y_m[0]) / pitch - 1) > 1e-3:
+        raise UserError(
+            "invert: the points lie at another distance along x than along y; interpolate them on a"
+            " square grid"
+        )
+    if settings.method == "coupled":
+        return _both(series, settings, failures)
+    if settings.method != "axisymmetric" and abs(drive.y) > OBLIQUE:
+        raise UserError(
+            f"invert: the drive goes at {math.degrees(drive.angle):.1f} degrees from the rows of"
+            f" the fields, and --method {settings.method} needs one along them; use --method"
+            " axisymmetric or coupled, or turn the camera"
+        )
+    x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
+    P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
+    try:
+        radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
+        solve = _solver(series, settings, x, y, radius)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    return _inverted(series, solve, x, y, radius, failures)
+
+
+Solve = Callable[[F64, F64], Inversion]
+
+
+def _solver(
+    series: FieldSeries, settings: InversionSettings, x: F64, y: F64, radius: float
+) -> Solve:
+    """The function that inverts a field and its standard uncertainty."""
+    pitch, E, nu = series.pitch_m, settings.modulus, settings.poisson
+    drive = series.direction
+    more: dict[str, Any] = {"box": series.box_m, "thickness": settings.depth}
+    if settings.method in ("cgls", "van-cittert"):
+        problem = InversionProblem(np.hypot(x, y) < radius, pitch, E, nu, **more)
+        iterate = conjugate_gradient if settings.method == "cgls" else van_cittert
+        return _following(series, lambda ux, sd: iterate(problem, ux, sd))
+    more["edge"] = hertz.contact_radius(settings.normal_force, E, nu, settings.radius)
+    more["noise_box"] = series.noise_box_m
+    if settings.method == "regularised":
+        whole = RegularisedInversion(x, y, radius, E, nu, **more)
+        return _following(series, whole.solve)
+    profile = AxisymmetricInversion(x, y, pitch, radius, E, nu, **more)
+
+    def solve(u: F64, _: F64) -> Inversion:
+        now_x, now_y = x + drive.x * u, y + drive.y * u  # where the material is now
+        theta = np.arctan2(drive.across(now_x, now_y), drive.along(now_x, now_y))
+        return profile.solve(ring_means(np.hypot(now_x, now_y), u, pitch, theta=theta))
+
+    return solve
+
+
+def _following(series: FieldSeries, solve: Callable[[F64, F64 | None], Inversion]) -> Solve:
+    """An inversion of a whole field that follows the material through the contact."""
+
+    def follow(u: F64, sd: F64) -> Inversion:
+        seen, seen_sd = as_seen(u, sd, series.pitch_m, series.direction)
+        return solve(seen, seen_sd if np.isfinite(sd).any() else None)
+
+    return follow
+
+
+def _both(
+    series: FieldSeries, settings: InversionSettings, failures: list[str]
+) -> Iterator[Inverted]:
+    """Both components of the traction, turned to be along and across the drive."""
+    centre, drive, pitch = series.centre_m, series.direction, series.pitch_m
+    if series.across is None or centre is None:
+        raise UserError(
+            f"invert: {series.path} has no displacement across the drive, and --method coupled"
+            " needs both; give a session"
+        )
+    x, y = np.meshgrid(series.x_m - centre[0], series.y_m - centre[1])
+    P, E, nu, R = settings.normal_force, settings.modulus, settings.poisson, settings.radius
+    r, theta = np.hypot(x, y), np.arctan2(drive.across(x, y), drive.along(x, y))
+    try:
+        radius = mask_radius(P, E, nu, R, settings.roughness, pitch)
+        problem = CoupledProblem(
+            r < radius, pitch, E, nu, box=series.box_m, thickness=settings.depth
+        )
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    for (number, u, u_sd), (v, v_sd) in zip(series.fields(), series.across(), strict=True):
+        along, along_sd = as_seen(u, u_sd, pitch, drive)
+        across, across_sd = as_seen(v, v_sd, pitch, drive, moves=u)
+        back = drive.mirrored
+        fields = back.along(along, across), back.across(along, across)
+        try:
+            found = problem.solve(fields, (along_sd, across_sd))
+        except ValueError as error:
+            failures.append(f"field {number}: {error}")
+            continue
+        one = _along(found, drive)
+        rings = ring_means(r, one.sigma, pitch, radius, theta=theta)
+        profile = rings.radius, rings.mean, rings.standard_error
+        yield Inverted(number, one, profile, drive.across(*found.sigma))
+
+
+def _along(found: CoupledInversion, drive: Direction) -> Inversion:
+    """The part along the drive of both components."""
+    return Inversion(
+        sigma=drive.along(*found.sigma),
+        sigma_sd=np.full(found.sigma[0].shape, np.nan),
+        D=float(drive.along(*found.D)),
+        D_sd=math.nan,
+        Q=float(drive.along(*found.Q)),
+        Q_sd=math.nan,
+        residual=drive.along(*found.residual),
+        chi2=found.chi2,
+        iterations=found.iterations,
+        stopped=found.stopped,
+        is_covered=found.is_covered,
+        is_converged=found.is_converged,
+        notes=found.notes,
+    )
+
+
+def _inverted(
+    series: FieldSeries, solve: Solve, x: F64, y: F64, radius: float, failures: list[str]
+) -> Iterator[Inverted]:
+    r, theta = np.hypot(x, y), np.arctan2(y, x)
+    for number, ux, sd in series.fields():
+        try:
+            result = solve(ux, sd)
+        except ValueError as error:
+            failures.append(f"field {number}: {error}")
+            continue
+        if isinstance(result, RadialInversion):
+            inside = result.radius < radius
+            profile = result.radius[inside], result.sigma[inside], result.sigma_sd[inside]
+        else:
+            rings = ring_means(r, result.sigma, series.pitch_m, radius, theta=theta)
+            profile = rings.radius, rings.mean, rings.standard_error
+        yield Inverted(number, result, profile)
+
+
+def write_tractions(
+    path: Path, series: FieldSeries, inverted: Sequence[Inverted], overwrite: bool
+) -> None:
+    """Write the tractions as a table (.csv) or as arrays (.npz).
+
+    A CSV has the columns frame, r_mm, sigma_kPa, sigma_sd_kPa or, of methods that invert the whole
+    field, frame, x_mm, y_mm, sigma_kPa, sigma_sd_kPa, residual_um and, of both components,
+    sigma_across_kPa. An npz has frame, D_m, D_sd_m, Q_N, Q_sd_N, is_converged, stopped,
+    radius_m, profile_Pa, profile_sd_Pa and, of whole fields, x_m, y_m, sigma_Pa, sigma_sd_Pa,
+    residual_m, sigma_across_Pa.
+    """
+    is_whole = not isinstance(inverted[0].result, RadialInversion)
+    with new_file(path, overwrite) as unfinished:
+        if path.suffix.lower() == ".npz":
+            with unfinished.open("xb") as file:
+                np.savez(file, **_arrays(series, inverted, is_whole))
+            return
+        x, y = np.meshgrid(series.x_m, series.y_m)
+        with unfinished.open("x", encoding="utf-8", newline="\n") as table:
+            both = ",sigma_across_kPa" if inverted[0].across is not None else ""
+            table.write(f"frame,{_WHOLE + both if is_whole else _PROFILE}\n")
+            for one in inverted:
+                whole = [x, y, one.result.sigma, one.result.sigma_sd, one.result.residual]
+                if one.across is not None:
+                    whole.append(one.across)
+                si = np.column_stack(
+                    [part.ravel() for part in (whole if is_whole else one.profile)]
+                )
+                scale = (1e3, 1e3, 1e-3, 1e-3, 1e6, 1e-3)[: len(whole)]
+                scale = scale if is_whole else (1e3, 1e-3, 1e-3)
+                rows = np.column_stack([np.full(len(si), one.number), si * scale])
+                np.savetxt(table, rows, ["%d", *["%.7g"] * len(scale)], ",")
+
+
+def _arrays(series: FieldSeries, inverted: Sequence[Inverted], is_whole: bool) -> dict[str, Any]:
+    arrays: dict[str, Any] = {
+        "frame": np.array([one.number for one in inverted]),
+        "radius_m": inverted[0].profile[0],
+        "profile_Pa": np.array([one.profile[1] for one in inverted]),
+        "profile_sd_Pa": np.array([one.profile[2] for one in inverted]),
+    }
+    arrays["is_converged"] = np.array([one.result.is_converged for one in inverted])
+    arrays["stopped"] = np.array([str(one.result.stopped) for one in inverted])
+    attributes = {"D_m": "D", "D_sd_m": "D_sd", "Q_N": "Q", "Q_sd_N": "Q_sd"}
+    if is_whole:
+        arrays |= {"x_m": series.x_m, "y_m": series.y_m}
+        attributes |= {"sigma_Pa": "sigma", "sigma_sd_Pa": "sigma_sd", "residual_m": "residual"}
+        if inverted[0].across is not None:
+            arrays["sigma_across_Pa"] = np.array([one.across for one in inverted])
+    for name, attribute in attributes.items():
+        arrays[name] = np.array([getattr(one.result, attribute) for one in inverted])
+    return arrays

@@ -1,0 +1,265 @@
+"""When the phases of an imported experiment began, by its metadata, the options, or its forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.robust import white_noise
+from app.evaluation.setup import sensor_chain
+from app.files.frames import ImportedTrigger, Sources
+from app.records.record_types import STEP, Event, Phase
+from app.settings.sections import Config
+from app.system.errors import UserError
+
+F64 = NDArray[np.float64]
+
+FOOT = (0.05, 0.15)  # shares of the rise of Q; the line through them leads back to its start
+SMOOTH_S = 0.05  # Q is averaged over this time to find its rise
+FIRST_LEG = 0.9  # of the greatest change of Q: a first leg that goes further is the one looked at
+NEAR_0 = 0.2  # of the load: P of a block that is free
+UNZEROED = 0.02  # of the load: a larger P of a free block is told
+SETTLED = 0.9  # of the load: with more of it the block counts as pressed
+RISE = 6.0  # a change of Q by fewer standard deviations of its noise is no rise
+
+
+def listed_phases(frames: list[ImportedTrigger]) -> list[tuple[int, Phase]]:
+    """The phases that the metadata name, with the samples on which they began; none if they name
+    none.
+
+    Raises
+    ------
+    UserError
+        A phase is not known, or none is the reference.
+    """
+    phases: list[tuple[int, Phase]] = []
+    for frame in frames:
+        if frame.phase and (not phases or frame.phase != phases[-1][1]):
+            if frame.phase not in tuple(Phase):
+                raise UserError(
+                    f"metadata: phase '{frame.phase}' of frame {frame.index} is not known; there"
+                    f" are {', '.join(Phase)}"
+                )
+            began = frame.phase_sample if 0 <= frame.phase_sample <= frame.sample else frame.sample
+            phases.append((began if phases else 0, Phase(frame.phase)))
+    if phases and Phase.REFERENCE not in [phase for _, phase in phases]:
+        raise UserError("metadata: no frame is of phase reference; name one, or give --reference")
+    return phases
+
+
+def listed_steps(frames: list[ImportedTrigger]) -> list[Event]:
+    """The beginnings of the steps of a protocol that the metadata name."""
+    begun: list[Event] = []
+    before = 0
+    for frame in frames:
+        if frame.step > before and frame.step < 1000 and 0 <= frame.step_sample <= frame.sample:
+            begun.append(Event(frame.step_sample, STEP, f"{frame.step} of an imported run"))
+            before = frame.step
+    return begun
+
+
+def chosen_phases(
+    config: Config,
+    frames: list[ImportedTrigger],
+    volts: F64,
+    sources: Sources,
+    remarks: list[str],
+) -> list[tuple[int, Phase]]:
+    """The phases by the frames that the options name, else by the forces: the background is the
+    last image with P near 0, the drive begins where Q rises, the reference is the last image at
+    rest before it.
+
+    Raises
+    ------
+    UserError
+        A frame has no image or is out of order, Q does not rise, or no image shows the block at
+        rest.
+    """
+    exposure, rate = config.exposure_samples, config.forces.sample_rate
+    images = {frame.index: frame.sample for frame in frames if frame.path is not None}
+    for option, index in (("--background", sources.background), ("--reference", sources.reference)):
+        if index is not None and index not in images:
+            raise UserError(
+                f"{option}: frame {index} has no image; there are images of frames {min(images)} to"
+                f" {max(images)}"
+            )
+    forces = sensor_chain(config).forces(volts)
+    pressing = _pressing(forces[:, 0], rate, sources.reference and images[sources.reference])
+    margin = round(SMOOTH_S * rate)
+    background, reference = sources.background, sources.reference
+    if background is None and pressing is not None:
+        free = [i for i, sample in images.items() if sample + exposure + margin <= pressing.begins]
+        background = max((i for i in free if reference is None or i < reference), default=None)
+        if background is None:
+            remarks.append(
+                "no background: no image was taken before P rose, so that a can not be measured;"
+                " --background names one"
+            )
+        else:
+            remarks.append(
+                f"the background is frame {background}, the last with P near 0 (P rises at"
+                f" {pressing.begins / rate:.3f} s)"
+            )
+            if abs(pressing.zero) > UNZEROED * abs(pressing.load):
+                remarks.append(
+                    f"P is {pressing.zero:.3g} N while the block is free,"
+                    f" {abs(pressing.zero / pressing.load):.0%} of the load: take the zero of the"
+                    " sensors off the table, or give it in forces.zero"
+                )
+    drive = _named_drive(sources, frames, images, exposure)
+    if drive is None and reference is not None and not _known(forces[images[reference] :]):
+        rest = images[reference] + exposure
+        drive = next((frame.sample for frame in frames if frame.sample >= rest), rest)
+        remarks.append(
+            "the drive is taken to begin on the frame after the reference; --drive changes that"
+        )
+    elif drive is None and _known(forces):
+        begin = pressing.ends if pressing is not None else 0
+        if background is not None:
+            begin = max(begin, images[background] + exposure)
+        drive = begin + _rise(forces[begin:, 1], rate)
+        remarks.append(
+            f"the drive begins at sample {drive} ({drive / rate:.3f} s), where Q begins to rise"
+        )
+        if reference is None:
+            at_rest = [
+                i for i, at in images.items() if begin <= at and at + exposure + margin <= drive
+            ]
+            if not at_rest:
+                raise UserError(
+                    f"import: no image shows the loaded block at rest, between"
+                    f" {begin / rate:.3f} s, when it is pressed, and {drive / rate:.3f} s, when Q"
+                    " rises; name one with --reference, or move the forces with --time-offset"
+                )
+            reference = max(at_rest)
+    if reference is None:
+        before = [i for i, at in images.items() if drive is None or at + exposure <= drive]
+        if not before:
+            raise UserError("import: no image comes before the drive; choose another --drive")
+        after = [i for i in before if background is None or i > background] or before
+        reference = min(after) if drive is None else max(after)
+    rest = images[reference] + exposure
+    if drive is None:
+        drive = next((frame.sample for frame in frames if frame.sample >= rest), rest)
+        remarks.append(
+            "the drive is taken to begin on the frame after the reference; --drive changes that"
+        )
+    if drive < rest:
+        who, what = f"--drive: frame {sources.drive}", "choose another"
+        if sources.drive is None:
+            who, what = "the drive", "choose another --reference, or say where it begins: --drive"
+        raise UserError(f"{who} does not come after the reference (frame {reference}); {what}")
+    phases = [(0, Phase.CONTACT), (images[reference], Phase.REFERENCE)]
+    if background is not None:
+        pressed = images[background] + exposure
+        if pressed > images[reference]:
+            raise UserError(
+                f"--background: frame {background} does not come before the reference; choose"
+                " another"
+            )
+        phases[:1] = [(0, Phase.BACKGROUND), (pressed, Phase.CONTACT)]
+    how = "" if sources.reference is not None or not _known(forces) else ", the last before it"
+    remarks.append(f"the reference is frame {reference}{how}")
+    return [*phases, (drive, Phase.DRIVE)]
+
+
+def _known(forces: F64) -> bool:
+    return bool(np.isfinite(forces).any())
+
+
+def _named_drive(
+    sources: Sources, frames: list[ImportedTrigger], images: dict[int, int], exposure: int
+) -> int | None:
+    if sources.drive is None:
+        return None
+    drive = next((frame.sample for frame in frames if frame.index == sources.drive), -1)
+    if drive < min(images.values()) + exposure:
+        raise UserError(
+            f"--drive: frame {sources.drive} does not come after the reference (frame"
+            f" {min(images) if sources.reference is None else sources.reference}); choose another"
+        )
+    return drive
+
+
+@dataclass(frozen=True, slots=True)
+class _Pressing:
+    """When P rises from its value at the start, and when it has reached the load: samples, N."""
+
+    begins: int
+    ends: int
+    zero: float
+    load: float
+
+
+def _means(force: F64, rate: float) -> tuple[F64, int]:
+    """Means of a force over short blocks, NaN where one has a gap; and their length in samples."""
+    width = max(1, round(SMOOTH_S * rate))
+    return force[: len(force) // width * width].reshape(-1, width).mean(axis=1), width
+
+
+def _pressing(normal: F64, rate: float, until: int | None) -> _Pressing | None:
+    """How the block was pressed, before sample `until`; None if P does not rise from near 0."""
+    mean, width = _means(normal if until is None else normal[:until], rate)
+    known = np.flatnonzero(np.isfinite(mean))
+    if len(known) < 4:
+        return None
+    values = mean[known]
+    zero = float(np.median(values[: max(1, min(5, len(values) // 20))]))
+    size = np.abs(values - zero)
+    load = float(np.median(values[size >= 0.5 * size.max()]))
+    noise = white_noise(values)
+    reach = abs(load - zero)
+    if reach < RISE * noise or abs(zero) > NEAR_0 * abs(load):
+        return None
+    loaded = int(np.argmax(size > 0.5 * reach))
+    near = np.flatnonzero(size[:loaded] < max(NEAR_0 * reach / 4, 3 * noise))
+    if not len(near):
+        return None
+    # P may creep while it settles, and be set again: it is there once it stays within a tenth
+    ends = loaded + int(np.argmax(size[loaded:] > SETTLED * reach))
+    return _Pressing(int(known[near[-1]]) * width, int(known[ends] + 1) * width, zero, load)
+
+
+def _rise(shear: F64, rate: float) -> int:
+    """Sample on which Q begins to rise: where a line through 5 and 15 % of its rise to the greatest
+    value meets its mean at rest.
+
+    Raises
+    ------
+    UserError
+        Q does not rise.
+    """
+    blocks, width = _means(shear, rate)
+    known = np.isfinite(blocks)
+    mean, middle = blocks[known], ((np.arange(len(blocks)) + 0.5) * width)[known]
+    if len(mean) < 4:
+        raise UserError(
+            "import: too few forces after the reference to find where Q rises; say where the drive"
+            " begins with --drive"
+        )
+    top = int(np.argmax(np.abs(mean)))
+    half = int(np.argmax(np.abs(mean) > 0.5 * np.abs(mean[top])))
+    rest = float(np.median(mean[: max(1, half)][:20]))
+    noise = float(np.nanstd(np.diff(shear)) / np.sqrt(2 * width))
+    for _ in range(3):  # the rest is what comes just before the rise
+        height = abs(mean[top] - rest)
+        shares = np.abs(mean[: top + 1] - rest) / max(height, 1e-300)
+        if top < 2 or height < RISE * noise or shares.min() >= FOOT[0]:
+            raise UserError(
+                f"import: Q does not rise after the reference (by {height:.3g} N at most); say"
+                " where the drive begins with --drive"
+            )
+        shares = shares[: int(np.argmax(shares > FIRST_LEG)) + 1]
+        places = []
+        for share in FOOT:
+            below = int(np.flatnonzero(shares < share)[-1])
+            part = (share - shares[below]) / (shares[below + 1] - shares[below])
+            places.append(middle[below] + part * (middle[below + 1] - middle[below]))
+        start = places[0] - FOOT[0] * (places[1] - places[0]) / (FOOT[1] - FOOT[0])
+        before = mean[middle + width / 2 <= start][-20:]
+        if not len(before):
+            break
+        rest = float(np.median(before))
+    return max(0, round(float(start)))

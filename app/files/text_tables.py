@@ -1,0 +1,369 @@
+"""Tables in text files, written, and read from other benches and programs: the names in their
+headers say which quantity a column holds, and in which unit.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from array import array
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.files.forms import Form, layout_of, name_and_unit, quoted
+from app.system.errors import UserError
+from app.system.inputs import check_ends
+from app.system.outputs import cell_of, text_of
+
+F64 = NDArray[np.float64]
+
+# unit in small letters -> what a number in this unit is multiplied by
+TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6}
+VOLTAGE = {"v": 1.0, "mv": 1e-3}
+NUMBER = {"": 1.0}
+TEXT: dict[str, float] = {}
+ANY_FORM = Form()
+
+_ON_THE_CLOCK = {"sample": NUMBER, "time": TIME, "stage": LENGTH}
+FORCES = _ON_THE_CLOCK | {"p": FORCE, "q": FORCE, "normal": VOLTAGE, "shear": VOLTAGE}
+FRAMES = _ON_THE_CLOCK | {
+    "frame": NUMBER,
+    "phase_sample": NUMBER,
+    "step": NUMBER,
+    "step_sample": NUMBER,
+    "phase": TEXT,
+    "file": TEXT,
+    "reason": TEXT,
+}
+
+_NORMAL = ("normal", "normal force", "fn", "f n", "fz", "load", "normalkraft", "force normale")
+_SHEAR = (
+    *("shear", "shear force", "ft", "f t", "fx", "tangential force", "friction force"),
+    *("tangentialkraft", "querkraft", "scherkraft", "reibkraft", "force tangentielle"),
+)
+# quantity -> what other programs call it, in small letters; its unit must stand beside
+WORDS = {
+    "time": ("t", "time", "elapsed time", "zeit", "temps", "tiempo"),
+    "stage": ("position", "stage position"),
+    "p": _NORMAL,
+    "q": _SHEAR,
+    "normal": _NORMAL,
+    "shear": _SHEAR,
+    "frame": ("image", "image number", "frame number", "bild", "bildnummer"),
+    "file": ("filename", "file name", "image file", "datei", "dateiname"),
+}
+
+ROUNDING = 0.01  # of a sample: a time that is this close to a sample is that sample's
+HOLE = 1.9  # between rows further apart than this many usual distances nothing was measured
+LONGEST_S = 3600.0  # without a row
+# samples for each row, and samples beyond: a table of few rows must not take all memory
+SPARSEST, SPARE = 1000, 1 << 22
+
+
+BLOCK = 8192  # rows that are made at a time
+
+
+def write_table(
+    file: TextIO, columns: Mapping[str, NDArray[Any]], tell: Callable[[float], None]
+) -> int:
+    """Write columns of one length below their names; the number of rows.
+
+    Numbers have all their digits, so that reading them gives the same bits; a cell is empty for
+    NaN. `tell` is called with the share done.
+    """
+    cells = csv.writer(file, lineterminator="\n")
+    cells.writerow(map(cell_of, columns))
+    rows = len(next(iter(columns.values())))
+    for start in range(0, rows, BLOCK):
+        tell(start / rows)
+        block = (_cells(values[start : start + BLOCK]) for values in columns.values())
+        cells.writerows(zip(*block, strict=True))
+    return rows
+
+
+def _cells(values: NDArray[Any]) -> list[str]:
+    if values.dtype.kind == "f":
+        return [number_cell(value) for value in values.tolist()]
+    if values.dtype.kind == "b":
+        values = values.astype(int)
+    return [cell_of(str(value)) if values.dtype.kind == "U" else str(value) for value in values]
+
+
+def number_cell(value: float) -> str:
+    """The number with all its digits; nothing for NaN."""
+    return "" if math.isnan(value) else repr(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The columns of a table that have a known name, by quantity.
+
+    Attributes
+    ----------
+    numbers : dict of str to ndarray
+        In SI units, or in pixels; NaN for empty cells.
+    texts : dict of str to list of str
+    units : dict of str to str
+        Unit that the header names for each quantity.
+    header : tuple of str
+        All names in the header.
+    rows : int
+    columns : dict of str to str
+        The name in the header of each quantity.
+    layout : str
+        How it is written.
+    """
+
+    path: Path
+    numbers: dict[str, F64]
+    texts: dict[str, list[str]]
+    units: dict[str, str]
+    header: tuple[str, ...]
+    rows: int
+    columns: dict[str, str]
+    layout: str
+
+    def has(self, *names: str) -> bool:
+        """Whether these columns of numbers are all there."""
+        return all(name in self.numbers for name in names)
+
+    def shifted(self, seconds: float, rate_hz: float) -> Table:
+        """The same with its clock moved."""
+        by = {"time": seconds, "sample": seconds * rate_hz}
+        moved = {name: values + by.get(name, 0.0) for name, values in self.numbers.items()}
+        return replace(self, numbers=moved)
+
+    @property
+    def told(self) -> str:
+        """What was read, for people."""
+        named = ", ".join(
+            f"{quantity}{f'_{unit}' if (unit := self.units[quantity]) else ''} from '{name[:60]}'"
+            for quantity, name in self.columns.items()
+        )
+        rest = [name for name in self.header if name not in self.columns.values()]
+        beside = f"; not used: {quoted(rest)}" if rest else ""
+        return f"{self.path}: {self.rows} rows, {self.layout}: {named or 'no column'}{beside}"
+
+
+def read_table(
+    path: Path, quantities: Mapping[str, Mapping[str, float]], form: Form = ANY_FORM
+) -> Table:
+    """The columns of a text file whose names are a quantity and its unit, such as ``P_mN``, or what
+    other programs call it, such as ``Normal force [mN]`` (`WORDS`).
+
+    Encoding, separator and decimal sign are found unless the form gives them. Lines that begin with
+    # are comments. Columns with other names are left out.
+
+    Parameters
+    ----------
+    quantities : mapping
+        Quantity in small letters -> unit in small letters -> factor to SI; `NUMBER` for a quantity
+        without unit, `TEXT` for words.
+    form : Form, optional
+        What the user knows of it. Columns that it names and this table lacks are left out.
+
+    Raises
+    ------
+    UserError
+        The table can not be read, or a cell is no number where one must be.
+    """
+    known = {
+        f"{quantity}_{unit}" if unit else quantity: (quantity, unit, factor)
+        for quantity, units in quantities.items()
+        for unit, factor in (units or {"": 1.0}).items()
+    }
+    texts: dict[str, list[str]] = {}
+    numbers: dict[str, array[float]] = {}
+    try:
+        check_ends(path)
+        layout = layout_of(path, form, lambda name: name.lower() in known)
+        header = layout.header
+        found = _columns(path, header, quantities, known, form)
+        for quantity, *_ in found.values():
+            if quantities[quantity]:
+                numbers[quantity] = array("d")
+            else:
+                texts[quantity] = []
+        count = 0
+        for count, row in enumerate(layout.rows(path), start=1):
+            if len(row) != len(header):
+                raise UserError(
+                    f"{path}: row {count} has {len(row)} cells, the header {len(header)}; correct"
+                    f" the table, or give --delimiter (read with {layout})"
+                )
+            for i, (quantity, _, factor) in found.items():
+                cell = row[i].strip()
+                if quantity in texts:
+                    texts[quantity].append(text_of(cell))
+                    continue
+                value = layout.number(cell) if cell else np.nan
+                if value in (np.inf, -np.inf):
+                    raise UserError(
+                        f"{path}: '{cell[:40]}' in column {header[i]}, row {count}, is no number"
+                        f" (read with {layout}); write numbers, nothing where there is none, or"
+                        " give --decimal"
+                    )
+                numbers[quantity].append(value * factor)
+    except UnicodeError as error:
+        raise UserError(
+            f"{path}: can not be read as text: {error}; give --encoding, such as latin-1, or a"
+            " table in UTF-8 text"
+        ) from None
+    except (OSError, csv.Error) as error:
+        raise UserError(f"{path}: can not be read: {error}; give a table in UTF-8 text") from None
+    if not count:
+        raise UserError(f"{path}: it has no rows; give a table with a header")
+    return Table(
+        path,
+        {quantity: np.array(column) for quantity, column in numbers.items()},
+        texts,
+        {quantity: unit for quantity, unit, _ in found.values()},
+        header,
+        count,
+        {quantity: header[i] for i, (quantity, *_) in found.items()},
+        str(layout),
+    )
+
+
+_Column = tuple[str, str, float]  # quantity, unit, factor to SI
+
+
+def _columns(
+    path: Path,
+    header: tuple[str, ...],
+    quantities: Mapping[str, Mapping[str, float]],
+    known: Mapping[str, _Column],
+    form: Form,
+) -> dict[int, _Column]:
+    """What the columns hold that the form names, else those of a known name, else those that are
+    called so by other programs.
+    """
+    found: dict[int, _Column] = {}
+    lower = [name.lower() for name in header]
+    for given, name in form.columns.items():
+        place = _place(name, header)
+        column = known.get(given.lower())
+        if column is None and given.lower() in quantities and place is not None:
+            quantity, unit = given.lower(), name_and_unit(header[place])[1]
+            column = known.get(f"{quantity}_{unit}")
+            if column is None:
+                raise UserError(
+                    f"--columns: '{given}={name}' names no unit that is known; write"
+                    f" {quantity}_{next(iter(quantities[quantity]))}={name}, for example"
+                )
+        if column is not None and place is not None:
+            found[place] = column
+    taken = {quantity for quantity, *_ in found.values()}
+    exact = {
+        i: known[name]
+        for i, name in enumerate(lower)
+        if i not in found and name in known and known[name][0] not in taken
+    }
+    found |= exact
+    if len({quantity for quantity, *_ in found.values()}) < len(found):
+        raise UserError(
+            f"{path}: the header names a quantity twice: {', '.join(header)}; leave one out"
+        )
+    taken = {quantity for quantity, *_ in found.values()}
+    called: dict[int, _Column] = {}
+    for i, name in enumerate(header):
+        word, unit = name_and_unit(name)
+        for quantity, units in quantities.items():
+            if quantity in taken or i in found or word not in (quantity, *WORDS.get(quantity, ())):
+                continue
+            if unit in units or (not units and not unit):
+                called[i] = (quantity, unit, units.get(unit, 1.0))
+    times = Counter(quantity for quantity, *_ in called.values())
+    found |= {i: column for i, column in called.items() if times[column[0]] == 1}
+    return dict(sorted(found.items()))
+
+
+def _place(name: str, header: tuple[str, ...]) -> int | None:
+    """The column of a name, or of a number from 1 on; None if the header has neither."""
+    for alike in (str, str.lower):
+        for i, one in enumerate(header):
+            if alike(one) == alike(name):
+                return i
+    if name.isdecimal() and 0 < int(name) <= len(header):
+        return int(name) - 1
+    return None
+
+
+def clock_samples(table: Table, rate_hz: float) -> F64 | None:
+    """Place of each row on the sample clock, from its sample or its time; None where the table has
+    neither.
+
+    Raises
+    ------
+    UserError
+        The rows are not in order, or far from sample 0 or from each other.
+    """
+    if table.has("sample"):
+        name, at = "sample", table.numbers["sample"]
+    elif table.has("time"):
+        name, at = f"time_{table.units['time']}", table.numbers["time"] * rate_hz
+    else:
+        return None
+    steps = np.diff(at, prepend=-1e-9)
+    bad = np.flatnonzero(~(steps > 0))
+    if len(bad):
+        raise UserError(
+            f"{table.path}: {name} of row {bad[0] + 1} is missing, negative or not after the one"
+            " before; put the rows in order"
+        )
+    if steps.max() > LONGEST_S * rate_hz:
+        row = int(np.argmax(steps))
+        raise UserError(
+            f"{table.path}: {name} of row {row + 1} comes {steps[row] / rate_hz:.4g} s after the"
+            " one before (or the start); count from the start of the recording, with pauses of"
+            f" {LONGEST_S:g} s at most"
+        )
+    if at[-1] > SPARSEST * table.rows + SPARE:
+        raise UserError(
+            f"{table.path}: {table.rows} rows cover {at[-1]:.4g} samples at {rate_hz:g} Hz; give a"
+            " lower --rate, or fewer hours"
+        )
+    near = np.rint(at)
+    return np.where(np.abs(at - near) < ROUNDING, near, at)
+
+
+def by_sample(table: Table, columns: tuple[str, ...], rate_hz: float) -> F64:
+    """Columns of a table as one row per sample from 0 on, shape (n, columns).
+
+    Values are linear between the rows of the table; NaN where it has a hole.
+
+    Raises
+    ------
+    UserError
+        The table has no time, or more rows than there are samples.
+    """
+    at = clock_samples(table, rate_hz)
+    if at is None:
+        raise UserError(
+            f"{table.path}: the header has neither sample nor time_s; say when each row was"
+            " measured"
+        )
+    usual = float(np.median(np.diff(at))) if len(at) > 1 else 1.0
+    if usual < 1 - ROUNDING:
+        raise UserError(
+            f"{table.path}: it has {rate_hz / usual:.6g} rows a second, the sample clock"
+            f" {rate_hz:g}; give --rate {rate_hz / usual:.6g}"
+        )
+    samples = np.arange(int(at[-1]) + 1, dtype=np.float64)
+    before = np.clip(np.searchsorted(at, samples, "right") - 1, 0, len(at) - 1)
+    after = np.minimum(before + 1, len(at) - 1)
+    measured = (samples >= at[0]) & (
+        (samples == at[before]) | (at[after] - at[before] <= HOLE * usual)
+    )
+    values = [
+        np.where(measured, np.interp(samples, at, table.numbers[name]), np.nan) for name in columns
+    ]
+    return np.column_stack(values)

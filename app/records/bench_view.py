@@ -1,0 +1,179 @@
+"""What a bench shows that is connected without a run: its devices, forces, picture and stage.
+
+A `BenchView` is made in the process that holds the devices and drawn in the window; it can be
+pickled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.system.stopping import StopAnswer
+
+F64 = NDArray[np.float64]
+KINDS = ("actuator", "camera", "forces")  # in the order in which a run opens them
+
+
+class State(StrEnum):
+    """How a device is."""
+
+    CONNECTING = "connecting"
+    READY = "ready"
+    LOOK = "look"  # connected, and something must be looked at
+    FAILED = "failed"
+    CLOSED = "closed"
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceView:
+    """A device: what it is called, how it is, and the sentence that says so."""
+
+    name: str
+    state: State
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForcesView:
+    """The forces of the last seconds, in newtons; column 0 is P and column 1 is Q.
+
+    Attributes
+    ----------
+    newest : tuple of float
+        Means over the newest tenth of a second.
+    noise : tuple of float
+        Standard deviations about a straight line during the last second; NaN before there is one,
+        and while a force rises or falls by more than that.
+    used : tuple of float
+        Greatest share of each sensor's range that the newest tenth of a second used.
+    time_s : ndarray, shape (n,)
+        Times of the history, of which the newest sample is 0.
+    history : ndarray, shape (n, 2)
+    age_s : float
+        How long ago the newest block came.
+    """
+
+    newest: tuple[float, float]
+    noise: tuple[float, float]
+    used: tuple[float, float]
+    time_s: F64
+    history: F64
+    age_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureView:
+    """A live picture, thinned, and what was measured on all of its pixels.
+
+    Attributes
+    ----------
+    number : int
+        Of the trigger that took it.
+    rgb : ndarray, shape (rows, columns, 3), uint8
+        Grey levels as they are, from 0 to the end of the scale; red where a pixel is at its end.
+    histogram : ndarray, shape (n,)
+        Share of the pixels in each of n equal parts of the grey scale.
+    saturated, dark : float
+        Share of the pixels at the end of the grey scale, and at 0.
+    mean : float
+        Share of the grey scale.
+    focus : float
+        `app.acquisition.picture.focus`.
+    lost : int
+        Triggers without an image so far.
+    """
+
+    number: int
+    rgb: NDArray[np.uint8]
+    histogram: F64
+    saturated: float
+    dark: float
+    mean: float
+    focus: float
+    lost: int
+
+
+@dataclass(frozen=True, slots=True)
+class StageView:
+    """Where the stage is, whether it moves, and from where to where it can be jogged, in metres."""
+
+    position_m: float
+    is_moving: bool
+    low_m: float
+    high_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BenchView:
+    """A connected bench at a glance; what is not known (yet) is None.
+
+    Attributes
+    ----------
+    devices : mapping
+        Of `KINDS`.
+    picture : PictureView or None
+        Only if it is another than the caller knows.
+    picture_age_s : float
+        How long ago the newest one came; infinite before the first.
+    bytes_per_s : float
+        What a second of recording takes on the disk.
+    said : str
+        Why the stage was stopped the last time other than by letting go; empty if it was not.
+    failure : StopAnswer or None
+        That stop, or the one of a dead man, if it failed.
+    """
+
+    devices: Mapping[str, DeviceView]
+    forces: ForcesView | None
+    picture: PictureView | None
+    stage: StageView | None
+    bytes_per_s: float
+    said: str
+    failure: StopAnswer | None = None
+    picture_age_s: float = math.inf
+
+
+class BenchPreview(Protocol):
+    """A bench that is connected and looked at, without a run; from any thread.
+
+    Whatever can not be done raises an exception whose text is a sentence for the operator.
+    """
+
+    def look(self, known: int = -1) -> BenchView:
+        """What it shows now; without the picture if that is the one of number `known`."""
+
+    def jog(self, direction: int, velocity_m_s: float) -> None:
+        """Move the stage along x (1) or the other way (-1), or let it move on; it stops if this is
+        not called again within `HOLD_S`.
+        """
+
+    def stop_motion(self) -> StopAnswer:
+        """Stop the stage; what became of that."""
+
+    def zero(self, *, under_load: bool = False) -> tuple[float, float]:
+        """The readings without a force in volts, from now on those of the forces that are shown.
+
+        They are measured for a second, in which the block must hang free.
+
+        Raises
+        ------
+        UnderLoad
+            The forces are further from zero than their noise explains, and `under_load` does not
+            say that this is the sensors' zero; nothing is changed.
+        """
+
+    def set_zero(self, volts: tuple[float, float]) -> None:
+        """Show the forces from now on with these readings without a force."""
+
+    def close(self) -> None:
+        """Let go of every device; returns once a run can open them."""
+
+
+HOLD_S = 0.3  # for which a jog goes on without being asked again

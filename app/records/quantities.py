@@ -1,0 +1,288 @@
+"""Numbers as people read them, and the quantities that experiments come down to.
+
+The terminal, the window, reports and notebooks write their numbers by the rules of this module: the
+digits of a value follow its total uncertainty, and a value that is not resolved is told by its
+upper bound.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from analysis.options import UNITS
+
+if TYPE_CHECKING:
+    from app.records.study_results import Joint
+    from app.records.summary import Summary
+
+NOWHERE = (math.nan, math.nan)
+NO_LAW = "local law: traction against slip does not follow"
+"""How the note begins that says that mu and L are those of a law that does not hold."""
+COVERAGE = 2.0  # standard uncertainties about a value: the interval that resolves it, or does not
+# symbol of `summary_quantities`, in its order -> name of the number in `Summary`, and of its budget
+KEYS = {
+    "P": ("normal_force_n", ""),
+    "a": ("apparent_radius_m", "apparent_radius"),
+    "a_H": ("hertz_radius_m", "hertz_radius"),
+    "t_s": ("onset_time_s", "onset_time"),
+    "Q_s": ("static_force_n", "static_force"),
+    "mu_s": ("mu_s", "mu_s"),
+    "mu_d": ("mu_d", "mu_d"),
+    "mu": ("law_mu", "law_mu"),
+    "L": ("law_length_m", "law_length"),
+    "E": ("young_modulus_pa", "young_modulus"),
+    "v": ("sliding_velocity_m_s", "sliding_velocity"),
+}
+# names of the numbers of `joint_quantities` in `Joint`
+JOINT_KEYS = (
+    "young_modulus_pa",
+    "mu",
+    "decay",
+    "length_m",
+    "stiffness_length_m",
+    "roughness_length_m",
+)
+
+
+def decimals_for(number: float, digits: int) -> int:
+    """Decimals that show `number` with so many significant digits after it is rounded to them.
+
+    0.0996 with two digits is 0.10, thus two decimals and not three.
+    """
+    exponent = int(f"{number:.{digits - 1}e}".partition("e")[2])
+    return max(0, digits - 1 - exponent) if number else 0
+
+
+def decimals_of(sd: float) -> int:
+    """Decimals of a value and of its total uncertainty, by the rule of the Particle Data Group: two
+    significant digits of an uncertainty that begins with 100 to 354, one from 355 to 949, and from
+    950 on the two of the next power of ten, 1.0.
+    """
+    first, _, exponent = f"{sd:.2e}".partition("e")
+    if float(first) >= 9.5:
+        return decimals_for(10.0 ** (int(exponent) + 1), 2)
+    return decimals_for(sd, 1 if float(first) >= 3.55 else 2)
+
+
+def with_uncertainty(value: float, sd: float) -> tuple[str, str]:
+    """A value and its uncertainty as ``("2.20", "± 0.04")``; three significant digits and no second
+    text where that is not known; both texts are empty for NaN.
+    """
+    if not math.isfinite(value):
+        return "", ""
+    if not 0 < sd < math.inf:
+        return f"{value:.{decimals_for(value, 3)}f}", ""
+    decimals = decimals_of(sd)
+    return f"{value:.{decimals}f}", f"± {sd:.{decimals}f}"
+
+
+def upper_bound(value: float, sd: float, *, is_signed: bool = False) -> float:
+    """What is told of a value that is not resolved: value + 2 u, with the total standard
+    uncertainty u, rounded up to one digit; NaN where it is resolved.
+
+    It is not resolved where the interval value ± 2 u, in which it lies with 95 %, reaches 0. The
+    bound of a quantity of either sign is that of its magnitude.
+    """
+    if not (math.isfinite(value) and 0 < sd < math.inf) or abs(value) > COVERAGE * sd:
+        return math.nan
+    reach = (abs(value) if is_signed else max(value, 0.0)) + COVERAGE * sd
+    power = 10.0 ** math.floor(math.log10(reach))
+    return math.ceil(reach / power * (1 - 1e-12)) * power
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """A quantity with its uncertainty.
+
+    Attributes
+    ----------
+    name, symbol : str
+        What it is, and how the paper writes it, ``"Q_s"``.
+    value, sd : float
+        In SI units; `sd` is the standard uncertainty by noise. NaN: not measured.
+    unit : str
+        One of `UNITS`: the unit in which people read the quantity.
+    extremes : (float, float)
+        Least and greatest of the readings that `value` is the mean of, in place of `sd`.
+    systematic : float
+        Standard uncertainty by the operator's inputs.
+    is_signed : bool
+        Whether it may be below 0, as a difference or an exponent.
+    doubt : str
+        Why the number means little, in a few words; empty where nothing is known against it.
+    """
+
+    name: str
+    symbol: str
+    value: float
+    sd: float = math.nan
+    unit: str = ""
+    extremes: tuple[float, float] = NOWHERE
+    systematic: float = math.nan
+    is_signed: bool = False
+    doubt: str = ""
+
+    @property
+    def total(self) -> float:
+        """Standard uncertainty by noise and inputs together; NaN where neither is known."""
+        known = [part for part in (self.sd, self.systematic) if math.isfinite(part)]
+        return math.hypot(*known) if known else math.nan
+
+    @property
+    def by_noise(self) -> Measurement:
+        """With its uncertainty by noise alone."""
+        return replace(self, systematic=math.nan)
+
+    @property
+    def bound_in_unit(self) -> float:
+        """Upper bound, in `unit`, of a value that is not resolved (`upper_bound`), else NaN."""
+        factor = UNITS[self.unit]
+        return upper_bound(self.value / factor, self.total / factor, is_signed=self.is_signed)
+
+    @property
+    def bound(self) -> float:
+        """The same in SI units."""
+        return self.bound_in_unit * UNITS[self.unit]
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether its total uncertainty leaves more than an upper bound."""
+        return not math.isfinite(self.bound_in_unit)
+
+    @property
+    def in_unit(self) -> tuple[float, float, float]:
+        """Value and uncertainty, by noise and by the inputs, in `unit`."""
+        factor = UNITS[self.unit]
+        return self.value / factor, self.sd / factor, self.systematic / factor
+
+    @property
+    def rounded(self) -> tuple[str, str]:
+        """Value and total uncertainty in `unit`, as ``("2.20", "± 0.04")``, ``("0.9301", "0.921 to
+        0.938")``, or ``("not resolved, below 0.2", "")``; the second text is empty where no
+        uncertainty is known, both are where nothing was measured.
+        """
+        factor = UNITS[self.unit]
+        value, low, high = (x / factor for x in (self.value, *self.extremes))
+        if not math.isfinite(value):
+            return "", ""
+        if 0 < high - low < math.inf:
+            decimals = decimals_for((high - low) / 2, 2)
+            return f"{value:.{decimals}f}", f"{low:.{decimals}f} to {high:.{decimals}f}"
+        if math.isfinite(bound := self.bound_in_unit):
+            told = "within ±" if self.is_signed else "below"
+            return f"not resolved, {told} {bound:.{decimals_for(bound, 1)}f}", ""
+        return with_uncertainty(value, self.total / factor)
+
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """Value, with the digits that its total uncertainty leaves, and both uncertainties, by
+        noise and by the inputs, with two significant digits each: ``("2.20", "0.041", "0.0012")``;
+        empty where one is not known. In place of the uncertainty by noise stands the range of the
+        readings where there is one; what is not resolved has its bound alone.
+        """
+        value, spread = self.rounded
+        if not value or not self.is_resolved:
+            return value, "", ""
+        noise, inputs = (
+            f"{x:.{decimals_for(x, 2)}f}" if math.isfinite(x) else "" for x in self.in_unit[1:]
+        )
+        return value, spread if "to" in spread else noise, inputs
+
+    def __str__(self) -> str:
+        """As ``2.20 ± 0.04 mm``, ``0.930 (0.921 to 0.938)``, ``not resolved, below 0.2 um``, or
+        "not measured"; then what is in doubt.
+        """
+        value, spread = self.rounded
+        if not value:
+            return "not measured"
+        told = " ".join(
+            filter(None, (value, f"({spread})" if "to" in spread else spread, self.unit))
+        )
+        return f"{told}; {self.doubt}" if self.doubt else told
+
+
+def measured_text(value: float, sd: float) -> str:
+    """A reading as ``1.853 ± 0.024``, of whatever size, or "not measured" where it is NaN."""
+    return " ".join(with_uncertainty(value, sd)).strip() or "not measured"
+
+
+def doubts(notes: Iterable[str]) -> list[str]:
+    """Those notes of a summary that put its numbers in doubt: a law that does not hold."""
+    return [note for note in notes if note.startswith(NO_LAW)]
+
+
+def summary_quantities(summary: Summary) -> tuple[Measurement, ...]:
+    """What the experiment comes down to, in the units of the paper."""
+    s = summary
+
+    def by_inputs(value: float, name: str) -> float:
+        return abs(value) * s.systematic(name)
+
+    Q_sd = s.static_force_sd_n
+    if not math.isfinite(Q_sd):  # of a session that has only that of mu_s
+        Q_sd = s.mu_s_sd * s.normal_force_n
+    doubt = "the law does not hold" if doubts(s.notes) else ""
+    a, E = s.apparent_radius_m, s.young_modulus_pa
+    a_sd, E_sd, t_sd = s.apparent_radius_sd_m, s.young_modulus_sd_pa, s.onset_time_sd_s
+    rows = (
+        ("apparent radius", "a", a, a_sd, "mm"),
+        ("Hertz contact radius", "a_H", s.hertz_radius_m, math.nan, "mm"),
+        ("onset of sliding", "t_s", s.onset_time_s, t_sd, "s"),
+        ("force at the onset", "Q_s", s.static_force_n, Q_sd, "N"),
+        ("static friction", "mu_s", s.mu_s, s.mu_s_sd, ""),
+        ("dynamic friction", "mu_d", s.mu_d, s.mu_d_sd, ""),
+        ("friction of the local law", "mu", s.law_mu, s.law_mu_sd, ""),
+        ("length of the local law", "L", s.law_length_m, s.law_length_sd_m, "um"),
+        ("Young's modulus from the stress", "E", E, E_sd, "MPa"),
+        ("sliding velocity", "v", s.sliding_velocity_m_s, math.nan, "um/s"),
+    )
+    return (
+        Measurement("normal force", "P", s.normal_force_n, unit="N"),
+        *(
+            Measurement(
+                name,
+                symbol,
+                value,
+                sd,
+                unit,
+                s.mu_d_range if symbol == "mu_d" and math.isnan(sd) else NOWHERE,
+                by_inputs(value, KEYS[symbol][1]),
+                doubt=doubt if symbol in ("mu", "L") else "",
+            )
+            for name, symbol, value, sd, unit in rows
+        ),
+    )
+
+
+def joint_quantities(joint: Joint) -> tuple[Measurement, ...]:
+    """What the runs have in common, in the units of the paper; uncertainties of all kinds."""
+    j = joint
+    return (
+        Measurement("Young's modulus", "E", j.young_modulus_pa, j.young_modulus_sd_pa, "MPa"),
+        Measurement("friction at 1 N", "mu", j.mu, j.mu_sd),
+        Measurement("its fall with the load, P^-n", "n", j.decay, j.decay_sd, is_signed=True),
+        Measurement("length of the local law", "L", j.length_m, j.length_sd_m, "um"),
+        Measurement(
+            "the same by stiffness", "p/k", j.stiffness_length_m, j.stiffness_length_sd_m, "um"
+        ),
+        Measurement(
+            "the same by roughness", "L(h)", j.roughness_length_m, j.roughness_length_sd_m, "um"
+        ),
+    )
+
+
+def upper_bounds(names: Iterable[str], quantities: Iterable[Measurement]) -> dict[str, float]:
+    """Upper bounds, SI, of those quantities that are not resolved, by their names."""
+    pairs = zip(names, quantities, strict=True)
+    return {name: one.bound for name, one in pairs if not one.is_resolved}
+
+
+def as_text(title: str, quantities: Iterable[Measurement], notes: Iterable[str]) -> str:
+    """Some quantities for a person at a prompt, those that were measured, a line for each."""
+    rows = [(one.name, one.symbol, str(one)) for one in quantities if math.isfinite(one.value)]
+    wide = [max(map(len, column), default=0) for column in zip(*rows, strict=True)] or [0, 0]
+    lines = [f"  {name:{wide[0]}}  {symbol:{wide[1]}}  {told}" for name, symbol, told in rows]
+    return "\n".join([title, *lines, *(f"  note: {note}" for note in notes)])

@@ -1,0 +1,499 @@
+"""What a session is told, record by record, and what an experiment comes down to.
+
+All records are frozen. Lengths, forces and times are in SI units unless the name says otherwise;
+images and fields are arrays ``[row, col]``, places are (x, y). Each field names the dataset of the
+session file that holds it, with its unit and meaning (`app.records.schema`).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated, Any, Literal, TypedDict
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from app.records.analog_channels import Channels
+from app.records.effort import Effort
+from app.records.schema import column, columns, record, uncertainty
+from app.records.summary import Summary
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Index = Annotated[int, Meta(ge=0, lt=1 << 62)]
+Count = Annotated[int, Meta(ge=1, lt=1 << 62)]
+Checksum = Annotated[int, Meta(ge=0, lt=1 << 32)]  # CRC-32
+Taken = Annotated[float, Meta(ge=0, le=1e12)]
+Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
+
+NAN = math.nan
+UNFINISHED = "unfinished"  # state of a session that was cut short
+ENDED = ("done", STOPPED := "stopped", "failed")  # as what a run can have ended
+COMPLETE = "complete"  # last word of the reason of a run that has done all that it was to do
+# in the reason of what has done all: a run, a replay or an analysis, an import, a session repaired
+WHOLE = re.compile(rf"^(all \d|imported: )| ({COMPLETE}|done)(;|$)")
+SUPERVISOR = "supervisor"  # kind of the event that no other process can stop the stage
+REVOKED = "revoked"  # kind of the event that frames are uncertain from one on, by its number
+RESTART = "restart"  # kind of the event that the analysis of the frames began anew
+STEP = "step"  # kind of the event that a step began, by its number, ``3 of 6: hold for 10 s``
+ZERO = "zero"  # kind of the event that says what the sensors read without a force, volts
+
+
+class Phase(StrEnum):
+    """The phases of a loading experiment, in their order on the sample clock."""
+
+    BACKGROUND = "background"  # the block hangs free: images without contact
+    CONTACT = "contact"  # the operator presses the block on, the normal force settles
+    REFERENCE = "reference"  # t = 0: at rest under load, before any shear
+    DRIVE = "drive"  # the actuator pulls
+    END = "end"
+
+
+# ---------------------------------------------------------------- what the bench measures
+
+
+@record("/entry/source", since=4)
+class Source:
+    """The session that holds the images of a further analysis."""
+
+    session: str = column("session", "", "name of its file, which lies beside this one")
+    started: str = column(
+        "start_time", "", "its start_time, which tells it from others of that name"
+    )
+
+
+@record("/entry")
+class Header:
+    """What is known of a session from its beginning.
+
+    Attributes
+    ----------
+    frame_shape : (int, int)
+        Rows and columns of an image.
+    frame_dtype : str
+        Type of a pixel.
+    versions : dict
+        Name -> version of the programs and libraries in use, and of the computer.
+    started : str
+        Empty: now.
+    sample, operator, note : str
+        What the operator says of the run.
+    source : Source or None
+        None where the images are in this session.
+    compression : str
+        Of the images in this session.
+    """
+
+    frame_shape: tuple[Index, Index]
+    frame_dtype: Literal["uint8", "uint16"]
+    versions: dict[str, str]
+    config_toml: str = column("settings/toml", "", "the settings used, complete")
+    sample_rate_hz: Positive = column(
+        "clock/sample_rate", "Hz", "rate of the DAQ sample clock, the only time base"
+    )
+    first_trigger: Index = column("clock/first_trigger", "samples", "sample of trigger 0")
+    divisor: Count = column("clock/divisor", "samples", "samples from one trigger to the next")
+    exposure_samples: Count = column(
+        "clock/exposure", "samples", "exposure time of an image, from its trigger on"
+    )
+    pixel_m: Positive = column("instrument/camera/pixel", "m", "side of a pixel on the interface")
+    grid_x_px: F64 = column(
+        "fields/x",
+        "px",
+        "box centres along x, the driving direction; 0 is the centre of the first pixel",
+        shape=("nx",),
+    )
+    grid_y_px: F64 = column("fields/y", "px", "box centres along y, downwards", shape=("ny",))
+    started: str = column(
+        "start_time",
+        "",
+        "time of day when the session was made, ISO 8601; for people, nothing is computed from it",
+        default="",
+    )
+    sample: str = column("sample/name", "", "name of the sample", since=7, default="")
+    operator: str = column("user/name", "", "who ran the experiment", since=7, default="")
+    note: str = column(
+        "notes/description", "", "what the operator noted of it", since=7, default=""
+    )
+    source: Source | None = None
+    compression: Literal["none", "gzip"] = "none"
+    auxiliary: Channels | None = None
+
+
+@record("/entry/forces", rows="samples")
+class Samples:
+    """Consecutive samples from number `first` on, as read (volts) and as forces (newtons).
+
+    Both arrays have the shape (n, 2): normal, shear; `auxiliary` (n, k) has further channels in
+    their units. Samples missing before `first` are a gap.
+    """
+
+    first: Index
+    volts: F64 = columns(
+        ("normal_sensor", "V", "reading of the normal sensor"),
+        ("shear_sensor", "V", "reading of the shear sensor"),
+    )
+    forces: F64 = columns(
+        ("normal_force", "N", "normal force P"), ("shear_force", "N", "shear force Q")
+    )
+
+    auxiliary: F64 | None = None
+
+    def __post_init__(self) -> None:
+        if self.volts.shape != self.forces.shape or self.volts.shape[1:] != (2,):
+            found = f"volts {self.volts.shape}, forces {self.forces.shape}"
+            raise ValueError(f"session: {found} must be (n, 2)")
+
+
+@record("/entry/gaps", rows="gaps")
+class Gap:
+    """Samples that the board did not deliver, and why."""
+
+    first: Index = column("first", "samples", "first missing sample")
+    count: Index = column("count", "samples", "how many are missing")
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedFrame:
+    """The image of a trigger, exposed from `sample` on; `checksum` is its CRC-32 where it is known
+    already. `span` is the first and the last trigger that can have taken it, None where it is
+    certain; so it is in the records below.
+    """
+
+    index: Index
+    sample: Index
+    image: NDArray[Any]
+    checksum: int | None = None
+    span: tuple[Index, Index] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFrame:
+    """A trigger whose image, with that CRC-32, is in that row of the source's images."""
+
+    index: Index
+    sample: Index
+    row: Index
+    checksum: Checksum
+    span: tuple[Index, Index] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LostTrigger:
+    """A trigger without an image, and why there is none."""
+
+    index: Index
+    sample: Index
+    reason: str
+    span: tuple[Index, Index] | None = None
+
+
+@record("/entry/instrument/actuator", rows="positions")
+class Position:
+    """Where the stage was at a sample; NaN where it could not be read."""
+
+    sample: Index = column("sample", "samples", "sample at which the position was read")
+    position_m: float = column("position", "m", "position of the stage, in its own coordinate")
+
+
+@record("/entry/events", rows="events")
+class Event:
+    """Something that happened at a sample: a change of phase, a limit, a stop. From a restart on,
+    results rest on the background and the reference as if no frame had been analysed since.
+    """
+
+    sample: Index = column("sample", "samples", "when it happened")
+    kind: str = column(
+        "kind",
+        "",
+        "phase, step, reversal, zero, answer, reference, gap, camera, import, analysis, quality,"
+        " restart, recording, supervisor, revoked, stop or error",
+    )
+    text: str = column("text", "", "what happened")
+
+
+# ---------------------------------------------------------------- what is computed on each frame
+
+
+@record("/entry/results", rows="results")
+class Conditions:
+    """The state of the bench during an exposure; forces are means over it. Q and travel are along
+    the drive, also of one against +x.
+    """
+
+    phase: Phase = column(
+        "phase", "1", ", ".join(f"{n}: {phase}" for n, phase in enumerate(Phase)), dtype="uint8"
+    )
+    time_s: float = column(
+        "time", "s", "middle of the exposure from the start of the drive; NaN before it"
+    )
+    normal_force_n: float = column("normal_force", "N", "P, mean over the exposure")
+    shear_force_n: float = column("shear_force", "N", "Q, mean over the exposure")
+    travel_m: float = column(
+        "stage_displacement", "m", "travel of the stage since the reference (delta)"
+    )
+    step: Index = column(
+        "step", "1", "number of the protocol's step, from 1; 0: not known", since=7, default=0
+    )
+    step_time_s: float = column(
+        "step_time", "s", "middle of the exposure from the start of the step", since=7, default=NAN
+    )
+
+
+@record("/entry/results", rows="results")
+class Motion:
+    """How far the lens and the contact's centre have moved since the reference, along the drive."""
+
+    lens_m: float = column(
+        "lens_displacement", "m", "motion of the lens since the reference, not taken off fields"
+    )
+    centre_ux_m: float = column("centre_ux", "m", "u_x at the contact's centre")
+    centre_ux_sd_m: float = uncertainty("centre_ux", "m", since=5, default=NAN)
+    drive_angle_rad: float = column(
+        "drive_angle",
+        "rad",
+        "direction of the drive in the picture, from +x towards +y (down), as used for this frame",
+        since=5,
+        default=NAN,
+    )
+
+
+@record("/entry/fields", rows="fields", shape=("ny", "nx"))
+class DisplacementField:
+    """Displacement of each box of the grid between the reference and the image, shape (ny, nx).
+
+    The motion of the lens is still in it. Displacements, their standard uncertainties and the
+    correlation are NaN where `status`, an `analysis.dic.Status`, is not 0.
+    """
+
+    ux_px: F32 = column("ux", "px", "displacement along x; NaN where status is not 0")
+    uy_px: F32 = column("uy", "px", "displacement along y; NaN where status is not 0")
+    ux_std_px: F32 = uncertainty("ux", "px", since=2)
+    uy_std_px: F32 = uncertainty("uy", "px", since=2)
+    zncc: F32 = column("zncc", "1", "correlation at the peak; NaN where status is not 0")
+    status: NDArray[np.uint8] = column("status", "1", "0: measured; else why not")
+
+
+@record("/entry/rings", rows="results", shape=("rings",))
+class RingProfile:
+    """Azimuthal mean of u_x about the contact's centre, shape (n,), the motion of the lens
+    removed.
+    """
+
+    radius_m: F64 = column("radius", "m", "mean radius of the ring")
+    ux_m: F64 = column("ux", "m", "azimuthal mean of u_x, lens compliance removed")
+    sd_m: F64 = column("ux_errors", "m", "its standard error")
+
+
+@record("/entry/results", rows="results")
+class Stick:
+    """The Cattaneo-Mindlin profile that fits the rings: stick radius c, and the traction mu p0 at
+    the centre of a contact that slides as a whole.
+    """
+
+    stick_radius_m: float = column("stick_radius", "m", "c; NaN where it can not be told")
+    stick_radius_sd_m: float = uncertainty("stick_radius", "m")
+    full_slip_pa: float = column(
+        "full_slip_stress", "Pa", "mu p0 of the profile that gave stick_radius", since=3
+    )
+    reduced_chi2: float = column(
+        "stick_chi2", "1", "reduced chi2 of that profile", since=5, default=NAN
+    )
+
+
+@record("/entry/results", rows="results", since=3)
+class Traction:
+    """What the shear traction under the rings says: c by the paper's definition, the displacement D
+    of the block far away, the force.
+    """
+
+    peak_radius_m: float = column("peak_radius", "m", "c, where the shear traction is largest")
+    peak_radius_sd_m: float = uncertainty("peak_radius", "m")
+    block_m: float = column(
+        "block_displacement", "m", "D, of the block far from the contact, inverted"
+    )
+    block_sd_m: float = uncertainty("block_displacement", "m")
+    stress_force_n: float = column("stress_force", "N", "integral of the shear traction")
+    stress_force_sd_n: float = uncertainty("stress_force", "N")
+
+
+@record("/entry/stress", rows="results", shape=("radii",), since=3)
+class StressProfile:
+    """Azimuthal mean of the shear traction sigma_xz about the contact's centre, shape (n,)."""
+
+    radius_m: F64 = column("radius", "m", "distance from the contact's centre")
+    stress_pa: F64 = column("stress", "Pa", "azimuthal mean of the shear traction sigma_xz")
+    sd_pa: F64 = uncertainty("stress", "Pa")
+
+
+@record("/entry/results", rows="results")
+class Snapshot:
+    """All results of one frame; a part is None where it could not be computed.
+
+    Attributes
+    ----------
+    frame, sample : int
+        Trigger number, and the sample on which the exposure started.
+    conditions : Conditions
+    motion, field, rings : optional
+        From the reference on.
+    stick, traction, stress : optional
+        During the drive.
+    stress_field_pa : ndarray, shape (ny, nx), float32, or None
+        Shear traction of each grid point, where the settings ask for it, by a few iterations from
+        that of the frame before: large shapes are right, fine detail is not converged. It is not
+        recorded: the displacement fields give it again.
+    effort : Effort
+    """
+
+    frame: Index = column("frame", "1", "trigger number of the frame, in the order of analysis")
+    sample: Index = column("sample", "samples", "sample on which its exposure started")
+    conditions: Conditions
+    motion: Motion | None = None
+    field: DisplacementField | None = None
+    rings: RingProfile | None = None
+    stick: Stick | None = None
+    traction: Traction | None = None
+    stress: StressProfile | None = None
+    stress_field_pa: F32 | None = None
+    effort: Effort = Effort()
+
+    @property
+    def stick_radius(self) -> float:
+        """C in metres: where the traction is largest or, where there is none, of the profile that
+        fits the rings; NaN for neither.
+        """
+        if self.traction and math.isfinite(self.traction.peak_radius_m):
+            return self.traction.peak_radius_m
+        return self.stick.stick_radius_m if self.stick else NAN
+
+
+# ---------------------------------------------------------------- what an experiment comes down to
+
+
+@record("/entry")
+class ContactResult:
+    """The apparent contact on the reference frame (paper, section 2.3.1); NaN: not measured."""
+
+    centre_px: tuple[float, float] = column("contact/centre", "px", "centre of the contact (x, y)")
+    apparent_radius_m: float = column("contact/radius", "m", "apparent contact radius a")
+    apparent_radius_sd_m: float = uncertainty("contact/radius", "m")
+    shift_px: tuple[float, float] = column(
+        "contact/shift", "px", "rigid shift from the background to the reference image (x, y)"
+    )
+    profile_radius_px: F64 = column(
+        "profile/radius", "px", "radius about the contact's centre", shape=("profile",)
+    )
+    profile_grey: F64 = column(
+        "profile/grey", "counts", "azimuthal mean of the background difference", shape=("profile",)
+    )
+
+
+@record("/entry/counts")
+class Counts:
+    """The account of a run: every trigger has a fate, every sample is there."""
+
+    triggers: Index = column("triggers", "1", "triggers sent", default=0)
+    frames_received: Index = column("frames_received", "1", "frames that came", default=0)
+    frames_recorded: Index = column("frames_recorded", "1", "frames in this file", default=0)
+    frames_lost: Index = column("frames_lost", "1", "triggers without a frame", default=0)
+    frames_analysed: Index = column(
+        "frames_analysed", "1", "frames analysed during the run", default=0
+    )
+    frames_skipped: Index = column(
+        "frames_skipped", "1", "frames recorded but not analysed during the run", default=0
+    )
+    samples: Index = column("samples", "1", "force samples that came", default=0)
+    samples_lost: Index = column("samples_lost", "1", "force samples that did not", default=0)
+
+
+class Resources(TypedDict, total=False):
+    """What a run took of the computer, and where its session went."""
+
+    peak_memory_mib: Taken
+    cpu_s: Taken
+    wall_s: Taken
+    receipt: str
+    session: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended: its state ("done" or "failed"), the reason in one sentence, and its account.
+
+    `resources` says what the run took of the computer, see `Resources`, and holds its receipt.
+    """
+
+    state: str
+    reason: str
+    counts: Counts
+    summary: Summary | None
+    resources: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the run came to its own end: nobody and nothing ended it before."""
+        return self.state == "done" and self.reason.endswith(f" {COMPLETE}")
+
+    @property
+    def ended_as(self) -> str:
+        """How it ended, for people: as `state`, but "stopped" where somebody ended it before."""
+        return STOPPED if self.state == "done" and not WHOLE.search(self.reason) else self.state
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The state of a run at a glance: cheap to read, at any time, from any thread.
+
+    `queue_fill` is the recorder queue's share in use (0 to 1) and `queue_seconds` the data it can
+    hold; `progress` runs from 0 to 1; `disk_free_bytes` is negative where nothing is written (a
+    replay). `uncertain` frames may be of another trigger, `exposures` is what the board has
+    counted, negative where it counts none, `losses` says why frames and samples are lost, and
+    `damage` of which frames little could be measured. `image_age_s` is the time since the trigger
+    of the newest image, NaN without one. `shed` is that of `Effort` now. `step` is the one under
+    way, ``3 of 6: hold for 10 s``, `left_s` the time left of it, NaN where the operator decides,
+    and `all_left_s` that of all steps; `question` waits for an answer.
+    """
+
+    state: str
+    reason: str
+    phase: str
+    counts: Counts
+    queue_fill: float
+    queue_seconds: float
+    disk_free_bytes: int
+    sample: int
+    progress: float
+    uncertain: int = 0
+    exposures: int = -1
+    losses: str = ""
+    damage: str = ""
+    image_age_s: float = NAN
+    shed: int = 0
+    shed_why: str = ""
+    step: str = ""
+    left_s: float = NAN
+    all_left_s: float = NAN
+    question: str = ""
+
+    @property
+    def step_number(self) -> int:
+        """Number of the step under way, from 1; 0 where there is none."""
+        return int(self.step.partition(" ")[0] or 0)
+
+    @property
+    def doing(self) -> str:
+        """The step and the time left: ``3 of 6: hold for 10 s; 4 s left, 60 s of all``."""
+        left = f"; {self.left_s:.0f} s left" if math.isfinite(self.left_s) else ""
+        has_more = left and self.all_left_s > self.left_s
+        every = f", {self.all_left_s:.0f} s of all" if has_more else ""
+        return f"{self.step}{left}{every}"
+
+
+Acquired = Samples | Gap | ReceivedFrame | SourceFrame | LostTrigger | Position
+Record = Acquired | Event | Snapshot | ContactResult | Outcome

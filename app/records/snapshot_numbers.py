@@ -1,0 +1,56 @@
+"""The numbers of a snapshot by their names, whichever of its parts hold them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from app.records.effort import Effort
+from app.records.record_types import F64, NAN, Conditions, Motion, Phase, Snapshot, Stick, Traction
+from app.records.schema import columns_of
+
+# the numbers of a snapshot by their names, and the parts that hold them
+NUMBERS = {c.attribute: c for c in columns_of(Snapshot) if c.group == "/entry/results"}
+ROW = np.dtype([(n, "U16" if c.kind is Phase else c.dtype) for n, c in NUMBERS.items()])
+"""A row of a table of them, with the phase as text."""
+_PARTS: dict[str, Any] = {
+    "conditions": Conditions,
+    "motion": Motion,
+    "stick": Stick,
+    "traction": Traction,
+    "effort": Effort,
+}
+WHOLE = [name for name, c in NUMBERS.items() if "int" in c.dtype and c.kind is not Phase]
+"""Those of the numbers that are whole."""
+
+
+def numbers_of(snapshot: Snapshot) -> dict[str, Any]:
+    """The numbers of a snapshot by their names; NaN where a part is not there."""
+    numbers: dict[str, Any] = {"frame": snapshot.frame, "sample": snapshot.sample}
+    for name, kind in _PARTS.items():
+        part = getattr(snapshot, name)
+        for number in kind.__slots__:
+            numbers[number] = NAN if part is None else getattr(part, number)
+    return numbers
+
+
+def snapshot_of(numbers: Mapping[str, Any]) -> Snapshot:
+    """The snapshot that has these numbers and no arrays; parts of which all are NaN are not
+    there.
+    """
+    parts: dict[str, Any] = {}
+    for name, kind in _PARTS.items():
+        held = [numbers[number] for number in kind.__slots__]
+        is_there = any(not isinstance(number, float) or math.isfinite(number) for number in held)
+        parts[name] = kind(*held) if is_there else None
+    return Snapshot(numbers["frame"], numbers["sample"], **parts)
+
+
+def series_of(snapshots: Iterable[Snapshot], name: str) -> F64:
+    """One number of every snapshot, by its name; NaN where its part is not there."""
+    part = next((part for part, kind in _PARTS.items() if name in kind.__slots__), None)
+    holders = [getattr(s, part) if part else s for s in snapshots]
+    return np.array([NAN if h is None else getattr(h, name) for h in holders], np.float64)

@@ -1,0 +1,183 @@
+"""What `slipscope analyze` makes of sessions: the results of each run, and what all runs have in
+common. Figures, reports, exports and notebooks read nothing else.
+
+All records are frozen; lengths, forces and times are in SI units unless the name says otherwise.
+Each field names its dataset in the file of results (`app.records.schema`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.records.quantities import as_text, joint_quantities
+from app.records.record_types import F32, F64, NAN, ContactResult
+from app.records.schema import column, record, uncertainty
+from app.records.summary import Summary
+
+U8 = NDArray[np.uint8]
+
+
+@record("origin")
+class Origin:
+    """Where the results of a run come from."""
+
+    session: str = column("session", "", "name of the session's file")
+    started: str = column("start_time", "", "its start_time, which tells it from others")
+    state: str = column("state", "", "how the run ended: done, stopped, failed or unfinished")
+    reason: str = column("reason", "", "why it ended, in one sentence")
+    config_toml: str = column("settings", "", "the settings of the analysis, complete")
+    sample: str = column("sample", "", "name of the sample", default="")
+    operator: str = column("operator", "", "who ran it", default="")
+    note: str = column("note", "", "what the operator noted", default="")
+    checksum: str = column(
+        "checksum", "", "SHA-256 of what it recorded, images by their checksums", default=""
+    )
+
+
+@record("pictures")
+class Pictures:
+    """The reference under load, and the free block before the contact (Fig. 2); grey levels scaled
+    to 8 bits, shape (rows, columns), empty where there is none.
+    """
+
+    reference: U8 = column("reference", "counts", "at rest under load", shape=("y", "x"))
+    background: U8 = column("background", "counts", "of the free block", shape=("y0", "x0"))
+    pixel_m: float = column("pixel", "m", "side of a pixel on the interface")
+
+
+@record("rings", shape=("frames", "rings"))
+class RingSeries:
+    """Ring means of u_x about the contact's centre, lens removed, and of sigma_xz, shape (frames,
+    rings): a row for each frame of `RunResult.frames`, NaN where nothing was measured.
+    """
+
+    radius_m: F64 = column("radius", "m", "mean radius of the ring")
+    ux_m: F64 = column("ux", "m", "azimuthal mean of u_x")
+    ux_sd_m: F64 = uncertainty("ux", "m")
+    stress_radius_m: F64 = column(
+        "stress_radius", "m", "distance from the contact's centre", shape=("frames", "radii")
+    )
+    stress_pa: F64 = column(
+        "stress",
+        "Pa",
+        "azimuthal mean of sigma_xz, by E of the settings",
+        shape=("frames", "radii"),
+    )
+    stress_sd_pa: F64 = uncertainty("stress", "Pa", shape=("frames", "radii"))
+
+
+@record("law", shape=("frames", "law_radii"))
+class LawSeries:
+    """The points of the master curve (Fig. 15): local slip and traction over that of sliding, for
+    each frame, at the radii of `Summary.pressure_radius_m`; NaN where they tell nothing.
+    """
+
+    slip_m: F64 = column("slip", "m", "local slip")
+    ratio: F64 = column("ratio", "1", "shear traction over that of sliding")
+
+
+@record("instants", shape=("instants", "ny", "nx"))
+class Instants:
+    """Fields at the numbered instants (Figs 5, 6 and 10), displacements along x and y of the
+    picture without the motion of the lens, the traction along the drive.
+    """
+
+    frame: NDArray[np.int64] = column("frame", "1", "trigger number", shape=("instants",))
+    x_m: F64 = column("x", "m", "of the boxes from the contact's centre", shape=("nx",))
+    y_m: F64 = column("y", "m", "of the boxes from the contact's centre, down", shape=("ny",))
+    ux_m: F32 = column("ux", "m", "displacement along x")
+    uy_m: F32 = column("uy", "m", "displacement along y")
+    stress_pa: F32 = column("stress", "Pa", "shear traction sigma_xz, by E of the run")
+
+
+@record("noise", shape=("boxes",))
+class BoxNoise:
+    """Standard deviation of u_x against the side of the correlation box (Fig. 4d), for the texture
+    and the noise of this run's pictures.
+    """
+
+    box_px: F64 = column("box", "px", "side of the box")
+    sigma_px: F64 = column("sigma", "px", "standard deviation of u_x")
+    floor_px: F64 = column("floor", "px", "Cramer-Rao bound of that box")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunResult:
+    """All results of one session.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (frames,)
+        The numbers of every analysed frame as a structured array, as `Session.results`: `frame`,
+        `phase` (text), `time_s`, `normal_force_n`, `shear_force_n`, `travel_m`, `centre_ux_m`,
+        `stick_radius_m`, `peak_radius_m`, `block_m`, `stress_force_n`, ... and `*_sd_*`.
+    """
+
+    origin: Origin
+    summary: Summary
+    contact: ContactResult | None
+    pictures: Pictures
+    frames: NDArray[np.void]
+    rings: RingSeries
+    law: LawSeries
+    instants: Instants
+    noise: BoxNoise
+
+
+@record("joint")
+class Joint:
+    """What the runs have in common (`analysis.friction.joint`); NaN with the reason in `notes`."""
+
+    young_modulus_pa: float = column("young_modulus", "Pa", "E", default=NAN)
+    young_modulus_sd_pa: float = uncertainty("young_modulus", "Pa", default=NAN)
+    length_m: float = column("length", "m", "L of the local law", default=NAN)
+    length_sd_m: float = uncertainty("length", "m", default=NAN)
+    mu: float = column("mu", "1", "mu at 1 N, of mu = mu_1 P^-decay", default=NAN)
+    mu_sd: float = uncertainty("mu", "1", default=NAN)
+    decay: float = column("decay", "1", "exponent of the fall of mu with P", default=NAN)
+    decay_sd: float = uncertainty("decay", "1", default=NAN)
+    stiffness_length_m: float = column(
+        "stiffness_length", "m", "p/k of all rings of all runs, L by the stiffness", default=NAN
+    )
+    stiffness_length_sd_m: float = uncertainty("stiffness_length", "m", default=NAN)
+    roughness_length_m: float = column(
+        "roughness_length", "m", "L after Bureau, of the roughness of the settings", default=NAN
+    )
+    roughness_length_sd_m: float = uncertainty("roughness_length", "m", default=NAN)
+    notes: tuple[str, ...] = column(
+        "notes",
+        "",
+        "why a quantity is NaN, or what does not go together",
+        shape=("notes",),
+        default=(),
+    )
+
+    def __str__(self) -> str:
+        title = "What the runs have in common, ± total uncertainty:"
+        return as_text(title, joint_quantities(self), self.notes)
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        """Show a notebook the same, in place of every number in full."""
+        printer.text(str(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Results:
+    """All that an analysis of sessions gave.
+
+    Attributes
+    ----------
+    runs : tuple of RunResult
+        By normal force, then by name.
+    joint : Joint
+    made_with : dict
+        Name -> what made the results: versions, the settings that were changed, the preset.
+    """
+
+    runs: tuple[RunResult, ...]
+    joint: Joint
+    made_with: dict[str, str]

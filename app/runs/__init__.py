@@ -1,0 +1,1 @@
+"""Live runs from settings: where bench, analysis and session file are put together."""

@@ -1,0 +1,339 @@
+"""A live run from settings: the one place where bench, analysis and session file are put
+together.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analysis.options import quantity
+from analysis.region import measured
+from app.acquisition.connected_bench import Preview
+from app.acquisition.intake import BenchDevices
+from app.acquisition.run import Run
+from app.evaluation.frame_analysis import FrameAnalysis
+from app.evaluation.setup import bytes_per_s, grid_of, header_of
+from app.session.files import RESERVE_BYTES, check_new_session
+from app.session.recorder import SessionRecorder, make_session
+from app.session.versions import versions
+from app.settings.protocol_steps import (
+    APPROACH_S,
+    SLACK,
+    Approach,
+    Ask,
+    Background,
+    Hold,
+    Motion,
+    Zero,
+    durations,
+    legs,
+)
+from app.settings.sections import Config
+from app.settings.sync_certificate import known
+from app.system.errors import UserError
+from drivers.bench import Bench
+from drivers.bench import make_bench as bench_of
+from drivers.settings import CameraSettings
+from drivers.sim.scenario import Scenario
+from drivers.sim.settings import SimSettings
+from drivers.sources import DRIVERS, driver
+
+if TYPE_CHECKING:
+    from app.session.receipt import Receipt
+
+FREE_S = 10.0  # of a simulated bench that is previewed: to see and zero the free block
+THINNEST = 3  # pitches of a layer whose whole field of tractions can be found
+
+
+def scenario(config: Config) -> Scenario:
+    """What the simulated world of these settings is made of."""
+    steps = config.run.protocol
+    loads = [step.normal_force for step in steps if isinstance(step, Approach)]
+    return Scenario.of(
+        sim=config.sim,
+        sample=config.sample,
+        forces=config.forces,
+        camera=config.camera,
+        normal_force=loads[-1] if loads else config.run.normal_force,
+        longest_hold=max((step.time for step in steps if isinstance(step, Hold)), default=0.0),
+    )
+
+
+def make_bench(config: Config, pace: float | None) -> Bench:
+    """The bench that the settings name, not yet open.
+
+    Raises
+    ------
+    UserError
+        The settings describe a world that can not be simulated.
+    """
+    recording = None
+    if "replay" in config.sources:
+        from app.session.recording import SessionRecording  # with HDF5
+
+        recording = SessionRecording(Path(config.replay.session), pace)
+    try:
+        return bench_of(
+            config.forces,
+            config.camera,
+            config.actuator,
+            scenario=scenario(config),
+            recording=recording,
+            pace=pace,
+        )
+    except ValueError as error:
+        raise UserError(f"[sim]: {error}") from None
+
+
+def expected_seconds(config: Config) -> float:
+    """How long a run of these settings takes on the bench, to within about ten per cent, if nobody
+    is waited for.
+    """
+    run, seconds = config.run, 0.0
+    for step, planned in zip(run.protocol, durations(run.protocol), strict=True):
+        if isinstance(step, Approach):
+            seconds += APPROACH_S + run.settle_time
+        elif not isinstance(step, Ask):
+            seconds += planned * (SLACK if isinstance(step, Motion) else 1.0)
+    return seconds
+
+
+def expected_bytes(config: Config) -> int:
+    """Size of the session that a run of these settings writes, to within about ten per cent."""
+    return int(expected_seconds(config) * bytes_per_s(config)) + RESERVE_BYTES
+
+
+def previewed(config: Config) -> Config:
+    """The settings whose simulated world a preview shows: its operator takes `FREE_S` before the
+    contact is pressed, and the contact can be sheared both ways.
+    """
+    sim = config.sim
+    law = "elasto-plastic" if sim.law == "cattaneo-mindlin" else sim.law
+    return replace(config, sim=replace(sim, law=law, press_time=max(FREE_S, sim.press_time)))
+
+
+def make_preview(
+    config: Config,
+    *,
+    pace: float = 1.0,
+    guard: Callable[[Bench, Preview], None] = lambda bench, preview: None,
+) -> Preview:
+    """The bench that the settings name, to be looked at without a run; nothing is opened before its
+    `start`.
+
+    Parameters
+    ----------
+    pace : float
+        Simulated seconds per second.
+    guard : callable
+        Called once before the stage is moved for the first time.
+
+    Raises
+    ------
+    UserError, DeviceError
+        There is no such bench.
+    """
+    bench = make_bench(previewed(config), pace)
+    preview = Preview(
+        config,
+        bench,
+        guard=lambda: guard(bench, preview),
+        can_restart=bench.world is None,
+        bytes_per_s=bytes_per_s(config),
+    )
+    return preview
+
+
+def check_room(config: Config, output: Path) -> None:
+    """Refuse, before anything moves, a run for which the disk has no room.
+
+    Raises
+    ------
+    UserError
+    """
+    needed, free = expected_bytes(config), shutil.disk_usage(output.parent).free
+    if needed > free:
+        raise UserError(
+            f"{output}: the run needs about {needed / 1e9:.2f} GB, the disk has {free / 1e9:.2f} GB"
+            f" free; make room or shorten {'run.steps' if config.run.steps else 'run.travel'}"
+        )
+
+
+def prepare(
+    config: Config, prepare_analysis: Callable[[], object], say: Callable[[str], None]
+) -> None:
+    """Compile what a run of these settings uses, so that nothing compiles during the run; cached
+    for the next start.
+
+    `say` is called with what is being prepared.
+    """
+    if driver("camera", config.camera.source).nature in ("simulated", "emulated"):
+        from drivers.sim.images import Renderer
+        from drivers.sim.world import World
+
+        say("compiling the simulated camera")
+        small = Scenario(
+            camera=CameraSettings(width=64, height=64),
+            sim=SimSettings(press_time=0.0),
+            press_samples=1,
+        )
+        world = World(small, pace=None)
+        world.start()
+        world.advance(50)
+        Renderer(small).image(world.state(40), 0)
+    say("compiling the image correlation")  # last: it may be done by now, in another process
+    prepare_analysis()
+    say("opening the bench")
+
+
+def make_run(
+    config: Config,
+    output: Path,
+    *,
+    pace: float | None,
+    overwrite: bool = False,
+    bench: Bench | None = None,
+    wrap: Callable[[BenchDevices], BenchDevices] | None = None,
+    pipeline: FrameAnalysis | None = None,
+    prepare_analysis: Callable[[], object] | None = None,
+    make: Callable[[Path], tuple[Path, Receipt]] = make_session,
+) -> Run:
+    """A run on the bench that the settings name; nothing is opened before its `start`.
+
+    Parameters
+    ----------
+    pace : float or None
+        Simulated seconds per second; None: as fast as possible. A bench with a real device runs at
+        1.
+    bench : Bench, optional
+        The bench to use, made with `make_bench` from the same settings and pace.
+    wrap : callable, optional
+        Makes of the bench the one that the run opens and closes.
+    pipeline : FrameAnalysis, optional
+        What analyses the frames, and `prepare_analysis` makes it ready; else a pipeline in this
+        process.
+    make : callable
+        Makes the session of what was recorded: `app.session.recorder.SessionRecorder`.
+
+    Raises
+    ------
+    UserError
+        The session can not be written, or a device of that name is not known.
+    """
+    natures = check_run(config, output, pace, overwrite)
+    bench = bench or make_bench(config, pace)
+    if pipeline is None:
+        from app.evaluation.compiling import compile_analysis
+        from app.evaluation.pipeline import Pipeline
+
+        pipeline, prepare_analysis = Pipeline(config), partial(compile_analysis, config)
+
+    def create_sink() -> SessionRecorder:
+        return SessionRecorder.create(
+            output, header_of(config, versions() | known(config)), overwrite=overwrite, make=make
+        )
+
+    return Run(
+        config,
+        wrap(bench) if wrap else bench,
+        create_sink,
+        pipeline,
+        pace=pace,
+        title="simulated bench" if natures == {"simulated"} else " + ".join(config.sources),
+        output=output,
+        prepare=partial(prepare, config, prepare_analysis or (lambda: None)),
+    )
+
+
+def _check_world(config: Config, natures: set[str]) -> None:
+    """Refuse a protocol that the simulated world does not model."""
+    run, sim = config.run, config.sim
+    if {"simulated", "emulated"}.isdisjoint(natures):
+        return
+    if run.direction < 0:
+        what = (
+            "the first motion of run.steps"
+            if run.steps
+            else f"run.travel = {quantity(run, 'travel')}"
+        )
+        raise UserError(
+            f"{what} goes against +x, which the simulated"
+            " world does not model; give a travel above 0, or real devices"
+        )
+    if config.actuator.source != "sim":
+        return
+    back = next((leg for leg in legs(run.protocol, as_planned=True) if leg.end < leg.start), None)
+    if back and sim.law != "elasto-plastic":
+        step = run.protocol[back.number - 1]
+        raise UserError(
+            f"step {back.number} ({step.kind}) of the run goes back, which the simulated contact"
+            f" does not know under the law '{sim.law}'; use sim.law = 'elasto-plastic'"
+        )
+    if not run.steps:
+        return
+    loads = {step.normal_force for step in run.protocol if isinstance(step, Approach)}
+    if len(loads) > 1:
+        raise UserError(
+            f"run.steps approach {len(loads)} different loads; the simulated operator presses to"
+            " one, once; give one approach, or real sensors"
+        )
+    until_s = 0.0
+    for number, step in enumerate(run.protocol, 1):
+        if isinstance(step, Approach):
+            return
+        until_s += step.timeout if isinstance(step, Ask) else durations([step])[0]
+        if until_s > sim.press_time and isinstance(step, Background | Zero):
+            raise UserError(
+                f"step {number} ({step.kind}) lasts until {until_s:g} s, and the simulated"
+                f" operator presses at sim.press_time = {quantity(sim, 'press_time')}; raise it"
+            )
+
+
+def check_run(config: Config, output: Path, pace: float | None, overwrite: bool) -> set[str]:
+    """The natures of the devices (`drivers.bench.NEEDS`) of a run that can be made.
+
+    Raises
+    ------
+    UserError
+        As `make_run`.
+    """
+    check_new_session(output, overwrite, has_picture=False)
+    check_room(config, output)
+    kinds = zip(DRIVERS, config.sources, strict=True)
+    natures = {driver(kind, source).nature for kind, source in kinds}
+    forces, sample, dic = config.forces, config.sample, config.dic
+    if forces.block >= config.limits.age * forces.sample_rate * (pace or 1.0):
+        raise UserError(
+            f"forces.block = {forces.block} samples last longer than limits.age ="
+            f" {quantity(config.limits, 'age')}; read fewer at a time"
+        )
+    pitch = dic.step * config.camera.pixel
+    thinnest = pitch * (THINNEST if config.stress.field else 1)
+    if config.stress.method != "none" and 0 < sample.thickness < thinnest:
+        raise UserError(
+            f"sample.thickness = {quantity(sample, 'thickness')} is too thin for a shear traction"
+            f" on points that are {pitch * 1e6:g} um apart; use {thinnest * 1e3:g} mm or more, 0"
+            " for a half-space, or stress.method = 'none'"
+        )
+    grid = grid_of(config)
+    if not measured(dic.polygons, grid.x_px, grid.y_px[:, None]).any():
+        raise UserError(
+            f"dic.region: no box of {dic.box} px has its centre in it; widen it, or leave it out"
+        )
+    _check_world(config, natures)
+    if pace != 1.0 and "real" in natures:
+        raise UserError(
+            "--pace: a bench with a real device runs at pace 1, not"
+            f" {'max' if pace is None else pace}"
+        )
+    if pace is None and "emulated" in natures:
+        raise UserError(
+            "--pace: only simulated and recorded devices wait for the program, as pace max needs;"
+            " give a number"
+        )
+    return natures

@@ -1,0 +1,439 @@
+"""All settings as text: read from a commented TOML file and from ``table.key=value``, checked, and
+written again.
+
+People write settings in the units that their declarations name; a `Config` holds SI units.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import keyword
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, make_dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from analysis.options import Section, as_written, option, options
+from analysis.settings import PRESETS
+from app.settings.plain_values import (
+    STEPS,
+    ConfigError,
+    brief,
+    markdown_rows,
+    section_from,
+    step_as_written,
+    steps_from,
+    steps_lines,
+    steps_markdown,
+    title,
+    toml_text,
+)
+from app.settings.sections import Config, RunSettings
+from app.settings.toml_text import parse_toml, read_toml
+from app.settings.trusted_settings import (
+    check_local,
+    check_module,
+    check_port,
+    check_producer,
+    check_server,
+)
+from app.system.errors import UserError
+from drivers.errors import DeviceNotFound
+from drivers.settings import DeviceSettings
+
+__all__ = ["ConfigError", "section_from"]
+BENCHES = Path(__file__).parent / "benches"
+OWN = "options"  # the table of a driver's own settings, within that of its device
+CHECKS = {  # what names something outside, and what it may be
+    "forces.server": check_server,
+    "forces.certificate": check_local,
+    "camera.producer": check_local,
+    "camera.folder": check_local,
+    "actuator.port": check_port,
+    "replay.session": check_local,
+    "sim.law_table": check_local,
+}
+ANALYSED = (  # tables and options that say how a measurement is analysed, not what was measured
+    "about",
+    "sample",
+    "uncertainty",
+    "dic",
+    "stress",
+    "recording.results",
+    "camera.pixel",
+    "camera.angle",
+    "camera.distortion",
+    "camera.angle_from",
+    "camera.fixed_pattern",
+    *(
+        f"forces.{of}_{sensor}"
+        for of in ("sensitivity", "stiffness")
+        for sensor in ("normal", "shear")
+    ),
+    *(f"forces.{name}" for name in ("stiffness_uncertainty", "sign", "zero", "coupling")),
+)
+
+Change = tuple[str, str, Any]  # table, key and value of a setting
+
+
+@cache
+def tables() -> dict[str, type[Section]]:
+    """Name -> section of every table of the settings file, in order."""
+    kinds = get_type_hints(Config)
+    return {f.name: kinds[f.name] for f in fields(Config)}
+
+
+def values_of(config: Config) -> dict[str, dict[str, Any]]:
+    """Table -> key -> value of all settings, in the units of the settings file; a driver's own are
+    a dict under the key "options" of its device, the steps of a protocol a list of dicts.
+    """
+    values = {table: as_written(getattr(config, table)) for table in tables()}
+    if config.run.steps:
+        values["run"][STEPS] = [step_as_written(step) for step in config.run.steps]
+    for table, section in own_options(config).items():
+        values[table][OWN] = as_written(section)
+    return values
+
+
+def own_options(config: Config) -> dict[str, Section]:
+    """Table -> the settings of its driver's own, of the devices whose drivers have any."""
+    sections = {table: getattr(getattr(config, table), OWN, Section()) for table in tables()}
+    return {table: section for table, section in sections.items() if options(type(section))}
+
+
+# ---------------------------------------------------------------------- from plain data
+
+
+def from_data(
+    data: dict[str, Any],
+    where: str,
+    *,
+    recorded: bool = False,
+    folders: Sequence[Path] | None = None,
+) -> Config:
+    """Settings from nested plain dicts; `where` names the source in error sentences.
+
+    With `recorded`, a driver's own settings are taken as they are, and no driver is imported: it
+    need not be installed, and a session from somebody else executes nothing. With the `folders` of
+    settings files, code that lies there or in the current folder must have been confirmed.
+    """
+    sections: dict[str, Any] = {}
+    try:
+        for table, content in data.items():
+            _check_keys(table, content)
+            sections[table] = _section(table, content, recorded, folders)
+        return Config(**sections)
+    except (ValueError, DeviceNotFound, UserError) as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _section(
+    table: str, content: dict[str, Any], recorded: bool, folders: Sequence[Path] | None
+) -> Section:
+    kind = tables()[table]
+    plain = {key: value for key, value in content.items() if key not in (OWN, STEPS)}
+    section, given = section_from(kind, plain, f"{table}.{{}}".format), content.get(OWN, {})
+    if isinstance(section, RunSettings):
+        return replace(section, steps=steps_from(content.get(STEPS, [])))
+    if not recorded:
+        _check_names(table, section, folders)
+    if not isinstance(section, DeviceSettings):
+        return section
+    where = f"{table}.{OWN}"
+    if not isinstance(given, dict):
+        raise ConfigError(
+            f"'{where}' is a table of the driver's own options, found {brief(repr(given))}; write"
+            f" [{where}] above them"
+        )
+    own = _as_recorded(tuple(given)) if recorded else _options_of(table, section.source)
+    known = options(own)
+    for key, value in given.items():
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+            nearest = f"the nearest known one is '{where}.{close[0]}'" if close else "leave it out"
+            raise ConfigError(
+                f"unknown key '{brief(f'{where}.{key}')}' of the driver '{section.source}', which"
+                f" has {len(known) or 'no'} options of its own; {nearest}"
+            )
+        if recorded and not _is_plain(value):
+            raise ConfigError(f"{where}.{key}: a number, text or list is needed")
+    return replace(section, options=section_from(own, given, f"{where}.{{}}".format))
+
+
+def _check_names(table: str, section: Section, folders: Sequence[Path] | None) -> None:
+    """Refuse what stands for more than a device or a file, and code that was not confirmed."""
+    for key, check in CHECKS.items():
+        if key.partition(".")[0] == table:
+            check(key, getattr(section, key.partition(".")[2]))
+    if folders is not None and isinstance(section, DeviceSettings):
+        check_module(f"{table}.source", section.source, folders)
+        check_producer(f"{table}.producer", getattr(section, "producer", ""))
+
+
+def _options_of(kind: str, source: str) -> type[Section]:
+    """The section of a driver's own settings."""
+    from drivers.sources import driver  # a session is read without any driver
+
+    return driver(kind, source).options
+
+
+@cache
+def _as_recorded(names: tuple[str, ...]) -> type[Section]:
+    """A section of options of these names, with any values."""
+    if not names:
+        return Section
+    for name in names:
+        if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name) or keyword.iskeyword(name):
+            raise ConfigError(f"'{brief(name)}' can not be the name of an option")
+    about = [(name, Any, option(None, "as recorded")) for name in names]
+    bases = {"bases": (Section,), "frozen": True, "kw_only": True}
+    return make_dataclass("RecordedOptions", about, **bases)  # type: ignore[arg-type]
+
+
+def _is_plain(value: Any) -> bool:
+    return (
+        all(map(_is_plain, value))
+        if isinstance(value, list)
+        else isinstance(value, bool | int | float | str)
+    )
+
+
+def _check_keys(table: str, content: Any) -> None:
+    if table not in tables():
+        raise ConfigError(f"unknown table or key '{brief(table)}'; {_nearest(brief(table))}")
+    if not isinstance(content, dict):
+        raise ConfigError(
+            f"'{table}' is a table of options, found {brief(repr(content))}; write [{table}] above"
+            " its options"
+        )
+    for key in content:
+        is_own = (key == OWN and issubclass(tables()[table], DeviceSettings)) or (
+            key == STEPS and tables()[table] is RunSettings
+        )
+        if key not in options(tables()[table]) and not is_own:
+            unknown = brief(f"{table}.{key}")
+            raise ConfigError(f"unknown key '{unknown}'; {_nearest(unknown)}")
+
+
+def _nearest(word: str) -> str:
+    """The table or ``table.key`` whose name is most like `word`, with or without its table."""
+    names = {table: table for table in tables()}
+    for table, kind in tables().items():
+        for key in options(kind):
+            names.setdefault(key, f"{table}.{key}")
+            names[f"{table}.{key}"] = f"{table}.{key}"
+    close = difflib.get_close_matches(word, list(names), n=1, cutoff=0.0)[0]
+    return f"the nearest known one is '{names[close]}'"
+
+
+# ---------------------------------------------------------------------- from text
+
+
+def from_record(text: str, where: str) -> Config:
+    """Settings as a session holds them.
+
+    A record without `dic.method` is of a time when the direct method was the only one, one without
+    `camera.angle_from` of a time when the drive went along the rows of the picture, one without
+    `camera.fixed_pattern` of a time when it was not looked for.
+    """
+    try:
+        data = parse_toml(text)
+    except ValueError as error:
+        raise ConfigError(f"{where}: not TOML: {error}") from None
+    if isinstance(data.setdefault("dic", {}), dict):
+        data["dic"].setdefault("method", "direct")
+    if isinstance(data.setdefault("camera", {}), dict):
+        data["camera"].setdefault("angle_from", "angle")
+        data["camera"].setdefault("fixed_pattern", "ignore")
+    return from_data(data, where, recorded=True)
+
+
+def parse_override(text: str) -> Change:
+    """``run.travel=150`` -> ("run", "travel", 150); a bare word is a string."""
+    key, separator, raw = text.partition("=")
+    table, dot, name = key.strip().partition(".")
+    if not separator or not dot:
+        raise ConfigError(f"--set: '{text}' is not table.key=value, e.g. run.travel=150")
+    try:
+        value = parse_toml(f"v = {raw}")["v"]
+    except ValueError:
+        value = raw.strip()
+    return table, name, value
+
+
+def _override(data: dict[str, Any], changes: Iterable[Change]) -> None:
+    changes = list(changes)
+    for table, name, value in changes:
+        if (table, name) == ("dic", "preset") and isinstance(data.get(table), dict):
+            for key in PRESETS.get(str(value), ()):  # what the file says gives way to it
+                data[table].pop(key, None)
+    for table, name, value in changes:
+        content = data.setdefault(table, {})
+        if name.startswith(f"{OWN}.") and isinstance(content, dict):
+            content = content.setdefault(OWN, {})
+        if isinstance(content, dict):
+            content[name.removeprefix(f"{OWN}.")] = value
+
+
+def revised(config: Config, overrides: Sequence[str]) -> Config:
+    """The settings of a recorded experiment, with others for its analysis.
+
+    Raises
+    ------
+    ConfigError
+        An override is not allowed, or changes what was measured rather than how it is analysed.
+    """
+    data = values_of(config)
+    _override(data, map(parse_override, overrides))
+    new = from_data(data, "--set", recorded=True)
+    for name, (found, _) in measured_differently(config, new).items():
+        raise ConfigError(
+            f"--set: {name} is {found} in the session, as it was measured;"
+            " what an analysis may change is " + ", ".join(ANALYSED)
+        )
+    return new
+
+
+def measured_differently(a: Config, b: Config) -> dict[str, tuple[str, str]]:
+    """``table.key`` -> both values as text, of the settings of two experiments that differ in what
+    no analysis may change.
+    """
+    was, now = values_of(a), values_of(b)
+    keys = [(table, key) for table in now for key in dict.fromkeys((*was[table], *now[table]))]
+    pairs = {(t, k): (was[t].get(k), now[t].get(k)) for t, k in keys}
+    return {
+        f"{table}.{key}": (toml_text(old), toml_text(new))
+        for (table, key), (old, new) in pairs.items()
+        if old != new and not {table, f"{table}.{key}"} & set(ANALYSED)
+    }
+
+
+def load(
+    path: Path | None = None, overrides: Sequence[str] = (), *, recorded: bool = False
+) -> Config:
+    """Settings from a TOML file, a bench that comes with the program, or the defaults, with
+    ``table.key=value`` overrides on top; with `recorded`, for what was measured: see `from_data`.
+
+    Raises
+    ------
+    ConfigError
+        The file can not be read, is not TOML, or holds something that is not allowed.
+    """
+    where = "--set" if overrides else "settings"
+    data: dict[str, Any] = {}
+    if path is not None:
+        where = f"{path} and --set" if overrides else str(path)
+        data = read_settings(path)
+    _override(data, map(parse_override, overrides))
+    folders = None if path is None else [bench_file(path).parent]
+    return from_data(data, where, recorded=recorded, folders=folders)
+
+
+def altered(
+    data: dict[str, Any], changes: Iterable[Change], where: str, folders: Sequence[Path] | None
+) -> Config:
+    """Settings from nested plain dicts, which stay as they are, with changes to them; see
+    `from_data`.
+    """
+    new = copy.deepcopy(data)
+    _override(new, changes)
+    return from_data(new, where, folders=folders)
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """The nested plain dicts of a settings file, or of a bench that comes with the program."""
+    try:
+        return read_toml(bench_file(path), "settings file", bench_names())
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+def bench_names() -> list[str]:
+    """Names of the benches that come with the program."""
+    return sorted(file.stem for file in BENCHES.glob("*.toml"))
+
+
+def bench_file(path: Path) -> Path:
+    """The settings file at `path`, or else the one of that name that comes with the program."""
+    own = BENCHES / f"{path}.toml"
+    return own if not path.exists() and path.name == str(path) and own.exists() else path
+
+
+def bench_text(name: str, others: Iterable[str] = ()) -> str:
+    """The settings file of a bench that comes with the program; `others` are names that the caller
+    knows besides.
+
+    Raises
+    ------
+    ConfigError
+        There is none of that name.
+    """
+    if name not in bench_names():
+        known = ", ".join([*bench_names(), *others])
+        raise ConfigError(f"config: nothing is called '{name}'; known: {known}")
+    return (BENCHES / f"{name}.toml").read_text(encoding="utf-8")
+
+
+# ---------------------------------------------------------------------- to text
+
+
+def to_toml(config: Config, comments: bool = True) -> str:
+    """The settings as a TOML text, each option with its meaning, unit and limits."""
+    lines = (
+        ["# SlipScope settings. Delete what you do not change: every option has this default.", ""]
+        if comments
+        else []
+    )
+    own = own_options(config)
+    for table in tables():
+        lines += _table_lines(table, getattr(config, table), comments)
+        if table == "run":
+            lines += steps_lines(config.run.steps, comments)
+        if table in own:
+            lines += _table_lines(f"{table}.{OWN}", own[table], comments)
+    return "\n".join(lines)
+
+
+def _table_lines(table: str, section: Section, comments: bool) -> list[str]:
+    lines = [f"# {title(type(section))}"] if comments else []
+    lines.append(f"[{table}]")
+    for key, value in as_written(section).items():
+        declared = options(type(section))[key]
+        if comments:
+            notes = f" [{declared.unit}]" if declared.unit else ""
+            notes += f" ({declared.limits})" if declared.limits else ""
+            lines.append(f"# {declared.meaning}{notes}.")
+        lines.append(f"{key} = {toml_text(value)}")
+    return [*lines, ""]
+
+
+def default_toml() -> str:
+    """The commented default settings file."""
+    return to_toml(Config())
+
+
+def markdown() -> str:
+    """Every setting as a table for the documentation (`docs/settings.md`)."""
+    lines = [
+        "# Settings",
+        "",
+        "Every setting of the program, by table of the settings file. `slipscope config` prints the"
+        " same as a file to begin with.",
+        "This page is made from the declarations:"
+        " `python -m app.settings.config > docs/settings.md`.",
+    ]
+    for table, kind in tables().items():
+        lines += ["", f"## [{table}]", "", title(kind), "", *markdown_rows(kind)]
+        if kind is RunSettings:
+            lines += steps_markdown()
+        if issubclass(kind, DeviceSettings):
+            own = f"Options of a driver's own follow in the table `[{table}.{OWN}]`"
+            lines += ["", f"{own}; `slipscope config --set {table}.source=...` shows them."]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(markdown(), end="")

@@ -1,0 +1,450 @@
+"""The steps of a protocol: what a run does, one after the other.
+
+Each kind of step is a section of settings. What a step leaves out (0) is that of the table [run].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+from analysis.options import Section, option, quantity
+
+if TYPE_CHECKING:
+    from app.settings.sections import Limits, RunSettings
+
+MOST_STEPS = 200
+LONGEST_QUESTION = 200  # characters
+APPROACH_S = 2.0  # that an operator takes, about
+ROUNDING_M = 1e-12
+SLACK = 1.06  # of the time that a move takes: a stage is slower than it is told
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Section):
+    """One step of a protocol.
+
+    Attributes
+    ----------
+    kind : str
+        Its name in the settings: `do`.
+    needs : tuple of str
+        Keys that have no default.
+    like_run : dict
+        Key -> the key of [run] that holds where it is 0.
+    """
+
+    kind: ClassVar[str] = ""
+    needs: ClassVar[tuple[str, ...]] = ()
+    like_run: ClassVar[dict[str, str]] = {}
+
+    def given(self, run: RunSettings) -> Step:
+        """The step with what it leaves out taken from [run]."""
+        left = {k: getattr(run, of) for k, of in self.like_run.items() if not getattr(self, k)}
+        return replace(self, **left)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Zero(Step):
+    """Zero the sensors: their mean readings during this time are those without a force from then
+    on. The block must hang free.
+    """
+
+    kind = "zero"
+    time: float = option(1.0, "Time of the mean", "s", gt=0, le=60)
+
+    def __str__(self) -> str:
+        return f"zero the sensors, {quantity(self, 'time')}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Background(Step):
+    """Take images of the free block."""
+
+    kind = "background"
+    like_run: ClassVar[dict[str, str]] = {"time": "background_time"}
+    time: float = option(0.0, "For how long; 0: run.background_time", "s", ge=0, le=60)
+
+    def __str__(self) -> str:
+        return f"background, {quantity(self, 'time')}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Approach(Step):
+    """Press the contact to a load, by hand: the step ends once P has settled (run.settle_time,
+    run.settle_tolerance, run.shear_tolerance).
+    """
+
+    kind = "approach"
+    like_run: ClassVar[dict[str, str]] = {
+        "normal_force": "normal_force",
+        "timeout": "contact_timeout",
+    }
+    normal_force: float = option(0.0, "Load P; 0: run.normal_force", "N", ge=0, le=10)
+    timeout: float = option(
+        0.0, "How long the operator has for it; 0: run.contact_timeout", "s", ge=0, le=3600
+    )
+
+    def __str__(self) -> str:
+        return f"approach to {quantity(self, 'normal_force')}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference(Step):
+    """Take the reference image, at rest under load: t = 0 of all that is measured."""
+
+    kind = "reference"
+    like_run: ClassVar[dict[str, str]] = {"time": "reference_time"}
+    time: float = option(0.0, "Rest under load; 0: run.reference_time", "s", ge=0, le=60)
+
+    def __str__(self) -> str:
+        return f"reference, {quantity(self, 'time')}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold(Step):
+    """Let the stage stand."""
+
+    kind = "hold"
+    needs: ClassVar[tuple[str, ...]] = ("time",)
+    time: float = option(1.0, "For how long", "s", gt=0, le=1e5)
+
+    def __str__(self) -> str:
+        return f"hold for {quantity(self, 'time')}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ask(Step):
+    """Ask the operator, and wait for an answer."""
+
+    kind = "ask"
+    needs: ClassVar[tuple[str, ...]] = ("question",)
+    question: str = option("", f"What is asked, {LONGEST_QUESTION} characters at most")
+    timeout: float = option(300.0, "How long an answer is waited for", "s", gt=0, le=1e5)
+    unanswered: str = option(
+        "fail", "Without an answer the run fails, or goes on", choices=("fail", "go on")
+    )
+
+    def __str__(self) -> str:
+        return f"ask: {self.question}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion(Step):
+    """A step in which the stage moves, until one of its conditions is met or its travel ends."""
+
+    like_run: ClassVar[dict[str, str]] = {"velocity": "velocity"}
+    velocity: float = option(0.0, "Velocity; 0: run.velocity", "um/s", ge=0, le=1000)
+    until_time: float = option(0.0, "Ends after this time; 0: not", "s", ge=0, le=1e5)
+    until_force: float = option(0.0, "Ends once Q along the motion is this; 0: not", "N", ge=0)
+    until_ratio: float = option(0.0, "Ends once Q/P along the motion is this; 0: not", ge=0, le=10)
+    until_slid: float = option(
+        -1.0,
+        "Ends this far after t_s, once the analysis has found it; below 0: not",
+        "um",
+        ge=-1,
+        le=20000,
+    )
+    until_stick: float = option(
+        0.0, "Ends once c is below this share of Hertz's contact radius; 0: not", ge=0, lt=1
+    )
+    until_drop: float = option(
+        0.0,
+        "Ends once Q along the motion has fallen by this share of its greatest value; 0: not",
+        ge=0,
+        lt=1,
+    )
+    unmet: str = option(
+        "go on",
+        "Where the travel ends before any condition is met, the run goes on, or fails",
+        choices=("go on", "fail"),
+    )
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The keys of its conditions."""
+        names = ("time", "force", "ratio", "slid", "stick", "drop")
+        every = (f"until_{name}" for name in names)
+        return tuple(
+            k for k in every if getattr(self, k) > 0 or (k == "until_slid" and self.until_slid == 0)
+        )
+
+    @property
+    def looks(self) -> bool:
+        """Whether a condition is one of what the analysis sees."""
+        return self.until_stick > 0 or self.until_slid >= 0
+
+    def _until(self) -> str:
+        words = {
+            "time": "",
+            "force": "Q = ",
+            "ratio": "Q/P = ",
+            "slid": "t_s + ",
+            "stick": "c/a = ",
+        }
+        words["drop"] = "a drop of Q by "
+        told = (words[k.removeprefix("until_")] + quantity(self, k) for k in self.conditions)
+        return "".join(f"{' until' if not i else ' or'} {one}" for i, one in enumerate(told))
+
+    def ends(self, here: float, origin: float, way: float) -> list[float]:
+        """Where its legs end (m), given where it stands, where it last set out one way, and that
+        way, 1.0 or -1.0.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive(Motion):
+    """Move the stage by a travel."""
+
+    kind = "drive"
+    like_run: ClassVar[dict[str, str]] = {"velocity": "velocity", "travel": "travel"}
+    travel: float = option(
+        0.0, "Travel, below 0 the other way; 0: run.travel", "um", ge=-20000, le=20000
+    )
+
+    def __str__(self) -> str:
+        way, speed = quantity(self, "travel"), quantity(self, "velocity")
+        return f"drive {way} at {speed}{self._until()}"
+
+    def ends(self, here: float, origin: float, way: float) -> list[float]:
+        """See `Motion`."""
+        return [here + self.travel]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Velocity(Motion):
+    """Go on at another velocity, without a stop, after a drive or such a step."""
+
+    kind = "velocity"
+    needs: ClassVar[tuple[str, ...]] = ("velocity", "travel")
+    velocity: float = option(5.0, "Velocity", "um/s", gt=0, le=1000)
+    travel: float = option(10.0, "Further travel, the same way", "um", gt=0, le=20000)
+
+    def __str__(self) -> str:
+        way, speed = quantity(self, "travel"), quantity(self, "velocity")
+        return f"go on at {speed} for {way}{self._until()}"
+
+    def ends(self, here: float, origin: float, way: float) -> list[float]:
+        """See `Motion`."""
+        return [here + math.copysign(self.travel, way)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reverse(Motion):
+    """Go back to where the stage last set out one way, and, if it turns more often, forth again."""
+
+    kind = "reverse"
+    times: int = option(1, "How often it turns", ge=1, le=2000)
+
+    def __str__(self) -> str:
+        often = f" {self.times} times" if self.times > 1 else ""
+        return f"reverse{often} at {quantity(self, 'velocity')}{self._until()}"
+
+    def ends(self, here: float, origin: float, way: float) -> list[float]:
+        """See `Motion`."""
+        return [here if leg % 2 else origin for leg in range(self.times)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cycle(Motion):
+    """Move the stage forth and back; a condition ends all of it."""
+
+    kind = "cycle"
+    needs: ClassVar[tuple[str, ...]] = ("times",)
+    like_run: ClassVar[dict[str, str]] = {"velocity": "velocity", "travel": "travel"}
+    times: int = option(1, "How often", ge=1, le=1000)
+    travel: float = option(
+        0.0, "Travel forth, below 0 the other way; 0: run.travel", "um", ge=-20000, le=20000
+    )
+
+    def __str__(self) -> str:
+        way, speed = quantity(self, "travel"), quantity(self, "velocity")
+        return f"cycle {self.times} times by {way} at {speed}{self._until()}"
+
+    def ends(self, here: float, origin: float, way: float) -> list[float]:
+        """See `Motion`."""
+        return [here + self.travel, here] * self.times
+
+
+KINDS: dict[str, type[Step]] = {
+    step.kind: step
+    for step in (
+        Zero, Background, Approach, Reference, Drive, Hold, Velocity, Reverse, Cycle, Ask,
+    )
+}  # fmt: skip
+DO = "do"  # the key that names the kind
+
+EXAMPLE = """\
+[[run.steps]]
+do = "background"
+
+[[run.steps]]
+do = "approach"
+
+[[run.steps]]
+do = "reference"
+
+[[run.steps]]
+do = "drive"
+travel = 100
+
+[[run.steps]]
+do = "hold"
+time = 10
+
+[[run.steps]]
+do = "drive"
+travel = 50
+until_ratio = 0.8
+"""
+
+
+def protocol_of(run: RunSettings) -> tuple[Step, ...]:
+    """The steps of a run; where none are given, those that the other settings of [run] stand for:
+    background, approach, reference, drive, reverse.
+    """
+    steps: list[Step] = list(run.steps)
+    if not steps:
+        steps = [Background()] if run.background_time > 0 else []
+        steps += [Approach(), Reference(), Drive()]
+        steps += [Reverse(times=run.reversals)] if run.reversals else []
+    return tuple(step.given(run) for step in steps)
+
+
+class Leg(NamedTuple):
+    """A motion one way: the number of its step, and between which places (m) it begins and ends,
+    from where the first one begins.
+    """
+
+    number: int
+    start: tuple[float, float]
+    end: tuple[float, float]
+
+
+def legs(steps: Sequence[Step], *, as_planned: bool = False) -> Iterator[Leg]:
+    """All motions of a protocol; what a condition may end can end anywhere on its way, unless it is
+    to be `as_planned`.
+    """
+    low = high = origin_low = origin_high = 0.0
+    way = 1.0
+    for number, step in enumerate(steps, 1):
+        if not isinstance(step, Motion):
+            continue
+        both = step.ends(low, origin_low, way), step.ends(high, origin_high, way)
+        starts = []
+        for end_low, end_high in zip(*both, strict=True):
+            start = low, high
+            starts.append(start)
+            way = math.copysign(1.0, end_low - low) if end_low != low else way
+            low, high = min(end_low, end_high), max(end_low, end_high)
+            if step.conditions and not as_planned:
+                low, high = min(low, start[0]), max(high, start[1])
+            yield Leg(number, start, (low, high))
+        if not isinstance(step, Velocity):
+            last = starts if step.conditions and not as_planned else starts[-1:]
+            origin_low, origin_high = min(s[0] for s in last), max(s[1] for s in last)
+
+
+def reach(steps: Sequence[Step]) -> tuple[float, float]:
+    """Least and greatest place of the stage (m), at the worst, from where its first motion
+    begins.
+    """
+    places = [place for leg in legs(steps) for place in (*leg.start, *leg.end)]
+    return min(places, default=0.0), max(places, default=0.0)
+
+
+def durations(steps: Sequence[Step]) -> list[float]:
+    """Seconds that each step takes as planned; NaN where the operator decides."""
+    seconds = [float(getattr(step, "time", math.nan)) for step in steps]
+    for leg in legs(steps, as_planned=True):
+        at, step = leg.number - 1, steps[leg.number - 1]
+        assert isinstance(step, Motion)
+        before = 0.0 if math.isnan(seconds[at]) else seconds[at]
+        seconds[at] = before + abs(leg.end[0] - leg.start[0]) / step.velocity
+    return seconds
+
+
+# ---------------------------------------------------------------- checks
+
+
+def check(steps: Sequence[Step], limits: Limits, max_velocity: float) -> None:
+    """Refuse steps that can not be done one after the other, or not within the limits; ValueError
+    names the step by its number.
+    """
+    if len(steps) > MOST_STEPS:
+        raise ValueError(
+            f"run.steps: {len(steps)} steps found, {MOST_STEPS} is the most; cycle and reverse"
+            " repeat themselves"
+        )
+    seen: set[str] = set()
+    for number, step in enumerate(steps, 1):
+        before = steps[number - 2] if number > 1 else None
+        why = _misplaced(step, before, seen) or _impossible(step, limits, max_velocity)
+        if why:
+            raise ValueError(f"run.steps: step {number} ({step.kind}) {why}")
+        seen.add("drive" if isinstance(step, Motion) else step.kind)
+    if "drive" not in seen:
+        raise ValueError("run.steps: no step moves the stage; add a drive")
+    for leg in legs(steps):
+        furthest = max(leg.end, key=abs)
+        if abs(furthest) > limits.travel + ROUNDING_M:
+            step = steps[leg.number - 1]
+            raise ValueError(
+                f"run.steps: step {leg.number} ({step.kind}) can end {furthest * 1e6:g} um from"
+                " where the first motion begins, which is beyond limits.travel ="
+                f" {quantity(limits, 'travel')}; go less far, or back before it"
+            )
+
+
+def _misplaced(step: Step, before: Step | None, seen: set[str]) -> str:
+    """Why a step can not come where it is; empty if it can."""
+    is_early = isinstance(step, Zero | Background)
+    if is_early and "approach" in seen:
+        return "needs the free block, but the contact is pressed by then; put it before it"
+    if isinstance(step, Background | Reference) and step.kind in seen:
+        return "is there a second time; take it once"
+    if isinstance(step, Approach) and "reference" in seen:
+        return "would move the contact after its reference image; put it before the reference"
+    if isinstance(step, Reference) and "approach" not in seen:
+        return "comes before the contact is made; put an approach before it"
+    if isinstance(step, Motion) and "reference" not in seen:
+        return "moves the stage before the reference image is taken; put a reference before it"
+    if isinstance(step, Velocity) and not isinstance(before, Drive | Velocity):
+        return "goes on with a motion, but none is under way; put it right after a drive"
+    if isinstance(step, Reverse | Velocity) and "drive" not in seen:
+        return "comes before any drive; put a drive before it"
+    return ""
+
+
+def _impossible(step: Step, limits: Limits, max_velocity: float) -> str:
+    """Why a step can not be done, or not within the limits; empty if it can."""
+    if isinstance(step, Approach) and step.normal_force >= limits.normal_force:
+        given, most = quantity(step, "normal_force"), quantity(limits, "normal_force")
+        return f"presses to {given}, which is not below limits.normal_force = {most}"
+    if isinstance(step, Background) and not step.time:
+        return "lasts 0 s, as run.background_time; give its time"
+    if isinstance(step, Ask) and not step.question.isprintable():
+        return "asks a question with a character that is none to print; write it in one line"
+    if isinstance(step, Ask) and not 0 < len(step.question.strip()) <= LONGEST_QUESTION:
+        return (
+            f"asks a question of {len(step.question.strip())} characters; write 1 to"
+            f" {LONGEST_QUESTION}"
+        )
+    if not isinstance(step, Motion):
+        return ""
+    if step.velocity > max_velocity:
+        most = f"{max_velocity * 1e6:g} um/s"
+        return (
+            f"goes at {quantity(step, 'velocity')}, which is beyond actuator.max_velocity = {most}"
+        )
+    if getattr(step, "travel", 1.0) == 0:
+        return "has a travel of 0 um, as run.travel; give the way of the stage"
+    if step.until_force >= limits.shear_force:
+        given, most = quantity(step, "until_force"), quantity(limits, "shear_force")
+        return f"goes on until Q = {given}, which is not below limits.shear_force = {most}"
+    if step.unmet == "fail" and not step.conditions:
+        return "fails where no condition is met, and has none; give one, or leave unmet out"
+    return ""

@@ -1,0 +1,50 @@
+"""TOML of the size of settings, from whoever wrote it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from app.system.inputs import check_ends
+
+LONGEST_TOML, MOST_DOTS = 1 << 16, 100  # characters; in a line
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Nested plain dicts from a TOML text of the size of settings; ValueError if it is none.
+
+    The limits are there because the parser of the standard library takes minutes for a key of
+    thousands of parts.
+    """
+    if len(text) > LONGEST_TOML:
+        raise ValueError(f"more than {LONGEST_TOML} characters, which no settings need")
+    if any(line.partition("#")[0].count(".") > MOST_DOTS for line in text.splitlines()):
+        raise ValueError(f"a line with more than {MOST_DOTS} dots, which no settings need")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
+    """Nested plain dicts from a TOML file; ValueError, as a sentence, if it can not be read or is
+    none. `known` are names of the program's own.
+    """
+    try:
+        check_ends(path)
+        with path.open("rb") as file:
+            return parse_toml(decoded(file.read(2 * LONGEST_TOML + 2)))
+    except OSError as error:
+        raise ValueError(
+            f"{path}: the {what} can not be read: {error.strerror}; check the name, or take one of"
+            f" the program's own: {', '.join(known)}"
+        ) from None
+    except ValueError as error:
+        raise ValueError(f"{path}: not a TOML file: {error}") from None
+
+
+def decoded(content: bytes) -> str:
+    """Text of a settings file; Windows shells write UTF-16 when they redirect output."""
+    return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")

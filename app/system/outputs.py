@@ -1,0 +1,195 @@
+"""Output files: whether one may be written at a place, and files that appear only when complete."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psutil
+
+from app.system.disk import sync_folder
+from app.system.errors import UserError
+
+LEFT_S = 3600.0  # after its last change: an unfinished file of a program that is gone
+
+
+def check_output(
+    path: Path,
+    overwrite: bool,
+    *,
+    what: str = "file",
+    endings: Sequence[str] = (),
+    inputs: Mapping[str, Iterable[Path]] | None = None,
+) -> None:
+    """Refuse a place for an output file that can not or must not be written to.
+
+    Parameters
+    ----------
+    overwrite : bool
+        Whether a file that exists may be replaced.
+    what : str
+        What kind of file is to be written, for the message.
+    endings : sequence of str
+        Endings that the name may have, such as ``.csv``; none: any.
+    inputs : mapping of str to paths
+        Files that are read, by what they are ("session"): none of them is ever written to.
+
+    Raises
+    ------
+    UserError
+    """
+    if endings and path.suffix.lower() not in endings:
+        raise UserError(
+            f"{path}: the ending '{path.suffix}' is not known; use one of {', '.join(endings)}"
+        )
+    if path.is_dir():
+        raise UserError(f"{path}: a {what} is to be written, but this is a folder; add a file name")
+    check_folder_of(path)
+    for name, files in (inputs or {}).items():
+        if path.exists() and any(file.exists() and path.samefile(file) for file in files):
+            raise UserError(
+                f"{path}: this is the {name} itself, which is never changed; give another name"
+            )
+    if path.exists() and not overwrite:
+        raise UserError(
+            f"{path}: a {what} of that name exists; choose another name or give --overwrite"
+        )
+    if path.exists() and not os.access(path, os.W_OK):
+        raise UserError(f"{path}: it can not be written: Permission denied; choose another place")
+
+
+def check_output_folder(path: Path, overwrite: bool) -> None:
+    """Refuse a place for an output folder that can not be written to, or that holds something.
+
+    Raises
+    ------
+    UserError
+    """
+    check_folder_of(path)
+    if path.exists() and not path.is_dir():
+        raise UserError(
+            f"{path}: a folder is to be written, but a file of that name exists;"
+            " choose another name"
+        )
+    if path.is_dir() and any(path.iterdir()) and not overwrite:
+        raise UserError(f"{path}: the folder is not empty; choose another name or give --overwrite")
+
+
+def check_folder_of(path: Path) -> None:
+    """Refuse a place in a folder that does not exist or can not be written to.
+
+    Raises
+    ------
+    UserError
+    """
+    if not path.parent.is_dir():
+        raise UserError(
+            f"{path}: the folder {path.parent} does not exist; create it or choose another"
+        )
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise UserError(
+            f"{path}: it can not be written: {error.strerror}; choose another place"
+        ) from None
+
+
+@contextmanager
+def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A name beside `path`, with its ending, to write to.
+
+    The file takes its place when the block ends. Whatever ends the block early, it is removed, and
+    a file that was at `path` before stays as it was.
+
+    Raises
+    ------
+    UserError
+        The file can not be written, or one of its name has appeared meanwhile.
+    """
+    with _unfinished(path) as unfinished:
+        yield unfinished
+        check_output(path, overwrite)
+        unfinished.replace(path)
+        sync_folder(path.absolute().parent)
+
+
+@contextmanager
+def new_folder(path: Path, overwrite: bool, ours: re.Pattern[str]) -> Iterator[Path]:
+    """A new folder beside `path` to write files into, which takes its place when the block ends.
+
+    Of a folder that exists only the files whose names match `ours` are replaced.
+
+    Raises
+    ------
+    UserError
+        It can not be written, or `path` has got something in it meanwhile.
+    """
+    with _unfinished(path) as unfinished:
+        unfinished.mkdir()
+        yield unfinished
+        check_output_folder(path, overwrite)
+        if not path.exists():
+            unfinished.replace(path)
+            return
+        for old in [old for old in path.iterdir() if ours.fullmatch(old.name)]:
+            old.unlink()
+        for new in list(unfinished.iterdir()):
+            new.replace(path / new.name)
+
+
+@contextmanager
+def _unfinished(path: Path) -> Iterator[Path]:
+    computer = f".{re.sub('[^a-zA-Z0-9]', '', platform.node())}-"
+    _remove_left(path, computer)
+    unfinished = path.with_name(f"{path.stem}{computer}{os.getpid()}.part{path.suffix}")
+    try:
+        yield unfinished
+    except OSError as error:
+        reason = str(error.strerror or error).removeprefix(f"{unfinished}: ")
+        reason = reason.removeprefix("it can not be written: ")
+        raise UserError(f"{path}: it can not be written: {reason}; choose another place") from None
+    finally:
+        _remove(unfinished)
+
+
+def _remove_left(path: Path, computer: str) -> None:
+    """Remove what programs of this computer that were killed have left of this file, and of any
+    other in its folder that was not written to for a while.
+    """
+    with suppress(OSError):
+        for left in path.parent.glob(f"*{computer}*.part*"):
+            stem, _, rest = left.name.rpartition(computer)
+            writer, _, ending = rest.partition(".")
+            if not writer.isdecimal() or psutil.pid_exists(int(writer)):  # it may live
+                continue
+            is_same = (stem, ending) == (path.stem, f"part{path.suffix}")
+            if is_same or time.time() - left.stat().st_mtime > LEFT_S:
+                _remove(left)
+
+
+def _remove(unfinished: Path) -> None:
+    if unfinished.is_dir():
+        shutil.rmtree(unfinished)
+    unfinished.unlink(missing_ok=True)
+
+
+# what a spreadsheet would run; it takes some wide characters for narrow ones
+_FORMULA = re.compile(r"'*\s*[=@+\-＝＠＋－\t\r\n]")
+
+
+def cell_of(text: str) -> str:
+    """A text as a cell that no spreadsheet runs; `text_of` gives it back."""
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def text_of(cell: str) -> str:
+    """The text in a cell that was written by `cell_of`, or by anybody else."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell

@@ -1,0 +1,1 @@
+"""Cameras, and images in files that take the place of one."""

@@ -1,0 +1,1 @@
+"""Boards that sample forces and trigger a camera."""
